@@ -1,0 +1,292 @@
+"""Task: one frozen, validated description of a game, and the named tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit import rules
+from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
+
+ROLES = ("chaser", "evader", "runner")
+MOVE_ORDERS = ("simultaneous", "chasers_first")
+STARTS = ("random", "marks")
+
+
+@dataclass(frozen=True)
+class Rewards:
+    """What one role is paid. The reward of an event replaces the step reward of that step.
+
+    Attributes:
+        step: every step without an event.
+        capture: for a chaser, capturing an evader (captors of one evader share it equally); for an
+            evader, being captured.
+        goal: collecting a goal (those who arrive at once share it equally).
+        distance: this times the Manhattan distance to the nearest active opponent (for a runner,
+            to the nearest goal) is added to the step reward.
+        on_completion: events pay only in the step that ends the game; before, they count as steps.
+    """
+
+    step: float = 0.0
+    capture: float = 0.0
+    goal: float = 0.0
+    distance: float = 0.0
+    on_completion: bool = False
+
+
+REWARD_SCHEMES: Mapping[str, Mapping[str, Rewards]] = {
+    "goal": {
+        "chaser": Rewards(step=-0.1, capture=1.0),
+        "evader": Rewards(step=1.0, capture=-1.0, goal=1.0),
+        "runner": Rewards(step=-0.1, goal=1.0),
+    },
+    "completion": {
+        "chaser": Rewards(step=-0.1, capture=1.0, on_completion=True),
+        "evader": Rewards(step=1.0, capture=-1.0, goal=1.0, on_completion=True),
+        "runner": Rewards(step=-0.1, goal=1.0, on_completion=True),
+    },
+    "distance": {
+        "chaser": Rewards(distance=-1.0),
+        "evader": Rewards(distance=1.0),
+        "runner": Rewards(distance=-1.0),
+    },
+    "zero_sum": {
+        "chaser": Rewards(step=-1.0, capture=-1.0),
+        "evader": Rewards(step=1.0, capture=1.0, goal=1.0),
+        "runner": Rewards(step=-1.0, goal=-1.0),
+    },
+}
+"""Rewards by scheme and role. In `zero_sum` every step counts, the last one included: its return
+is the payoff of the exact game (for a runner, minus the number of steps)."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """Rules and settings of one game; everything is checked at birth.
+
+    Args:
+        maze: the name of a shipped maze, a path, a `Maze`, or several of them; with several, each
+            game draws its own at every restart.
+        num_chasers, num_evaders, num_runners: agents of each role.
+        num_goals: goals, collected by runners and evaders.
+        max_steps: an episode of this many steps is truncated.
+        stay_action: whether action 4, stay, exists.
+        move_order: "simultaneous", or "chasers_first": the chasers move, captures are resolved,
+            then everybody else moves and captures are resolved again.
+        start: "random": every agent and goal gets its own uniformly random cell; "marks": the
+            first agent starts on `S`, the goals (or the evaders, where there are no goals) on the
+            `G` marks in order, whoever has no mark at random.
+        min_start_distance: steps between every chaser and every evader at the start, at least.
+        rewards: a named scheme ("goal", "completion", "distance", "zero_sum") or `Rewards` by role;
+            roles left out are paid as in "goal".
+        name: what results call this task.
+
+    Raises:
+        ValueError: naming the value, the rule and the remedy.
+    """
+
+    maze: str | Path | Maze | Sequence[str | Path | Maze] = "5x5"
+    num_chasers: int = 0
+    num_evaders: int = 0
+    num_runners: int = 0
+    num_goals: int = 0
+    max_steps: int = 200
+    stay_action: bool = False
+    move_order: str = "simultaneous"
+    start: str = "random"
+    min_start_distance: int = 1
+    rewards: str | Mapping[str, Rewards] = "goal"
+    name: str = "custom"
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.type == "int":
+                if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+                    raise ValueError(f"{field.name}={value!r}; it is a whole number")
+                least = 1 if field.name in ("max_steps", "min_start_distance") else 0
+                if not least <= value < 2**31:
+                    raise ValueError(f"{field.name}={value}; it is at least {least}")
+                object.__setattr__(self, field.name, int(value))
+        _check_choice("move_order", self.move_order, MOVE_ORDERS)
+        _check_choice("start", self.start, STARTS)
+        if self.num_agents == 0:
+            raise ValueError("a task without agents; give num_chasers, num_evaders or num_runners")
+        for role in ("chaser", "evader"):
+            other = "evader" if role == "chaser" else "chaser"
+            if self.count(role) and not self.count(other) and not self.num_goals:
+                raise ValueError(
+                    f"num_{role}s={self.count(role)}, num_{other}s=0 and no goals: nothing can end "
+                    f"this game; give num_{other}s or num_goals"
+                )
+        if self.num_runners and not self.num_goals:
+            raise ValueError(
+                f"num_runners={self.num_runners} and num_goals=0; runners collect goals: give "
+                "num_goals of at least 1"
+            )
+        if self.num_goals and not (self.num_runners or self.num_evaders):
+            raise ValueError(
+                f"num_goals={self.num_goals}, but only runners and evaders collect goals; give "
+                "num_runners or num_evaders"
+            )
+        if not self.mazes:
+            raise ValueError("maze: an empty list; give at least one maze")
+        for maze in self.mazes:
+            self._check_maze(maze)
+        self.role_rewards  # noqa: B018 -- checked at birth
+
+    def _check_maze(self, maze: Maze) -> None:
+        needed = self.num_agents + self.num_goals
+        if needed > maze.num_cells:
+            raise ValueError(
+                f"{self.num_agents} agents and {self.num_goals} goals need {needed} cells of their "
+                f"own; maze {maze.name} has {maze.num_cells}. Take fewer, or a larger maze"
+            )
+        if self.num_goals and not maze.is_connected:
+            raise ValueError(
+                f"maze {maze.name} falls into {maze.num_components} parts, so a goal could be out "
+                "of reach; open a wall, or block the smaller parts with '#'"
+            )
+        if self.min_start_distance > 1 and maze.num_cells <= MAX_TABLE_CELLS:
+            longest = maze.longest_distance
+            if self.num_chasers and self.num_evaders and self.min_start_distance > longest:
+                raise ValueError(
+                    f"min_start_distance={self.min_start_distance}; no two cells of maze "
+                    f"{maze.name} are more than {longest} steps apart. Lower it"
+                )
+
+    @cached_property
+    def mazes(self) -> tuple[Maze, ...]:
+        """The mazes of this task."""
+        if isinstance(self.maze, (str, Path, Maze)):
+            return (load_maze(self.maze),)
+        return tuple(load_maze(maze) for maze in self.maze)
+
+    @cached_property
+    def role_rewards(self) -> dict[str, Rewards]:
+        """The `Rewards` of every role."""
+        if isinstance(self.rewards, str):
+            _check_choice("rewards", self.rewards, tuple(REWARD_SCHEMES))
+            return dict(REWARD_SCHEMES[self.rewards])
+        unknown = set(self.rewards) - set(ROLES)
+        if unknown:
+            raise ValueError(f"rewards for {sorted(unknown)}; the roles are {', '.join(ROLES)}")
+        return {**REWARD_SCHEMES["goal"], **self.rewards}
+
+    @property
+    def num_agents(self) -> int:
+        """Chasers plus evaders plus runners."""
+        return self.num_chasers + self.num_evaders + self.num_runners
+
+    @property
+    def num_actions(self) -> int:
+        """4, or 5 with the stay action."""
+        return 5 if self.stay_action else 4
+
+    @property
+    def max_cells(self) -> int:
+        """The cells of the largest maze."""
+        return max(maze.num_cells for maze in self.mazes)
+
+    @cached_property
+    def agent_names(self) -> tuple[str, ...]:
+        """`("chaser_0", ..., "evader_0", ..., "runner_0", ...)`: the name of each seat."""
+        return tuple(f"{role}_{i}" for role in ROLES for i in range(self.count(role)))
+
+    @cached_property
+    def seat_roles(self) -> tuple[str, ...]:
+        """The role of each seat."""
+        return tuple(name.split("_")[0] for name in self.agent_names)
+
+    def count(self, role: str) -> int:
+        """How many agents of `role` there are."""
+        _check_choice("role", role, ROLES)
+        return int(getattr(self, f"num_{role}s"))
+
+    def seat(self, agent: str | int) -> int:
+        """The seat of an agent given by its name, by its role (the first of it) or by number."""
+        if isinstance(agent, str):
+            names = self.agent_names
+            if agent in self.seat_roles:
+                return self.seat_roles.index(agent)
+            if agent not in names:
+                raise ValueError(f"unknown agent {agent!r}; this task has {', '.join(names)}")
+            return names.index(agent)
+        if not 0 <= agent < self.num_agents:
+            raise ValueError(f"seat {agent}; this task has seats 0 to {self.num_agents - 1}")
+        return int(agent)
+
+    @property
+    def is_duel(self) -> bool:
+        """One chaser against one evader, no goals: the game that is solved exactly."""
+        return (self.num_chasers, self.num_evaders, self.num_runners, self.num_goals) == (
+            1,
+            1,
+            0,
+            0,
+        )
+
+    def fields_for_kernels(self) -> NDArray[np.int64]:
+        """[NUM_TASK_FIELDS] int64, in the order of the rule book."""
+        table = np.zeros(rules.NUM_TASK_FIELDS, dtype=np.int64)
+        table[rules.NUM_CHASERS] = self.num_chasers
+        table[rules.NUM_EVADERS] = self.num_evaders
+        table[rules.NUM_RUNNERS] = self.num_runners
+        table[rules.NUM_GOALS] = self.num_goals
+        table[rules.MAX_STEPS] = self.max_steps
+        table[rules.NUM_ACTIONS] = self.num_actions
+        table[rules.CHASERS_FIRST] = self.move_order == "chasers_first"
+        table[rules.START_AT_MARKS] = self.start == "marks"
+        table[rules.NUM_MAZES] = len(self.mazes)
+        table[rules.MAX_CELLS] = self.max_cells
+        return table
+
+    def rewards_for_kernels(self) -> NDArray[np.float64]:
+        """[3 roles, 5] float64, in the order of the rule book."""
+        table = np.zeros((3, 5))
+        for number, role in enumerate(ROLES):
+            paid = self.role_rewards[role]
+            table[number, rules.STEP_REWARD] = paid.step
+            table[number, rules.CAPTURE_REWARD] = paid.capture
+            table[number, rules.GOAL_REWARD] = paid.goal
+            table[number, rules.DISTANCE_REWARD] = paid.distance
+            table[number, rules.ON_COMPLETION] = paid.on_completion
+        return table
+
+
+def _check_choice(what: str, value: object, choices: Sequence[str]) -> None:
+    if value not in choices:
+        raise ValueError(f"unknown {what} {value!r}; one of {', '.join(choices)}")
+
+
+HEIST_REWARDS = {"evader": Rewards(step=-0.1, capture=-1.0, goal=1.0)}
+"""An evader that collects goals is in a hurry; paid for every step survived it would not be."""
+
+_NAMED: dict[str, Callable[[], Task]] = {
+    "chase": lambda: Task(num_chasers=1, num_evaders=1, name="chase"),
+    "maze": lambda: Task(num_runners=1, num_goals=3, name="maze"),
+    "race": lambda: Task(num_runners=2, num_goals=3, name="race"),
+    "heist": lambda: Task(
+        num_chasers=1, num_evaders=1, num_goals=3, rewards=HEIST_REWARDS, name="heist"
+    ),
+}
+TASK_NAMES = tuple(_NAMED)
+
+
+def make_task(name: str, **settings: Any) -> Task:
+    """The named task ("chase", "maze", "race" or "heist") with `settings` of `Task` changed.
+
+    Raises:
+        ValueError: an unknown name or setting, or settings that make no game.
+    """
+    _check_choice("task", name, TASK_NAMES)
+    known = [field.name for field in fields(Task) if field.name != "name"]
+    for setting in settings:
+        _check_choice("setting", setting, known)
+    return replace(_NAMED[name](), **settings)

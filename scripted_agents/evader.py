@@ -1,0 +1,35 @@
+"""AStarEvader: away from the nearest chaser when that is near, or a random move."""
+
+from __future__ import annotations
+
+from scripted_agents import kernels
+from scripted_agents.scripted import Scripted
+
+
+class AStarEvader(Scripted):
+    """Flees to the cell within `look_radius` that is farthest from the nearest chaser.
+
+    It is alerted when the nearest chaser is nearer than `alert_distance` (path distance); then it
+    takes a first step of a shortest path to such a cell, all that are equally good drawn uniformly.
+    When no cell within reach is farther than its own it stays, if the task has that action, and
+    else moves uniformly. Not alerted, and with probability epsilon, it moves uniformly.
+
+    Args:
+        epsilon: share of random moves in [0, 1].
+        alert_distance: path distance below which a chaser is a threat.
+        look_radius: path distance of the farthest cell that it considers.
+
+    Raises:
+        ValueError: a value out of range.
+    """
+
+    kind = kernels.EVADER
+
+    def __init__(self, epsilon: float = 0.0, alert_distance: int = 3, look_radius: int = 3) -> None:
+        super().__init__(epsilon)
+        if alert_distance < 0 or look_radius < 1:
+            raise ValueError(
+                f"alert_distance={alert_distance}, look_radius={look_radius}; the first is at "
+                "least 0, the second at least 1"
+            )
+        self.alert_distance, self.look_radius = alert_distance, look_radius

@@ -1,0 +1,97 @@
+"""Sweeps over an array of values until a horizon or a fixed point, on several threads if large."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from itertools import pairwise, repeat
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Sweep = Callable[[NDArray[np.float64], NDArray[np.float64], int, int], float]
+
+TOLERANCE = 1e-9
+"""How exact a fixed point is, relative to the largest value."""
+
+MAX_SWEEPS, MAX_UPDATES = 200_000, 20_000_000_000
+"""Bounds on the search for a fixed point: sweeps, and sweeps times values (some minutes)."""
+
+THREADED_ROWS = 400
+"""From this number of rows on a sweep is worth sharing out to threads."""
+
+MAX_THREADS = 8
+
+WINDOW = 9
+"""How many changes in a row tell the rate at which they shrink."""
+
+
+def iterate(
+    sweep: Sweep, shape: tuple[int, int], horizon: int | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    """Backward induction, or value iteration, from values of 0. Bellman (1957).
+
+    Args:
+        sweep: takes the values, where to write those one step further back, and the range of rows
+            to do; gives the largest change. It must release Python's lock to gain from threads.
+        shape: of the values, float64.
+        horizon: the number of sweeps; None for as many as it takes until the values are within
+            about TOLERANCE (relative to the largest) of the fixed point.
+
+    Returns:
+        The values, those one sweep before, and the number of sweeps. The numbers do not depend on
+        the number of threads.
+
+    Raises:
+        ValueError: no convergence within MAX_SWEEPS and MAX_UPDATES.
+    """
+    values, target = np.zeros(shape), np.zeros(shape)
+    threads = min(os.cpu_count() or 1, MAX_THREADS) if shape[0] >= THREADED_ROWS else 1
+    bounds = [shape[0] * i // threads for i in range(threads + 1)]
+    most = horizon or min(MAX_SWEEPS, MAX_UPDATES // values.size)
+    changes: list[float] = []
+    slowest = 0.0
+    with ExitStack() as stack:
+        pool: Any = stack.enter_context(ThreadPoolExecutor(threads)) if threads > 1 else None
+        for sweeps in range(1, most + 1):
+            if pool is None:
+                change = sweep(values, target, 0, shape[0])
+            else:
+                rows = repeat(values), repeat(target), bounds, bounds[1:]
+                change = max(pool.map(sweep, *rows))
+            values, target = target, values
+            if change == 0.0:  # a fixed point: more sweeps change nothing
+                return values, target, sweeps
+            changes.append(change)
+            if horizon is not None or len(changes) < WINDOW:
+                continue
+            # From here on the changes to come are about a geometric series.
+            rates = [after / before for before, after in pairwise(changes[-WINDOW:])]
+            rate = max(*rates, slowest)
+            largest = float(np.abs(values).max())
+            if change <= 4 * np.spacing(largest):
+                return values, target, sweeps
+            if rate < 1.0 and change * rate / (1.0 - rate) <= 0.1 * TOLERANCE * max(largest, 1.0):
+                return values, target, sweeps
+            if len(changes) >= 4 * WINDOW and _is_steady(rates):
+                # Its sum at once. The fixed point attracts from everywhere, so a bad guess is only
+                # a detour.
+                slowest = max(rates)
+                values += (values - target) * (slowest / (1.0 - slowest))
+                changes = []
+    if horizon is None:
+        largest = float(np.abs(values).max())
+        raise ValueError(
+            f"value iteration has not converged after {most} sweeps: capture is too rare "
+            f"(expected steps so far {largest:.3g}); give a horizon, or a smaller discount"
+        )
+    return values, target, horizon
+
+
+def _is_steady(rates: list[float]) -> bool:
+    """Whether the changes shrink slowly, and so regularly that their series can be summed."""
+    slowest = max(rates)
+    return 0.9 < slowest < 1.0 - 1e-7 and (1.0 - min(rates)) < 1.05 * (1.0 - slowest)
