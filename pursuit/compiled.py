@@ -54,7 +54,7 @@ def allocating(function: Function) -> Function:
 def _compile(function: Function, **options: bool) -> Function:
     dispatcher = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     dispatcher._cache._cache_file._source_stamp = source_stamp(function.__code__.co_filename)
-    return dispatcher  # type: ignore[no-any-return]
+    return dispatcher
 
 
 class _Announcer(event.Listener):  # type: ignore[misc]

@@ -266,7 +266,7 @@ class Maze:
         size = self.num_cells
         ends = (np.repeat(np.arange(size), 4), self.neighbors[:, :4].ravel())
         graph = coo_matrix((np.ones(4 * size, dtype=np.int8), ends), shape=(size, size))
-        return int(connected_components(graph, directed=False, return_labels=False))
+        return int(connected_components(graph, directed=False)[0])
 
     @property
     def is_connected(self) -> bool:

@@ -77,7 +77,7 @@ class Encoder:
         self._places, self._background = _grids(task, encoding)
         entities = task.num_agents + task.num_goals
         self.num_entities, self.num_cells = entities, self._size
-        box = gymnasium.spaces.Box
+        box: Any = gymnasium.spaces.Box
         if encoding == "one_hot":
             self.space = box(0.0, 1.0, ((entities + 1) * self._size,), np.float32)
         elif encoding == "positions":
@@ -113,7 +113,7 @@ class Encoder:
 
 
 def _grids(task: Task, encoding: str) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Where each cell lies in the flattened grid [maze, cell], and what never changes [maze, ...]."""
+    """Where each cell lies in the flattened grid [maze, cell], and what never changes."""
     height = max(maze.height for maze in task.mazes)
     width = max(maze.width for maze in task.mazes)
     places = np.zeros((len(task.mazes), task.max_cells), dtype=np.int64)

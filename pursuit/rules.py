@@ -20,7 +20,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pursuit.compiled import allocating, compiled, inlined
 
@@ -51,8 +50,8 @@ STEP_REWARD, CAPTURE_REWARD, GOAL_REWARD, DISTANCE_REWARD, ON_COMPLETION = range
 # Columns of the int64 [maze, ...] description of the mazes; the goal marks follow.
 CELL_OFFSET, CELL_COUNT, TABLE_OFFSET, START_MARK, NUM_GOAL_MARKS, FIRST_GOAL_MARK = range(6)
 
-# Columns of the int32 [cell, ...] description of the cells, after the five neighbours. The last is a
-# bit mask of the moves that change the cell.
+# Columns of the int32 [cell, ...] description of the cells, after the five neighbours. The last
+# is a bit mask of the moves that change the cell.
 ROW, COLUMN, MARK_DISTANCE, MOVE_MASK = 5, 6, 7, 8
 
 # Columns of the int32 [game, ...] settings that take effect at the next restart; -1 is "no limit".
@@ -717,10 +716,11 @@ def step_games(
 ) -> int:
     """Move every game by one step, in place; OK, BAD_ACTION (nothing moved) or NO_PLACEMENT.
 
-    `streams` and `actions` are flat: [games * streams], [games * agents]. `epsilons` is [2, games, agents]: those in force,
-    and those from the next restart on. `returns` is [2, games, agents]: so far in this episode,
-    and of the last finished one. `ended` is [2, games]: terminated and truncated in this step. A
-    game that ends is copied to `final_rows` and, with `auto_restart`, begins anew at once.
+    `streams` and `actions` are flat: [games * streams], [games * agents]. `epsilons` is
+    [2, games, agents]: those in force, and those from the next restart on. `returns` is
+    [2, games, agents]: so far in this episode, and of the last finished one. `ended` is
+    [2, games]: terminated and truncated in this step. A game that ends is copied to `final_rows`
+    and, with `auto_restart`, begins anew at once.
     """
     bad = 0
     for i in range(actions.shape[0]):

@@ -23,7 +23,8 @@ class MazeArrays:
 
     Attributes:
         mazes: [num_mazes, ...] int64, where each maze begins and its marks.
-        cells: [all cells, 9] int32, neighbours, row, column, distance to the nearest goal mark, moves.
+        cells: [all cells, 9] int32, neighbours, row, column, distance to the nearest goal mark,
+            mask of moves.
         tables: uint16, the distance tables of all mazes that have one, flattened.
     """
 
@@ -91,13 +92,16 @@ class Simulator:
         ValueError: counts or seeds out of range.
 
     Attributes (arrays that every step overwrites in place; copy what you keep):
+        rows: [num_games, ...] int32, the games as the rule book lays them out.
         positions: [num_games, num_agents] int32, the cell of every agent.
         active: [num_games, num_agents] int32, 0 for captured evaders.
         goals: [num_games, num_goals] int32, the cell of every goal; -1 when gone.
         steps: [num_games] int32, steps taken in the episode.
         maze_index: [num_games] int32, which of `task.mazes` each game plays in.
         rewards: [num_games, num_agents] float32, of the last step.
-        terminated, truncated: [num_games] bool, of the last step; never both.
+        returns: [num_games, num_agents] float64, the sum of rewards of the episode so far.
+        terminated, truncated: [num_games] bool, of the last step; never both. `ended` is the two
+            as one array [2, num_games].
         episode_returns: [num_games, num_agents] float64, of each game's last finished episode.
         episode_lengths: [num_games] int32, likewise.
         final_positions: [num_games, num_agents] int32, where that episode ended.
@@ -122,14 +126,14 @@ class Simulator:
         self.task, self.num_games, self.num_agents = task, num_games, task.num_agents
         self.first_game = first_game
         agents, goals = task.num_agents, task.num_goals
-        self._rows = np.zeros((num_games, 3 * agents + goals + 2), dtype=np.int32)
-        self._final_rows = np.zeros_like(self._rows)
+        self.rows: NDArray[np.int32] = np.zeros((num_games, 3 * agents + goals + 2), dtype=np.int32)
+        self._final_rows = np.zeros_like(self.rows)
         self._streams = np.zeros((num_games, agents + 2), dtype=np.uint64)
         self._settings = np.full((num_games, rules.NUM_SETTINGS), -1, dtype=np.int32)
         self._settings[:, rules.MIN_START_DISTANCE] = task.min_start_distance
         self._epsilons = np.full((2, num_games, agents), np.nan)
         self._returns = np.zeros((2, num_games, agents))
-        self._ended = np.zeros((2, num_games), dtype=bool)
+        self.ended = np.zeros((2, num_games), dtype=bool)
         self.rewards = np.zeros((num_games, agents), dtype=np.float32)
         self._arrays = lay_out(task.mazes)
         needs_search = task.max_cells > MAX_TABLE_CELLS
@@ -137,27 +141,27 @@ class Simulator:
         self._task_fields = tuple(int(x) for x in task.fields_for_kernels())
         self._maze_parts = (self._arrays.mazes, self._arrays.cells, self._arrays.tables)
         flat_streams = self._streams.reshape(-1)
-        self._step_front = (self._rows, flat_streams, self._settings, self._epsilons)
-        self._step_back = (
+        self._step_front = (self.rows, flat_streams, self._settings, self._epsilons)
+        self._step_back: tuple[Any, ...] = (
             self._task_fields,
             task.rewards_for_kernels(),
             *self._maze_parts,
             self._scratch,
             self.rewards,
             self._returns,
-            self._ended,
+            self.ended,
             self._final_rows,
             auto_restart,
         )
-        self.positions = self._rows[:, :agents]
-        self.active = self._rows[:, agents : 2 * agents]
-        self.events = self._rows[:, 2 * agents : 3 * agents]
-        self.goals = self._rows[:, 3 * agents : 3 * agents + goals]
-        self.steps, self.maze_index = self._rows[:, -2], self._rows[:, -1]
-        self.terminated, self.truncated = self._ended
+        self.positions = self.rows[:, :agents]
+        self.active = self.rows[:, agents : 2 * agents]
+        self.events = self.rows[:, 2 * agents : 3 * agents]
+        self.goals = self.rows[:, 3 * agents : 3 * agents + goals]
+        self.steps, self.maze_index = self.rows[:, -2], self.rows[:, -1]
+        self.terminated, self.truncated = self.ended
         self.final_positions = self._final_rows[:, :agents]
         self.episode_lengths = self._final_rows[:, -2]
-        self.episode_returns = self._returns[1]
+        self.returns, self.episode_returns = self._returns
         self.epsilon = self._epsilons[0]
         self._encoders: dict[str, Encoder] = {}
         self._views: dict[int, GameView] = {}
@@ -166,7 +170,7 @@ class Simulator:
 
     def seed(self, seed: int) -> None:
         """Give every random stream of every game the state that belongs to (seed, game index)."""
-        rules.seed_streams(self._streams, np.uint64(seed), self.first_game)
+        rules.seed_streams(self._streams, np.uint64(seed), self.first_game)  # type: ignore[arg-type]
 
     def reset(self, seed: int | None = None, games: ArrayLike | None = None) -> None:
         """Begin new episodes in all games, or in those of the bool mask or index list `games`.
@@ -309,7 +313,7 @@ class Simulator:
         """Copies of all games, or of those of the index list `games`, exact to the last bit."""
         chosen = np.arange(self.num_games) if games is None else np.atleast_1d(np.asarray(games))
         return SimulatorState(
-            self._rows[chosen],
+            self.rows[chosen],
             self._streams[chosen],
             self._settings[chosen],
             self._epsilons[:, chosen],
@@ -323,13 +327,13 @@ class Simulator:
             ValueError: the number of games, or the task, is another one.
         """
         chosen = np.arange(self.num_games) if games is None else np.atleast_1d(np.asarray(games))
-        if state.rows.shape != (len(chosen), self._rows.shape[1]):
+        if state.rows.shape != (len(chosen), self.rows.shape[1]):
             raise ValueError(
                 f"a state of {state.rows.shape[0]} games in rows of {state.rows.shape[1]}; "
-                f"{len(chosen)} games in rows of {self._rows.shape[1]} are needed: the same task, "
+                f"{len(chosen)} games in rows of {self.rows.shape[1]} are needed: the same task, "
                 "and as many games as slots"
             )
-        self._rows[chosen], self._streams[chosen] = state.rows, state.streams
+        self.rows[chosen], self._streams[chosen] = state.rows, state.streams
         self._settings[chosen] = state.settings
         self._epsilons[:, chosen], self._returns[:, chosen] = state.epsilons, state.returns
         self._placed = True
@@ -381,7 +385,7 @@ class Simulator:
         Returns:
             [num_games, num_agents, ...], or [num_games, ...] for one `seat`.
         """
-        return self._encode(self._rows, encoding, seat, out)
+        return self._encode(self.rows, encoding, seat, out)
 
     def observe_final(
         self,
@@ -389,7 +393,7 @@ class Simulator:
         seat: int | str | None = None,
         games: ArrayLike | None = None,
     ) -> NDArray[Any]:
-        """What the agents observed when the last finished episode ended, of all games or `games`."""
+        """What the agents observed as the last finished episode ended, of all games or `games`."""
         rows = self._final_rows if games is None else self._final_rows[np.asarray(games)]
         return self._encode(rows, encoding, seat, None)
 
@@ -411,7 +415,7 @@ class Simulator:
             self._views[number] = GameView(
                 self.task,
                 number,
-                self._rows,
+                self.rows,
                 self._streams,
                 self.epsilon,
                 *self._maze_parts,

@@ -1,1 +1,44 @@
-"""To be described."""
+"""Whoever plays without learning: heuristics and exact solvers."""
+
+from scripted_agents.astar import shortest_path
+from scripted_agents.best_response import (
+    BestResponse,
+    best_response,
+    evaluate_exactly,
+    mean_over_starts,
+)
+from scripted_agents.chaser import AStarChaser
+from scripted_agents.evader import AStarEvader
+from scripted_agents.runner import NearestGoalRunner, TourRunner
+from scripted_agents.scripted import RandomAgent
+from scripted_agents.table_policy import TablePolicy
+from scripted_agents.tour import (
+    Estimate,
+    Tour,
+    expected_tour_length,
+    num_states,
+    shortest_tour,
+    tour_length,
+    tour_lengths,
+)
+
+__all__ = [
+    "AStarChaser",
+    "AStarEvader",
+    "BestResponse",
+    "Estimate",
+    "NearestGoalRunner",
+    "RandomAgent",
+    "TablePolicy",
+    "Tour",
+    "TourRunner",
+    "best_response",
+    "evaluate_exactly",
+    "expected_tour_length",
+    "mean_over_starts",
+    "num_states",
+    "shortest_path",
+    "shortest_tour",
+    "tour_length",
+    "tour_lengths",
+]

@@ -113,7 +113,7 @@ def best_response(
     if role not in ("chaser", "evader"):
         raise ValueError(f"role {role!r}; the roles here are 'chaser' and 'evader'")
     _check_settings(maze, horizon, discount, move_order)
-    table = _checked_table(maze, opponent_table, "opponent_table")
+    table = checked_table(maze, opponent_table, "opponent_table")
     num_actions = table.shape[2] if stay_action is None else 4 + bool(stay_action)
     order = AT_ONCE
     if move_order == "chasers_first":
@@ -161,8 +161,8 @@ def evaluate_exactly(
     [chaser cell, evader cell] float64 with 0 on the diagonal, whose `.values` is itself.
     """
     _check_settings(maze, horizon, discount, move_order)
-    chaser = _checked_table(maze, chaser_table, "chaser_table")
-    evader = _checked_table(maze, evader_table, "evader_table")
+    chaser = checked_table(maze, chaser_table, "chaser_table")
+    evader = checked_table(maze, evader_table, "evader_table")
     order = OWN_FIRST if move_order == "chasers_first" else AT_ONCE
     spots, shape = _grid(maze)
     weights, chances = _lay_out(maze, chaser), _lay_out(maze, evader, turned=True)
@@ -233,7 +233,7 @@ def _check_settings(maze: Maze, horizon: int | None, discount: float, move_order
         raise ValueError(f"move_order {move_order!r}; choose 'simultaneous' or 'chasers_first'")
 
 
-def _checked_table(maze: Maze, table: ArrayLike, name: str) -> NDArray[np.float64]:
+def checked_table(maze: Maze, table: ArrayLike, name: str) -> NDArray[np.float64]:
     """The table as float64, if it is one."""
     array = np.ascontiguousarray(table, dtype=np.float64)
     size = maze.num_cells

@@ -3,8 +3,8 @@
 A set of moves is a bit mask over the actions. The same functions fill the tables of exact
 probabilities and act in the batch, so that what is solved exactly is what plays.
 
-`scratch` is int32 [4, cells of the largest maze], rows 0 and 2 all -1; only mazes without a distance
-table use rows 2 and 3.
+`scratch` is int32 [4, cells of the largest maze], rows 0 and 2 all -1; only mazes without a
+distance table use rows 2 and 3.
 """
 
 from __future__ import annotations

@@ -241,3 +241,43 @@ def sum_of_tours(table: Any, num_goals: int) -> int:
                 part -= min(ac + from_a, bc + from_b, from_c)
                 total += part
     return total
+
+
+@allocating
+def plan_next_goals(
+    rows: Any, seat: int, first_goal: int, num_goals: int, mazes: Any, tables: Any, kept: Any
+) -> None:
+    """Find the next goal of a shortest tour of every game, keeping a plan while it holds.
+
+    `kept` is int32 [games, 3 + goals]: the next goal, the maze and own cell it was last asked for,
+    and the goals then left. A tour stays shortest along its way, so it is planned anew only where
+    the goals changed or the agent was moved.
+    """
+    best = np.empty((1 << num_goals, max(num_goals, 1)), dtype=np.int32)
+    between = np.empty((num_goals + 1, num_goals + 1), dtype=np.int32)
+    order = np.empty(max(num_goals, 1), dtype=np.int64)
+    cells = np.empty(num_goals + 1, dtype=np.int64)
+    for game in range(rows.shape[0]):
+        maze, own = np.int64(rows[game, -1]), np.int64(rows[game, seat])
+        size, table = mazes[maze, 1], mazes[maze, 2]
+        holds = kept[game, 1] == maze and tables[table + own * size + kept[game, 2]] <= 1
+        count = 0
+        cells[0] = own
+        for goal in range(num_goals):
+            cell = np.int64(rows[game, first_goal + goal])
+            holds &= kept[game, 3 + goal] == cell
+            kept[game, 3 + goal] = cell
+            if cell >= 0:
+                count += 1
+                cells[count] = cell
+        kept[game, 1], kept[game, 2] = maze, own
+        if holds:
+            continue
+        for i in range(count + 1):
+            for j in range(count + 1):
+                between[i, j] = tables[table + cells[i] * size + cells[j]]
+        kept[game, 0] = -1
+        if count > 0:
+            held_karp(between, count, best)
+            held_karp_order(between, count, best, order)
+            kept[game, 0] = cells[order[0]]

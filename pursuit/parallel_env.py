@@ -1,0 +1,261 @@
+"""The PettingZoo parallel environment: a thin view of one game of the `Simulator`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from copy import deepcopy
+from operator import index
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from pettingzoo import AECEnv, ParallelEnv
+from pettingzoo.utils import wrappers
+from pettingzoo.utils.conversions import parallel_to_aec
+
+from pursuit.rendering import AgentMark, Scene, Window, draw_scene, scene_to_text
+from pursuit.simulator import Simulator
+from pursuit.task import Task, make_task
+
+RENDER_MODES = ("ansi", "rgb_array", "human")
+
+
+class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
+    """One game of a task as a PettingZoo parallel environment.
+
+    Agents are named "chaser_0", "evader_0", "runner_0", ...; a captured evader is terminated and
+    leaves `agents`. The info of each agent holds "action_mask", [actions] int8, 1 for the moves
+    that change its cell (and for staying).
+
+    Args:
+        task: the rules and settings.
+        observation: one of `pursuit.observations.ENCODINGS`.
+        render_mode: None, "ansi", "rgb_array" or "human".
+
+    Raises:
+        ValueError: an unknown observation or render mode.
+    """
+
+    metadata: dict[str, Any]
+
+    def __init__(
+        self, task: Task, observation: str = "one_hot", render_mode: str | None = None
+    ) -> None:
+        if render_mode is not None and render_mode not in RENDER_MODES:
+            raise ValueError(
+                f"unknown render_mode {render_mode!r}; None or one of {', '.join(RENDER_MODES)}"
+            )
+        self.metadata = {
+            "name": f"{task.name}_v0",
+            "render_modes": list(RENDER_MODES),
+            "render_fps": 5,
+            "is_parallelizable": True,
+        }
+        self.task, self.render_mode, self.observation = task, render_mode, observation
+        self.simulator = Simulator(task, auto_restart=False)
+        self.possible_agents = list(task.agent_names)
+        self.agents: list[str] = []
+        self._encoder = encoder = self.simulator.encoder(observation)
+        action_space = gymnasium.spaces.Discrete(task.num_actions)
+        # A space of its own for every agent: spaces carry the random state of their samples.
+        self.observation_spaces = {name: deepcopy(encoder.space) for name in self.possible_agents}
+        self.action_spaces = {name: deepcopy(action_space) for name in self.possible_agents}
+        entities = task.num_agents + task.num_goals
+        high = np.array([task.max_cells] * entities + [task.max_steps], dtype=np.int32)
+        self.state_space = gymnasium.spaces.Box(np.zeros_like(high), high, dtype=np.int32)
+        self._seats = {name: seat for seat, name in enumerate(self.possible_agents)}
+        self._actions = np.zeros((1, task.num_agents), dtype=np.int32)
+        self._masks = action_masks(task)
+        self._seeded = False
+        self._window: Window | None = None
+
+    def observation_space(self, agent: str) -> gymnasium.Space[Any]:
+        """The space of what `agent` observes; the same object at every call."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> gymnasium.Space[Any]:
+        """`Discrete(4)`, or `Discrete(5)` with the stay action; the same object at every call."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, NDArray[Any]], dict[str, dict[str, Any]]]:
+        """Begin a new episode.
+
+        Args:
+            seed: begins all random streams anew; without one the streams go on (and begin at a
+                seed from the operating system).
+            options: `{"positions": cells of all agents, "goals": cells of all goals}` begins the
+                episode there; otherwise ignored.
+        """
+        if seed is None and not self._seeded:
+            seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+        self.simulator.reset(seed=seed)
+        if options and "positions" in options:
+            self.simulator.place(options["positions"], options.get("goals"))
+        self._seeded = True
+        self.agents = self.possible_agents[:]
+        if self.render_mode == "human":
+            self.render()
+        return self._observations(), self._infos()
+
+    def step(
+        self, actions: Mapping[str, int]
+    ) -> tuple[
+        dict[str, NDArray[Any]],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """Move all agents at once.
+
+        Raises:
+            ValueError: before the first reset; an active agent without an action, an action out of
+                range, or one for an agent that is not playing. Then nobody has moved.
+        """
+        if not self.agents:
+            if not self._seeded:
+                raise ValueError("step before reset; call reset() first")
+            return {}, {}, {}, {}, {}
+        row = self._actions
+        try:
+            for agent in self.agents:
+                row[0, self._seats[agent]] = index(actions[agent])
+        except (KeyError, TypeError, OverflowError):
+            raise ValueError(self._explain(actions)) from None
+        if len(actions) != len(self.agents):
+            raise ValueError(self._explain(actions))
+        simulator = self.simulator
+        simulator.step(row)
+        rewards = dict(zip(self.possible_agents, simulator.rewards[0].tolist(), strict=True))
+        if len(self.agents) < len(rewards):
+            rewards = {agent: rewards[agent] for agent in self.agents}
+        observations, infos = self._observations(), self._infos()
+        terminated, truncated = simulator.ended[:, 0].tolist()
+        terminations = dict.fromkeys(self.agents, terminated)
+        truncations = dict.fromkeys(self.agents, truncated)
+        if self.task.num_evaders > 1:
+            for agent in self.agents:
+                if not simulator.active[0, self._seats[agent]]:
+                    # Caught in the step in which time ran out: terminated, not cut off.
+                    terminations[agent], truncations[agent] = True, False
+            self.agents = [agent for agent in self.agents if not terminations[agent]]
+        if terminated or truncated:
+            self.agents = []
+        if self.render_mode == "human":
+            self.render()
+        return observations, rewards, terminations, truncations, infos
+
+    def _explain(self, actions: Mapping[str, int]) -> str:
+        for agent in self.agents:
+            if agent not in actions:
+                return f"no action for {agent}; every agent in env.agents needs one: {self.agents}"
+        for agent, action in actions.items():
+            if agent not in self.agents:
+                return f"an action for {agent!r}, who is not playing; env.agents is {self.agents}"
+            if not isinstance(action, (int, np.integer)):
+                return f"the action of {agent} is {action!r}; give an integer"
+        return f"actions {dict(actions)!r}; integers from 0 to {self.task.num_actions - 1}"
+
+    def _observations(self) -> dict[str, NDArray[Any]]:
+        observed = self._encoder.encode(self.simulator.rows)[0]
+        if len(self.agents) == len(observed):
+            return dict(zip(self.agents, observed, strict=True))
+        return {agent: observed[self._seats[agent]] for agent in self.agents}
+
+    def _infos(self) -> dict[str, dict[str, Any]]:
+        simulator = self.simulator
+        masks = self._masks[simulator.maze_index[0]][simulator.positions[0]]
+        if len(self.agents) == len(masks):
+            return {
+                agent: {"action_mask": mask} for agent, mask in zip(self.agents, masks, strict=True)
+            }
+        return {agent: {"action_mask": masks[self._seats[agent]]} for agent in self.agents}
+
+    def state(self) -> NDArray[np.int32]:
+        """int32 [agents + goals + 1]: 1 + cell of every agent and goal (0 when gone), the steps."""
+        simulator = self.simulator
+        agents = (simulator.positions[0] + 1) * simulator.active[0]
+        return np.concatenate([agents, simulator.goals[0] + 1, simulator.steps[:1]]).astype(
+            np.int32
+        )
+
+    def render(self) -> str | NDArray[np.uint8] | None:
+        """A text ("ansi"), a picture [height, width, 3] uint8 ("rgb_array"), or a window."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() without a render_mode; give one when making the env")
+            return None
+        scene = scene_of(self.simulator)
+        if self.render_mode == "ansi":
+            return scene_to_text(scene)
+        if self.render_mode == "rgb_array":
+            return draw_scene(scene)
+        self._window = self._window or Window()
+        self._window.show(scene, fps=self.metadata["render_fps"])
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+
+def action_masks(task: Task) -> list[NDArray[np.int8]]:
+    """For each maze [cells, actions] int8: 1 where the action changes the cell, or is stay."""
+    masks = []
+    for maze in task.mazes:
+        own = np.arange(maze.num_cells)[:, None]
+        mask = np.ones((maze.num_cells, task.num_actions), dtype=np.int8)
+        mask[:, :4] = maze.neighbors[:, :4] != own
+        mask.flags.writeable = False
+        masks.append(mask)
+    return masks
+
+
+def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:
+    """What `pursuit.rendering` draws, of one game of a simulator."""
+    task = simulator.task
+    marks = zip(task.agent_names, simulator.positions[game], simulator.active[game], strict=True)
+    return Scene(
+        maze=task.mazes[simulator.maze_index[game]],
+        agents=tuple(AgentMark(name, int(cell), bool(active)) for name, cell, active in marks),
+        goals=tuple(int(cell) for cell in simulator.goals[game] if cell >= 0),
+        steps=int(simulator.steps[game]),
+        max_steps=task.max_steps,
+        caption=caption,
+    )
+
+
+def environment_makers(
+    name: str,
+) -> tuple[
+    Callable[..., PursuitParallelEnv],
+    Callable[..., AECEnv[str, NDArray[Any], int]],
+    Callable[..., AECEnv[str, NDArray[Any], int]],
+]:
+    """The functions `parallel_env`, `raw_env` and `env` of the PettingZoo module of a task."""
+
+    def parallel_env(
+        maze: Any = "5x5",
+        observation: str = "one_hot",
+        render_mode: str | None = None,
+        **settings: Any,
+    ) -> PursuitParallelEnv:
+        """The parallel environment; `settings` are those of `pursuit.Task`."""
+        task = make_task(name, maze=maze, **settings)
+        return PursuitParallelEnv(task, observation, render_mode)
+
+    def raw_env(**settings: Any) -> AECEnv[str, NDArray[Any], int]:
+        """The turn-based environment without PettingZoo's safety wrappers."""
+        return parallel_to_aec(parallel_env(**settings))
+
+    def env(**settings: Any) -> AECEnv[str, NDArray[Any], int]:
+        """The turn-based (AEC) environment, with PettingZoo's usual safety wrappers."""
+        return wrappers.OrderEnforcingWrapper(
+            wrappers.AssertOutOfBoundsWrapper(raw_env(**settings))
+        )
+
+    return parallel_env, raw_env, env

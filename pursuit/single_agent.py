@@ -1,0 +1,282 @@
+"""Gymnasium: one seat of a game is yours, policies fill the others; single and vectorised."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from pursuit.parallel_env import RENDER_MODES, action_masks, scene_of
+from pursuit.policy import Policy
+from pursuit.rendering import Window, draw_scene, scene_to_text
+from pursuit.simulator import Simulator
+from pursuit.task import Task
+
+Policies = Mapping[str, Policy]
+
+
+def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, list[Policy | None]]:
+    """Your seat, and the policy of every seat (None in yours).
+
+    Args:
+        task: the game.
+        own: the agent that is yours: a name ("chaser_1"), or a role for the first of it.
+        policies: by agent name, or by role for all agents of that role; a name goes first.
+
+    Raises:
+        ValueError: a seat without a policy, or a policy for an agent that does not exist.
+    """
+    seat = task.seat(own)
+    known = {*task.agent_names, *task.seat_roles}
+    for name in policies:
+        if name not in known:
+            raise ValueError(
+                f"a policy for {name!r}; this task has {', '.join(task.agent_names)} (or give a "
+                f"role: {', '.join(sorted(set(task.seat_roles)))})"
+            )
+    filled: list[Policy | None] = []
+    for other, (name, role) in enumerate(zip(task.agent_names, task.seat_roles, strict=True)):
+        policy = policies.get(name, policies.get(role))
+        if other != seat and policy is None:
+            raise ValueError(f"nobody fills the seat of {name}; add policies={{{name!r}: ...}}")
+        filled.append(None if other == seat else policy)
+    return seat, filled
+
+
+class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
+    """One seat of one game as a Gymnasium environment.
+
+    The episode ends with the game, or with the capture of your evader. The info holds
+    "action_mask", [actions] int8, 1 for the moves that change the cell (and for staying).
+
+    Args:
+        task: the rules and settings.
+        agent: your agent, by name or role.
+        policies: whoever fills the other seats, by name or role.
+        observation: one of `pursuit.observations.ENCODINGS`.
+        render_mode: None, "ansi", "rgb_array" or "human".
+
+    Raises:
+        ValueError: an unknown agent, observation or render mode, or an empty seat.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        agent: str,
+        policies: Policies,
+        observation: str = "one_hot",
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode is not None and render_mode not in RENDER_MODES:
+            raise ValueError(
+                f"unknown render_mode {render_mode!r}; None or one of {', '.join(RENDER_MODES)}"
+            )
+        self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": 5}
+        self.render_mode, self.task, self.observation = render_mode, task, observation
+        self.seat, self.policies = fill_seats(task, agent, policies)
+        self.simulator = Simulator(task, auto_restart=False)
+        self.observation_space = self.simulator.encoder(observation).space
+        self.action_space = gymnasium.spaces.Discrete(task.num_actions)
+        self._actions = np.zeros((1, task.num_agents), dtype=np.int32)
+        self._masks = action_masks(task)
+        self._seeded = False
+        self._window: Window | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[Any], dict[str, Any]]:
+        """Begin a new episode; `options` may hold "positions" and "goals" to begin there."""
+        super().reset(seed=seed)
+        if seed is None and not self._seeded:
+            seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+        self._seeded = True
+        self.simulator.reset(seed=seed)
+        if options and "positions" in options:
+            self.simulator.place(options["positions"], options.get("goals"))
+        if self.render_mode == "human":
+            self.render()
+        return self.simulator.observe(self.observation, self.seat)[0], self._info()
+
+    def step(
+        self, action: np.int64 | int
+    ) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
+        """Move your agent, and everybody else, by one step.
+
+        Raises:
+            ValueError: an action out of range; then nobody has moved.
+        """
+        if not self.action_space.contains(np.int64(action)):
+            raise ValueError(f"action {action!r}; integers from 0 to {self.task.num_actions - 1}")
+        simulator = self.simulator
+        simulator.act(self.policies, self._actions)
+        self._actions[0, self.seat] = action
+        simulator.step(self._actions)
+        captured = not simulator.active[0, self.seat]
+        terminated = bool(simulator.terminated[0]) or captured
+        truncated = bool(simulator.truncated[0]) and not captured
+        if self.render_mode == "human":
+            self.render()
+        observed = simulator.observe(self.observation, self.seat)[0]
+        return observed, float(simulator.rewards[0, self.seat]), terminated, truncated, self._info()
+
+    def _info(self) -> dict[str, Any]:
+        simulator = self.simulator
+        masks = self._masks[simulator.maze_index[0]]
+        return {"action_mask": masks[simulator.positions[0, self.seat]].copy()}
+
+    def render(self) -> Any:
+        """A text ("ansi"), a picture [height, width, 3] uint8 ("rgb_array"), or a window."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() without a render_mode; give one when making the env")
+            return None
+        scene = scene_of(self.simulator)
+        if self.render_mode == "ansi":
+            return scene_to_text(scene)
+        if self.render_mode == "rgb_array":
+            return draw_scene(scene)
+        self._window = self._window or Window()
+        self._window.show(scene, fps=self.metadata["render_fps"])
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+
+class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
+    """One seat of many games as a Gymnasium vector environment; the `Simulator` underneath.
+
+    A game that ends restarts in the same step (`AutoresetMode.SAME_STEP`): the returned
+    observation is the first of the new episode, and `infos["final_obs"]` [num_envs, ...] holds the
+    last of the old one where the mask `infos["_final_obs"]` is True. `infos["episode"]` holds its
+    return "r" and length "l" under the same mask.
+
+    Args:
+        task: the rules and settings.
+        agent: your agent, by name or role.
+        policies: whoever fills the other seats, by name or role.
+        num_envs: games in the batch.
+        observation: one of `pursuit.observations.ENCODINGS`.
+        seed: of the first reset, if that names none.
+
+    Raises:
+        ValueError: an unknown agent or observation, or an empty seat.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        agent: str,
+        policies: Policies,
+        num_envs: int = 1,
+        observation: str = "one_hot",
+        render_mode: str | None = None,
+        seed: int | None = None,
+    ) -> None:
+        if render_mode not in (None, "rgb_array", "ansi"):
+            raise ValueError(f"render_mode {render_mode!r}; a batch draws 'rgb_array' or 'ansi'")
+        self.task, self.observation, self.num_envs = task, observation, num_envs
+        self.seat, self.policies = fill_seats(task, agent, policies)
+        self.simulator = Simulator(task, num_envs, auto_restart=False)
+        self.single_observation_space = self.simulator.encoder(observation).space
+        self.single_action_space = gymnasium.spaces.Discrete(task.num_actions)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.metadata = {
+            "autoreset_mode": AutoresetMode.SAME_STEP,
+            "render_modes": ["ansi", "rgb_array"],
+            "render_fps": 5,
+        }
+        self.render_mode = render_mode
+        self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)
+        self._masks = np.zeros((len(task.mazes), task.max_cells, task.num_actions), dtype=np.int8)
+        for number, mask in enumerate(action_masks(task)):
+            self._masks[number, : len(mask)] = mask
+        self._first_seed = seed
+        self._seeded = False
+
+    def reset(
+        self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[Any], dict[str, Any]]:
+        """Begin new episodes in all games; game i belongs to (seed, i).
+
+        Raises:
+            ValueError: a list of seeds (the games of one seed are independent already).
+        """
+        if seed is not None and not isinstance(seed, (int, np.integer)):
+            raise ValueError(f"seed={seed!r}; give one integer: game i belongs to (seed, i)")
+        if seed is None and not self._seeded:
+            seed = self._first_seed
+            if seed is None:
+                seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+        self._seeded = True
+        self.simulator.reset(seed=None if seed is None else int(seed))
+        if options and "positions" in options:
+            self.simulator.place(options["positions"], options.get("goals"))
+        return self.simulator.observe(self.observation, self.seat), self._infos()
+
+    def step(
+        self, actions: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Move your agent in every game.
+
+        Args:
+            actions: [num_envs] integers.
+
+        Returns:
+            observations [num_envs, ...], rewards [num_envs] float32, terminations and truncations
+            [num_envs] bool, infos.
+
+        Raises:
+            ValueError: a wrong shape or dtype, or an action out of range; then nobody has moved.
+        """
+        simulator, own = self.simulator, np.asarray(actions)
+        if own.shape != (self.num_envs,) or own.dtype.kind not in "iu":
+            raise ValueError(
+                f"actions of shape {own.shape} and dtype {own.dtype}; give {self.num_envs} integers"
+            )
+        simulator.act(self.policies, self._actions)
+        self._actions[:, self.seat] = np.clip(own, -1, self.task.num_actions)
+        simulator.step(self._actions)
+        rewards = simulator.rewards[:, self.seat].copy()
+        terminations, truncations = simulator.terminated.copy(), simulator.truncated.copy()
+        if self.task.num_evaders > 1:
+            captured = simulator.active[:, self.seat] == 0
+            terminations |= captured
+            truncations &= ~captured
+        ended = terminations | truncations
+        if not ended.any():
+            return self._observe(), rewards, terminations, truncations, self._infos()
+        infos: dict[str, Any] = {
+            "final_obs": self._observe(),
+            "_final_obs": ended,
+            "episode": {
+                "r": np.where(ended, simulator.returns[:, self.seat], 0.0),
+                "l": np.where(ended, simulator.steps, 0),
+            },
+            "_episode": ended,
+        }
+        simulator.reset(games=ended)
+        return self._observe(), rewards, terminations, truncations, {**self._infos(), **infos}
+
+    def _observe(self) -> NDArray[Any]:
+        return self.simulator.observe(self.observation, self.seat)
+
+    def _infos(self) -> dict[str, Any]:
+        simulator = self.simulator
+        return {"action_mask": self._masks[simulator.maze_index, simulator.positions[:, self.seat]]}
+
+    def render(self) -> Any:
+        """A tuple of one text or picture per game, as the render mode asks; None without one."""
+        if self.render_mode is None:
+            return None
+        draw: Any = scene_to_text if self.render_mode == "ansi" else draw_scene
+        return tuple(draw(scene_of(self.simulator, game)) for game in range(self.num_envs))

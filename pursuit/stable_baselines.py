@@ -1,0 +1,90 @@
+"""Stable-Baselines3: a VecEnv over the Simulator (Stable-Baselines3 takes no Gymnasium VectorEnv).
+
+Needs the extra `sb3`: pip install 'pursuit[sb3]'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
+from pursuit.single_agent import SingleAgentVectorEnv
+
+
+class StableBaselinesVecEnv(VecEnv):
+    """A `SingleAgentVectorEnv` for Stable-Baselines3.
+
+    The infos hold "terminal_observation", "TimeLimit.truncated" and "episode" (return "r" and
+    length "l") in the step that ends an episode, so no Monitor wrapper is needed.
+
+    Args:
+        env: the vector environment, as `gymnasium.make_vec("pursuit/Chaser-v0").unwrapped` gives.
+    """
+
+    def __init__(self, env: SingleAgentVectorEnv) -> None:
+        self.env = env
+        self.render_mode = env.render_mode
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self._next_seed: int | None = None
+
+    def reset(self) -> NDArray[Any]:
+        """[num_envs, ...] the first observations."""
+        seed, self._next_seed = self._next_seed, None
+        observations, _ = self.env.reset(seed=seed)
+        return observations
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Seed the next reset."""
+        self._next_seed = seed
+        return [seed] * self.num_envs
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Keep the actions for `step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], list[dict[str, Any]]]:
+        """Observations, rewards, dones and infos of all games."""
+        observations, rewards, terminations, truncations, infos = self.env.step(self._actions)
+        dones = terminations | truncations
+        listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for game in np.flatnonzero(dones):
+            listed[game] = {
+                "terminal_observation": infos["final_obs"][game],
+                "TimeLimit.truncated": bool(truncations[game]),
+                "episode": {
+                    "r": float(infos["episode"]["r"][game]),
+                    "l": int(infos["episode"]["l"][game]),
+                    "t": 0.0,
+                },
+            }
+        return observations, rewards, dones, listed
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """The attribute of the vector environment, once per game."""
+        return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set an attribute of the vector environment, for all games."""
+        setattr(self.env, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any
+    ) -> list[Any]:
+        """Call a method of the vector environment; its result once per game."""
+        result = getattr(self.env, method_name)(*args, **kwargs)
+        return [result] * len(list(self._get_indices(indices)))
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """No game is wrapped."""
+        return [False] * len(list(self._get_indices(indices)))
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """A picture of every game, with render_mode "rgb_array"."""
+        return list(self.env.render() or [None] * self.num_envs)

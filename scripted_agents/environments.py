@@ -1,0 +1,119 @@
+"""The Gymnasium environments with their default opponents: what the registered ids make."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pursuit.policy import Policy
+from pursuit.single_agent import SingleAgentEnv, SingleAgentVectorEnv
+from pursuit.task import Task, make_task
+from scripted_agents.chaser import AStarChaser
+from scripted_agents.evader import AStarEvader
+from scripted_agents.runner import NearestGoalRunner
+from scripted_agents.scripted import Scripted
+
+DEFAULTS: dict[str, type[Scripted]] = {
+    "chaser": AStarChaser,
+    "evader": AStarEvader,
+    "runner": NearestGoalRunner,
+}
+"""The scripted agent that fills a seat of each role by default."""
+
+
+def default_policies(
+    task: Task, epsilon: float = 0.0, opponent: Policy | None = None, own: str | None = None
+) -> dict[str, Policy]:
+    """A policy for every role of `task`: the scripted ones, with `epsilon`.
+
+    Args:
+        task: the game.
+        epsilon: share of random moves of the scripted agents.
+        opponent: fills every role but `own` instead.
+        own: the agent (name or role) that is yours.
+    """
+    own_role = "" if own is None else own.split("_")[0]
+    return {
+        role: opponent if opponent is not None and role != own_role else DEFAULTS[role](epsilon)
+        for role in dict.fromkeys(task.seat_roles)
+    }
+
+
+def single_agent_arguments(
+    task_name: str,
+    agent: str,
+    maze: Any = "5x5",
+    opponent_epsilon: float = 0.0,
+    opponent: Policy | None = None,
+    **settings: Any,
+) -> dict[str, Any]:
+    """The task, agent and policies of a single-agent environment of the named task."""
+    task = make_task(task_name, maze=maze, **settings)
+    policies = default_policies(task, opponent_epsilon, opponent, agent)
+    return {"task": task, "agent": agent, "policies": policies}
+
+
+def make_env(
+    task: str,
+    agent: str,
+    observation: str = "one_hot",
+    render_mode: str | None = None,
+    **settings: Any,
+) -> SingleAgentEnv:
+    """Any agent of any named task as a Gymnasium environment, with scripted opponents by default.
+
+    Args:
+        task: "chase", "maze", "race" or "heist".
+        agent: your agent, by name or role.
+        observation: one of `pursuit.observations.ENCODINGS`.
+        render_mode: None, "ansi", "rgb_array" or "human".
+        **settings: maze, opponent_epsilon (share of random moves of the scripted agents, 0 by
+            default), opponent (a `Policy` for all other roles), and those of `pursuit.Task`.
+    """
+    arguments = single_agent_arguments(task, agent, **settings)
+    return SingleAgentEnv(**arguments, observation=observation, render_mode=render_mode)
+
+
+def make_vector_env(
+    task: str,
+    agent: str,
+    num_envs: int = 1,
+    observation: str = "one_hot",
+    render_mode: str | None = None,
+    seed: int | None = None,
+    **settings: Any,
+) -> SingleAgentVectorEnv:
+    """`make_env` for `num_envs` games in lockstep."""
+    arguments = single_agent_arguments(task, agent, **settings)
+    return SingleAgentVectorEnv(
+        **arguments, num_envs=num_envs, observation=observation, render_mode=render_mode, seed=seed
+    )
+
+
+def chaser_env(**settings: Any) -> SingleAgentEnv:
+    """`pursuit/Chaser-v0`: chase an epsilon-greedy A* evader."""
+    return make_env("chase", "chaser", **settings)
+
+
+def evader_env(**settings: Any) -> SingleAgentEnv:
+    """`pursuit/Evader-v0`: evade an epsilon-greedy A* chaser."""
+    return make_env("chase", "evader", **settings)
+
+
+def maze_env(**settings: Any) -> SingleAgentEnv:
+    """`pursuit/Maze-v0`: collect all goals."""
+    return make_env("maze", "runner", **settings)
+
+
+def chaser_vector_env(num_envs: int = 1, **settings: Any) -> SingleAgentVectorEnv:
+    """`pursuit/Chaser-v0`, vectorised over the Simulator."""
+    return make_vector_env("chase", "chaser", num_envs, **settings)
+
+
+def evader_vector_env(num_envs: int = 1, **settings: Any) -> SingleAgentVectorEnv:
+    """`pursuit/Evader-v0`, vectorised over the Simulator."""
+    return make_vector_env("chase", "evader", num_envs, **settings)
+
+
+def maze_vector_env(num_envs: int = 1, **settings: Any) -> SingleAgentVectorEnv:
+    """`pursuit/Maze-v0`, vectorised over the Simulator."""
+    return make_vector_env("maze", "runner", num_envs, **settings)

@@ -1,0 +1,89 @@
+"""TablePolicy: a policy given as a table of probabilities over pairs of cells."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pursuit.maze import Maze
+from pursuit.policy import GameView
+from scripted_agents import kernels
+from scripted_agents.best_response import checked_table
+from scripted_agents.scripted import RandomAgent
+
+
+class TablePolicy:
+    """Plays the distribution table[own cell, other cell] in games of one against one.
+
+    The other cell is that of the first active agent of the opposite role. Exact solutions
+    (`best_response(...).policy`) and learned networks, run once on all pairs, are such tables.
+
+    Args:
+        maze: the maze that the table belongs to.
+        table: [cells, cells, actions], probabilities over 4 or 5 actions.
+        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
+
+    Raises:
+        ValueError: a shape that does not fit, negative entries, or rows that do not sum to 1.
+    """
+
+    def __init__(self, maze: Maze, table: ArrayLike, epsilon: float = 0.0) -> None:
+        self.maze = maze
+        self.table = checked_table(maze, table, "table")
+        if not 0.0 <= epsilon <= 1.0:
+            raise ValueError(f"epsilon={epsilon}; a share of random moves lies in [0, 1]")
+        self.epsilon = float(epsilon)
+        self._cumulative = self.table.cumsum(axis=2).reshape(-1, self.table.shape[2])
+        self._offsets = np.zeros(1, dtype=np.int64)
+
+    def act(self, view: GameView) -> NDArray[np.int32]:
+        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+
+        Raises:
+            ValueError: the games are in another maze, or have another number of actions.
+        """
+        task = view.task
+        if task.mazes != (self.maze,):
+            raise ValueError(
+                f"a table for {self.maze.name}, but the task is played in "
+                f"{', '.join(maze.name for maze in task.mazes)}"
+            )
+        if self.table.shape[2] != task.num_actions:
+            raise ValueError(
+                f"a table over {self.table.shape[2]} actions, but the task has {task.num_actions}; "
+                "stay_action must be the same"
+            )
+        role = task.seat_roles[view.seat]
+        others = [seat for seat, other in enumerate(task.seat_roles) if other != role]
+        actions = np.empty(view.num_games, dtype=np.int32)
+        kernels.sample_table(
+            view.rows,
+            view.streams,
+            view.epsilons,
+            view.seat,
+            np.array(others, dtype=np.int64),
+            task.num_agents,
+            view.mazes,
+            view.cells,
+            self._cumulative,
+            self._offsets,
+            self.epsilon,
+            actions,
+        )
+        return actions
+
+    def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
+        """[self cell, other cell, action] float64: the table, mixed with random moves by epsilon.
+
+        Raises:
+            ValueError: another maze, or another number of actions.
+        """
+        if maze != self.maze or self.table.shape[2] != 4 + stay_action:
+            raise ValueError(
+                f"a table of {self.table.shape[2]} actions for {self.maze.name}; asked for "
+                f"{4 + stay_action} actions in {maze.name}"
+            )
+        if self.epsilon == 0.0:
+            return self.table.copy()
+        random = RandomAgent().action_probabilities(maze, stay_action)
+        return (1.0 - self.epsilon) * self.table + self.epsilon * random
