@@ -71,7 +71,8 @@ for _role in ("chaser", "evader", "maze"):
         entry_point=f"scripted_agents.environments:{_role}_env",
         vector_entry_point=f"scripted_agents.environments:{_role}_vector_env",
     )
-for _task in ("chase", "maze", "race"):
-    pettingzoo.register(
-        "parallel", f"pursuit/{_task}-v0", entry_point=f"pursuit.{_task}_v0:parallel_env"
-    )
+if hasattr(pettingzoo, "register"):  # PettingZoo has a registry since 1.27
+    for _task in ("chase", "maze", "race"):
+        pettingzoo.register(
+            "parallel", f"pursuit/{_task}-v0", entry_point=f"pursuit.{_task}_v0:parallel_env"
+        )

@@ -57,7 +57,7 @@ def _compile(function: Function, **options: bool) -> Function:
     return dispatcher
 
 
-class _Announcer(event.Listener):  # type: ignore[misc]
+class _Announcer(event.Listener):
     """Says once a process, on stderr, that the silence is compilation."""
 
     def __init__(self) -> None:

@@ -6,6 +6,7 @@ goals sorted by cell (those gone first). A captured evader is gone.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import gymnasium
@@ -94,10 +95,23 @@ class Encoder:
     def encode(
         self, rows: NDArray[np.int32], seats: slice = slice(None), out: NDArray[Any] | None = None
     ) -> NDArray[Any]:
-        """[games, seats, *shape]: what these seats observe in these rows of the rule book."""
+        """[games, seats, *shape]: what these seats observe in these rows of the rule book.
+
+        Raises:
+            ValueError: `out` has another shape or dtype.
+        """
         order, team = self._order[seats], self._team_size[seats]
+        shape = (len(rows), len(order), *self.shape)
         if out is None:
-            out = np.empty((len(rows), len(order), *self.shape), self.dtype)
+            out = np.empty(shape, self.dtype)
+        elif out.shape != shape or out.dtype != self.dtype:
+            raise ValueError(
+                f"out of shape {out.shape} and dtype {out.dtype}; {self.encoding!r} needs {shape} "
+                f"and {self.dtype}"
+            )
+        elif not out.flags.c_contiguous:
+            out[:] = self.encode(rows, seats)
+            return out
         if self.encoding == "one_hot":
             encode_one_hot(rows, order, self._goals, self._size, out)
         elif self.encoding == "index":
@@ -106,7 +120,7 @@ class Encoder:
             encode_positions(rows, order, self._goals, out)
         else:
             planes = self.encoding == "planes"
-            flat = out.reshape(len(rows), len(order), -1)
+            flat = out.reshape(len(rows), len(order), math.prod(self.shape))
             out[:] = self._background[rows[:, -1]][:, None]
             encode_grid(rows, order, team, self._goals, self._places, planes, flat)
         return out

@@ -204,12 +204,16 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
 
 
 def action_masks(task: Task) -> list[NDArray[np.int8]]:
-    """For each maze [cells, actions] int8: 1 where the action changes the cell, or is stay."""
+    """For each maze [cells, actions] int8: 1 where the action changes the cell, or is stay.
+
+    In an enclosed cell, where no action is either, all are 1.
+    """
     masks = []
     for maze in task.mazes:
         own = np.arange(maze.num_cells)[:, None]
         mask = np.ones((maze.num_cells, task.num_actions), dtype=np.int8)
         mask[:, :4] = maze.neighbors[:, :4] != own
+        mask[~mask.any(axis=1)] = 1
         mask.flags.writeable = False
         masks.append(mask)
     return masks

@@ -227,16 +227,30 @@ def is_taken(
     return False
 
 
+@inlined
+def goals_wanted(game: int, settings: Any, task: Any) -> int:
+    """How many goals the next episode of this game begins with."""
+    wanted = task[NUM_GOALS]
+    if settings[game, NEXT_NUM_GOALS] >= 0:
+        wanted = min(wanted, np.int64(settings[game, NEXT_NUM_GOALS]))
+    return wanted
+
+
 @compiled
-def place_agents(rows: Any, game: int, streams: Any, task: Any, mazes: Any) -> None:
-    """Put every agent on its mark, or else on its own uniformly random cell."""
+def place_agents(rows: Any, game: int, streams: Any, settings: Any, task: Any, mazes: Any) -> None:
+    """Put every agent on its mark, or else on its own uniformly random cell, off marked goals."""
     maze = rows[game, -1]
     size = mazes[maze, CELL_COUNT]
     num_agents = task[NUM_CHASERS] + task[NUM_EVADERS] + task[NUM_RUNNERS]
     stream = game * (num_agents + 2)
+    marked_goals = 0
     for agent in range(num_agents):
         rows[game, agent] = -1
     if task[START_AT_MARKS]:
+        wanted = goals_wanted(game, settings, task)
+        while marked_goals < min(wanted, mazes[maze, NUM_GOAL_MARKS]):
+            rows[game, 3 * num_agents + marked_goals] = mazes[maze, FIRST_GOAL_MARK + marked_goals]
+            marked_goals += 1
         if mazes[maze, START_MARK] >= 0:
             rows[game, 0] = mazes[maze, START_MARK]
         if task[NUM_GOALS] == 0:
@@ -246,7 +260,7 @@ def place_agents(rows: Any, game: int, streams: Any, task: Any, mazes: Any) -> N
         if rows[game, agent] >= 0:
             continue
         cell = next_below(streams, stream, size)
-        while is_taken(rows, game, num_agents, cell, num_agents, 0):
+        while is_taken(rows, game, num_agents, cell, num_agents, marked_goals):
             cell = next_below(streams, stream, size)
         rows[game, agent] = cell
 
@@ -306,9 +320,7 @@ def place_goals(
     size, offset = mazes[maze, CELL_COUNT], mazes[maze, CELL_OFFSET]
     num_agents = task[NUM_CHASERS] + task[NUM_EVADERS] + task[NUM_RUNNERS]
     stream, first = game * (num_agents + 2), 3 * num_agents
-    wanted = task[NUM_GOALS]
-    if settings[game, NEXT_NUM_GOALS] >= 0:
-        wanted = min(wanted, np.int64(settings[game, NEXT_NUM_GOALS]))
+    wanted = goals_wanted(game, settings, task)
     for goal in range(task[NUM_GOALS]):
         rows[game, first + goal] = -1
     placed = 0
@@ -402,7 +414,7 @@ def restart(
         rows[game, num_agents + agent] = 1
         rows[game, 2 * num_agents + agent] = 0
     for _ in range(MAX_PLACEMENT_TRIES):
-        place_agents(rows, game, streams, task, mazes)
+        place_agents(rows, game, streams, settings, task, mazes)
         if starts_apart(rows, game, settings, task, mazes, cells, tables, scratch):
             return place_goals(rows, game, streams, settings, task, mazes, cells, tables, scratch)
     return False
@@ -633,11 +645,12 @@ def step_duel(
     if captured:
         rewards[game, 0], rewards[game, 1] = values[0, CAPTURE_REWARD], values[1, CAPTURE_REWARD]
         return 1
-    rewards[game, 0], rewards[game, 1] = values[0, STEP_REWARD], values[1, STEP_REWARD]
+    chaser_reward, evader_reward = values[0, STEP_REWARD], values[1, STEP_REWARD]
     if values[0, DISTANCE_REWARD] != 0.0 or values[1, DISTANCE_REWARD] != 0.0:
         distance = manhattan(cells, offset, chaser_after, evader_after)
-        rewards[game, 0] += values[0, DISTANCE_REWARD] * distance
-        rewards[game, 1] += values[1, DISTANCE_REWARD] * distance
+        chaser_reward += values[0, DISTANCE_REWARD] * distance
+        evader_reward += values[1, DISTANCE_REWARD] * distance
+    rewards[game, 0], rewards[game, 1] = chaser_reward, evader_reward
     return 2 if rows[game, 6] >= task[MAX_STEPS] else 0
 
 
@@ -664,6 +677,10 @@ def step_each(
     """The loop of `step_games`, compiled apart for duels where `straight` is the constant True."""
     num_agents = 2 if straight else task[NUM_CHASERS] + task[NUM_EVADERS] + task[NUM_RUNNERS]
     for game in range(rows.shape[0]):
+        if not auto_restart and (ended[0, game] or ended[1, game]):
+            for agent in range(num_agents):
+                rewards[game, agent] = 0.0
+            continue
         offset = mazes[rows[game, -1], CELL_OFFSET]
         if straight:
             outcome = step_duel(rows, game, actions, task, values, cells, offset, rewards)
@@ -720,7 +737,7 @@ def step_games(
     [2, games, agents]: those in force, and those from the next restart on. `returns` is
     [2, games, agents]: so far in this episode, and of the last finished one. `ended` is
     [2, games]: terminated and truncated in this step. A game that ends is copied to `final_rows`
-    and, with `auto_restart`, begins anew at once.
+    and, with `auto_restart`, begins anew at once; without, it stays as it is and earns nothing.
     """
     bad = 0
     for i in range(actions.shape[0]):

@@ -86,7 +86,8 @@ class Simulator:
         num_games: games in the batch.
         seed: 0 to 2**64 - 1.
         first_game: the index of the first game of this batch.
-        auto_restart: False leaves ended games as they are, until `reset` restarts them.
+        auto_restart: False leaves ended games as they are, still flagged as ended and with rewards
+            of 0, until `reset` restarts them.
 
     Raises:
         ValueError: counts or seeds out of range.
@@ -119,10 +120,8 @@ class Simulator:
     ) -> None:
         if num_games < 1:
             raise ValueError(f"num_games={num_games}; give at least 1")
-        if not 0 <= seed < 2**64 or first_game < 0:
-            raise ValueError(
-                f"seed={seed}, first_game={first_game}; a seed is 0 to 2**64-1, games count from 0"
-            )
+        if first_game < 0:
+            raise ValueError(f"first_game={first_game}; games count from 0")
         self.task, self.num_games, self.num_agents = task, num_games, task.num_agents
         self.first_game = first_game
         agents, goals = task.num_agents, task.num_goals
@@ -169,19 +168,26 @@ class Simulator:
         self._placed = False
 
     def seed(self, seed: int) -> None:
-        """Give every random stream of every game the state that belongs to (seed, game index)."""
+        """Give every random stream of every game the state that belongs to (seed, game index).
+
+        Raises:
+            ValueError: not a whole number from 0 to 2**64 - 1.
+        """
+        if not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
+            raise ValueError(f"seed={seed!r}; a seed is a whole number from 0 to 2**64 - 1")
         rules.seed_streams(self._streams, np.uint64(seed), self.first_game)  # type: ignore[arg-type]
 
     def reset(self, seed: int | None = None, games: ArrayLike | None = None) -> None:
         """Begin new episodes in all games, or in those of the bool mask or index list `games`.
 
         Raises:
-            ValueError: no placement that the settings allow was found.
+            ValueError: a seed or game out of range, or no placement that the settings allow was
+                found.
         """
+        chosen = np.zeros(self.num_games, dtype=bool)
+        chosen[self._slots(games)] = True
         if seed is not None:
             self.seed(seed)
-        chosen = np.zeros(self.num_games, dtype=bool)
-        chosen[slice(None) if games is None else np.asarray(games)] = True
         outcome = rules.restart_games(
             *self._step_front,
             self._task_fields,
@@ -191,7 +197,23 @@ class Simulator:
             chosen,
         )
         self._check(outcome)
+        self.ended[:, chosen] = False
         self._placed = True
+
+    def _slots(self, games: ArrayLike | None) -> NDArray[np.intp]:
+        """The indices of `games`, a bool mask or index list; all for None."""
+        every = np.arange(self.num_games)
+        if games is None:
+            return every
+        array = np.asarray(games)
+        if array.size == 0:
+            return every[:0]
+        try:
+            return np.atleast_1d(every[array])
+        except IndexError as error:
+            raise ValueError(
+                f"games={games}: {error}; give a mask of {self.num_games} bools, or indices"
+            ) from None
 
     def step(self, actions: ArrayLike) -> None:
         """Move every game by one step. Results are in the attributes.
@@ -275,11 +297,15 @@ class Simulator:
         Raises:
             ValueError: a value out of range; nothing is changed then.
         """
-        chosen = slice(None) if games is None else np.asarray(games)
+        chosen = self._slots(games)
+        column = slice(None) if seat is None else self.task.seat(seat)
         if epsilon is not None:
             shares = np.asarray(epsilon, dtype=np.float64)
             if ((shares < 0) | (shares > 1)).any():
                 raise ValueError(f"epsilon={epsilon}; a share of random moves lies in [0, 1]")
+            if shares.ndim == 1 and seat is None:
+                shares = shares[:, None]
+            np.broadcast_to(shares, self._epsilons[1, chosen, column].shape)  # or ValueError
         limits = (
             ("maze", maze, rules.NEXT_MAZE, -1, len(self.task.mazes) - 1),
             ("num_goals", num_goals, rules.NEXT_NUM_GOALS, -1, self.task.num_goals),
@@ -292,15 +318,13 @@ class Simulator:
                 array = np.asarray(value)
                 if array.dtype.kind not in "iu" or array.min() < least or array.max() > most:
                     raise ValueError(f"{name}={value}; whole numbers from {least} to {most}")
+                np.broadcast_to(array, chosen.shape)  # or ValueError
         if goals_around not in (None, "start", "marks"):
             raise ValueError(f"goals_around={goals_around!r}; one of start, marks")
         if goals_around == "marks" and not all(maze.goal_marks for maze in self.task.mazes):
             raise ValueError("goals_around='marks', but a maze of this task has no goal mark 'G'")
         if epsilon is not None:
-            column = slice(None) if seat is None else self.task.seat(seat)
-            self._epsilons[1, chosen, column] = (
-                shares if shares.ndim != 1 or seat is not None else shares[:, None]
-            )
+            self._epsilons[1, chosen, column] = shares
         for _, value, setting, _, _ in limits:
             if value is not None:
                 self._settings[chosen, setting] = value
@@ -311,7 +335,7 @@ class Simulator:
 
     def get_state(self, games: ArrayLike | None = None) -> SimulatorState:
         """Copies of all games, or of those of the index list `games`, exact to the last bit."""
-        chosen = np.arange(self.num_games) if games is None else np.atleast_1d(np.asarray(games))
+        chosen = self._slots(games)
         return SimulatorState(
             self.rows[chosen],
             self._streams[chosen],
@@ -326,16 +350,24 @@ class Simulator:
         Raises:
             ValueError: the number of games, or the task, is another one.
         """
-        chosen = np.arange(self.num_games) if games is None else np.atleast_1d(np.asarray(games))
+        chosen = self._slots(games)
         if state.rows.shape != (len(chosen), self.rows.shape[1]):
             raise ValueError(
                 f"a state of {state.rows.shape[0]} games in rows of {state.rows.shape[1]}; "
                 f"{len(chosen)} games in rows of {self.rows.shape[1]} are needed: the same task, "
                 "and as many games as slots"
             )
+        agents, goals = self.num_agents, self.task.num_goals
+        cells = np.c_[state.rows[:, :agents], state.rows[:, 3 * agents : 3 * agents + goals]]
+        indices = state.rows[:, -1]
+        if (indices >= len(self.task.mazes)).any() or (
+            cells >= self._arrays.mazes[indices, rules.CELL_COUNT][:, None]
+        ).any():
+            raise ValueError("a state of other mazes than these; it must come from the same task")
         self.rows[chosen], self._streams[chosen] = state.rows, state.streams
         self._settings[chosen] = state.settings
         self._epsilons[:, chosen], self._returns[:, chosen] = state.epsilons, state.returns
+        self.ended[:, chosen] = False
         self._placed = True
 
     def place(self, positions: ArrayLike, goals: ArrayLike | None = None) -> None:
@@ -348,12 +380,15 @@ class Simulator:
         Raises:
             ValueError: a cell out of range, two agents or goals in one cell, or goals left out.
         """
+        for name, given in (("positions", positions), ("goals", goals)):
+            if given is not None and np.asarray(given).dtype.kind not in "iu":
+                raise ValueError(f"{name}={given!r}; give whole numbers, the cells")
+        if self.task.num_goals and goals is None:
+            raise ValueError(f"goals left out; this task has {self.task.num_goals}")
         self.reset()
         agents = self.num_agents
         placed = np.broadcast_to(np.asarray(positions), (self.num_games, agents))
-        if self.task.num_goals:
-            if goals is None:
-                raise ValueError(f"goals left out; this task has {self.task.num_goals}")
+        if self.task.num_goals and goals is not None:
             shape = (self.num_games, self.task.num_goals)
             placed = np.concatenate([placed, np.broadcast_to(np.asarray(goals), shape)], axis=1)
         sizes = self._arrays.mazes[self.maze_index, rules.CELL_COUNT][:, None]
@@ -368,6 +403,12 @@ class Simulator:
             raise ValueError("two agents or goals begin in one cell; give each its own")
         self.positions[:] = placed[:, :agents]
         self.goals[:] = placed[:, agents:]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For `copy` and `pickle`, which would tear the arrays that share memory apart."""
+        last_step = (self._final_rows, self.ended, self.rewards, self._placed)
+        batch = (self.task, self.num_games, self.first_game, self._step_back[-1])
+        return _copied, (*batch, self.get_state(), *last_step)
 
     # -- what agents see -------------------------------------------------------------------------
 
@@ -430,3 +471,21 @@ class Simulator:
         for seat, policy in enumerate(policies):
             if policy is not None:
                 actions[:, seat] = policy.act(self.view(seat))
+
+
+def _copied(
+    task: Task,
+    num_games: int,
+    first_game: int,
+    auto_restart: bool,
+    state: SimulatorState,
+    final_rows: NDArray[np.int32],
+    ended: NDArray[np.bool_],
+    rewards: NDArray[np.float32],
+    placed: bool,
+) -> Simulator:
+    simulator = Simulator(task, num_games, first_game=first_game, auto_restart=auto_restart)
+    simulator.set_state(state)
+    simulator._final_rows[:], simulator.ended[:] = final_rows, ended
+    simulator.rewards[:], simulator._placed = rewards, placed
+    return simulator

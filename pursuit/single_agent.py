@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from operator import index
 from typing import Any
 
 import gymnasium
@@ -111,11 +112,15 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         Raises:
             ValueError: an action out of range; then nobody has moved.
         """
-        if not self.action_space.contains(np.int64(action)):
+        try:
+            number = index(action)
+        except TypeError:
+            number = -1
+        if not 0 <= number < self.task.num_actions:
             raise ValueError(f"action {action!r}; integers from 0 to {self.task.num_actions - 1}")
         simulator = self.simulator
         simulator.act(self.policies, self._actions)
-        self._actions[0, self.seat] = action
+        self._actions[0, self.seat] = number
         simulator.step(self._actions)
         captured = not simulator.active[0, self.seat]
         terminated = bool(simulator.terminated[0]) or captured
@@ -155,9 +160,11 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
     """One seat of many games as a Gymnasium vector environment; the `Simulator` underneath.
 
     A game that ends restarts in the same step (`AutoresetMode.SAME_STEP`): the returned
-    observation is the first of the new episode, and `infos["final_obs"]` [num_envs, ...] holds the
-    last of the old one where the mask `infos["_final_obs"]` is True. `infos["episode"]` holds its
-    return "r" and length "l" under the same mask.
+    observation is the first of the new episode. `infos["final_obs"]` [num_envs] object holds the
+    last observation of the old one (None elsewhere), as Gymnasium's wrappers expect, and
+    `infos["episode_return"]` [num_envs] float64 and `infos["episode_length"]` [num_envs] int32 its
+    return and length (0 elsewhere), each with its mask of the same name after an underscore. They
+    are there in the steps that end an episode.
 
     Args:
         task: the rules and settings.
@@ -243,8 +250,13 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
             raise ValueError(
                 f"actions of shape {own.shape} and dtype {own.dtype}; give {self.num_envs} integers"
             )
+        if own.min() < 0 or own.max() >= self.task.num_actions:
+            raise ValueError(
+                f"actions from {own.min()} to {own.max()}; integers from 0 to "
+                f"{self.task.num_actions - 1}"
+            )
         simulator.act(self.policies, self._actions)
-        self._actions[:, self.seat] = np.clip(own, -1, self.task.num_actions)
+        self._actions[:, self.seat] = own
         simulator.step(self._actions)
         rewards = simulator.rewards[:, self.seat].copy()
         terminations, truncations = simulator.terminated.copy(), simulator.truncated.copy()
@@ -256,19 +268,26 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
         if not ended.any():
             return self._observe(), rewards, terminations, truncations, self._infos()
         infos: dict[str, Any] = {
-            "final_obs": self._observe(),
-            "_final_obs": ended,
-            "episode": {
-                "r": np.where(ended, simulator.returns[:, self.seat], 0.0),
-                "l": np.where(ended, simulator.steps, 0),
-            },
-            "_episode": ended,
+            "final_obs": self._final_observations(np.flatnonzero(ended)),
+            "episode_return": np.where(ended, simulator.returns[:, self.seat], 0.0),
+            "episode_length": np.where(ended, simulator.steps, 0),
+            **{f"_{key}": ended for key in ("final_obs", "episode_return", "episode_length")},
         }
         simulator.reset(games=ended)
         return self._observe(), rewards, terminations, truncations, {**self._infos(), **infos}
 
     def _observe(self) -> NDArray[Any]:
         return self.simulator.observe(self.observation, self.seat)
+
+    def _final_observations(self, games: NDArray[np.intp]) -> NDArray[np.object_]:
+        encoder = self.simulator.encoder(self.observation)
+        rows = self.simulator.rows[games]
+        observed = np.full(self.num_envs, None, dtype=object)
+        for game, own in zip(
+            games, encoder.encode(rows, slice(self.seat, self.seat + 1)), strict=True
+        ):
+            observed[game] = own[0]
+        return observed
 
     def _infos(self) -> dict[str, Any]:
         simulator = self.simulator

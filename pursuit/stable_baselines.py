@@ -56,8 +56,8 @@ class StableBaselinesVecEnv(VecEnv):
                 "terminal_observation": infos["final_obs"][game],
                 "TimeLimit.truncated": bool(truncations[game]),
                 "episode": {
-                    "r": float(infos["episode"]["r"][game]),
-                    "l": int(infos["episode"]["l"][game]),
+                    "r": float(infos["episode_return"][game]),
+                    "l": int(infos["episode_length"][game]),
                     "t": 0.0,
                 },
             }

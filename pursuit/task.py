@@ -31,6 +31,7 @@ class Rewards:
         distance: this times the Manhattan distance to the nearest active opponent (for a runner,
             to the nearest goal) is added to the step reward.
         on_completion: events pay only in the step that ends the game; before, they count as steps.
+            Being captured always pays: it ends the game for that evader.
     """
 
     step: float = 0.0

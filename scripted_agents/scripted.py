@@ -100,7 +100,7 @@ class Scripted:
     ) -> NDArray[np.uint8]:
         """The greedy moves at every [own, other], laid out as the distance tables, as bit masks."""
         key = (id(tables), stay_action)
-        if key not in self._greedy:
+        if key not in self._greedy or self._greedy[key][0] is not tables:
             greedy = np.zeros(len(tables), dtype=np.uint8)
             if self.kind != kernels.RANDOM:
                 scratch = np.full((4, len(cells)), -1, dtype=np.int32)
@@ -108,7 +108,8 @@ class Scripted:
                 kernels.fill_greedy_table(
                     self.kind, mazes, cells, tables, scratch, *settings, greedy
                 )
-            # Holding on to `tables` keeps its id from being given to another array.
+            # Holding on to `tables` keeps its id from being given to another array; only a copied
+            # agent holds ids of arrays that it does not have.
             self._greedy[key] = (tables, greedy)
         return self._greedy[key][1]
 

@@ -243,6 +243,24 @@ def sum_of_tours(table: Any, num_goals: int) -> int:
     return total
 
 
+@compiled
+def first_of_tour(between: Any, num_goals: int, best: Any) -> int:
+    """The row of `between` (1, 2, ...) of the goal that a shortest tour visits first.
+
+    Of several the first in order: going towards it never makes another one the first in order.
+    Overwrites row 0.
+    """
+    # Tours backwards, from any goal on to the start, whose distances are in column 0 too.
+    between[0, :] = 0
+    held_karp(between, num_goals, best)
+    chosen, shortest = 0, 2 * FAR
+    for goal in range(num_goals):
+        length = between[goal + 1, 0] + best[(1 << num_goals) - 1, goal]
+        if length < shortest:
+            chosen, shortest = goal + 1, length
+    return chosen
+
+
 @allocating
 def plan_next_goals(
     rows: Any, seat: int, first_goal: int, num_goals: int, mazes: Any, tables: Any, kept: Any
@@ -251,16 +269,19 @@ def plan_next_goals(
 
     `kept` is int32 [games, 3 + goals]: the next goal, the maze and own cell it was last asked for,
     and the goals then left. A tour stays shortest along its way, so it is planned anew only where
-    the goals changed or the agent was moved.
+    the goals changed or the agent was moved off the way.
     """
     best = np.empty((1 << num_goals, max(num_goals, 1)), dtype=np.int32)
     between = np.empty((num_goals + 1, num_goals + 1), dtype=np.int32)
-    order = np.empty(max(num_goals, 1), dtype=np.int64)
     cells = np.empty(num_goals + 1, dtype=np.int64)
     for game in range(rows.shape[0]):
         maze, own = np.int64(rows[game, -1]), np.int64(rows[game, seat])
         size, table = mazes[maze, 1], mazes[maze, 2]
-        holds = kept[game, 1] == maze and tables[table + own * size + kept[game, 2]] <= 1
+        holds = kept[game, 1] == maze and kept[game, 0] >= 0
+        if holds:
+            before, following = table + kept[game, 2] * size, np.int64(kept[game, 0])
+            walked, rest = np.int64(tables[before + own]), tables[table + own * size + following]
+            holds = walked + rest == tables[before + following]
         count = 0
         cells[0] = own
         for goal in range(num_goals):
@@ -278,6 +299,4 @@ def plan_next_goals(
                 between[i, j] = tables[table + cells[i] * size + cells[j]]
         kept[game, 0] = -1
         if count > 0:
-            held_karp(between, count, best)
-            held_karp_order(between, count, best, order)
-            kept[game, 0] = cells[order[0]]
+            kept[game, 0] = cells[first_of_tour(between, count, best)]

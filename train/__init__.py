@@ -1,1 +1,1 @@
-"""To be described."""
+"""Learning, evaluation and experiments; the only package that imports torch."""

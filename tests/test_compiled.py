@@ -1,0 +1,123 @@
+"""Compiled kernels are kept on disk, and thrown away when the rules that they inline change."""
+
+import importlib
+import os
+import pkgutil
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from numba.core.dispatcher import Dispatcher
+
+import pursuit
+import scripted_agents
+from pursuit import compiled
+
+KERNEL = """
+from pursuit.compiled import compiled
+from pursuit.rules import pay
+
+
+@compiled
+def total(steps):
+    paid = 0
+    for _ in range(steps):
+        paid = pay(paid)
+    return paid
+"""
+RULES = """
+from pursuit.compiled import inlined
+
+
+@inlined
+def pay(paid):
+    return paid + {reward}
+"""
+ANNOUNCEMENT = "pursuit: compiling kernels, once, for some seconds ...\n"
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package named `pursuit` with the real compiled.py, and rules of one line."""
+    package = tmp_path / "pursuit"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    shutil.copy(compiled.__file__, package / "compiled.py")
+    (package / "kernel.py").write_text(KERNEL)
+    (package / "rules.py").write_text(RULES.format(reward=1))
+    return package
+
+
+def run(package: Path) -> tuple[int, str]:
+    """What total(10) is, and what is said on stderr, in a process of its own."""
+    environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
+    code = "from pursuit.kernel import total; print(total(10))"
+    process = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        cwd=package.parent,
+        env={**environment, "PYTHONPATH": str(package.parent)},
+        timeout=120,
+    )
+    assert process.returncode == 0, process.stderr
+    return int(process.stdout), process.stderr
+
+
+def test_a_change_of_the_rules_reaches_the_kernels_of_other_files(package: Path) -> None:
+    assert run(package) == (10, ANNOUNCEMENT)
+    assert list(package.glob("__pycache__/kernel.total-*.nbc"))
+    assert run(package) == (10, "")
+    (package / "rules.py").write_text(RULES.format(reward=2))
+    assert run(package) == (20, ANNOUNCEMENT)
+    assert run(package) == (20, "")
+
+
+def test_the_stamp_depends_on_kernel_rules_and_compiler(
+    package: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kernel, rules = package / "kernel.py", package / "rules.py"
+    monkeypatch.setattr(compiled, "RULE_BOOK", rules)
+    monkeypatch.setattr(compiled, "__file__", str(package / "compiled.py"))
+    stamps = []
+    for file in (None, kernel, rules, package / "compiled.py"):
+        if file is not None:
+            file.write_text(file.read_text() + "\n# changed\n")
+        compiled.source_stamp.cache_clear()
+        stamps.append(compiled.source_stamp(str(kernel)))
+    compiled.source_stamp.cache_clear()
+    assert len(set(stamps)) == 4
+
+
+def called_kernels(kernel: Dispatcher) -> Iterator[Dispatcher]:
+    """Those that the code names, as `name` or as `module.name`."""
+    function = kernel.py_func
+    names = function.__code__.co_names
+    found = [function.__globals__.get(name) for name in names]
+    for module in [value for value in found if isinstance(value, ModuleType)]:
+        found += [getattr(module, name, None) for name in names]
+    yield from (value for value in found if isinstance(value, Dispatcher))
+
+
+def test_kernels_call_kernels_of_their_own_file_and_of_the_rules_only() -> None:
+    """The law that makes the stamp of a cache complete."""
+    calls = 0
+    for package in (pursuit, scripted_agents):
+        for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+            if module.name == "pursuit.stable_baselines":
+                continue  # loads torch, and has no kernels
+            for kernel in vars(importlib.import_module(module.name)).values():
+                if not isinstance(kernel, Dispatcher):
+                    continue
+                own = kernel.py_func.__module__
+                for called in called_kernels(kernel):
+                    calls += 1
+                    home = called.py_func.__module__
+                    assert home in (own, "pursuit.rules"), (
+                        f"{own}.{kernel.__name__} calls {home}.{called.__name__}"
+                    )
+    assert calls > 20

@@ -1,0 +1,711 @@
+"""The simulator: determinism, exact copies, restarts, starts, settings, and what it refuses."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import chisquare
+
+from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
+from pursuit.maze_generation import generate_maze
+from pursuit.policy import Policy
+from pursuit.simulator import Simulator
+from pursuit.task import Rewards, Task, make_task
+from scripted_agents import (
+    AStarChaser,
+    AStarEvader,
+    NearestGoalRunner,
+    RandomAgent,
+    TablePolicy,
+    TourRunner,
+    best_response,
+)
+
+MAZES = ("5x5", "4x4-tree", "7x7")
+MARKED = Maze.from_text("+-+-+-+\n|S   G|\n+ +-+ +\n|     |\n+ +-+ +\n|    G|\n+-+-+-+")
+CROWD = Task(
+    maze=MAZES, num_chasers=2, num_evaders=2, num_runners=2, num_goals=3, max_steps=25, name="crowd"
+)
+TASKS = {
+    "chase": make_task("chase", max_steps=30, min_start_distance=2),
+    "chase, several mazes": make_task("chase", maze=MAZES, max_steps=30),
+    "maze": make_task("maze", maze=MAZES, max_steps=30),
+    "heist": make_task("heist", maze="6x6", max_steps=30, move_order="chasers_first"),
+    "crowd": CROWD,
+}
+
+
+def policies_for(task: Task) -> list[Policy]:
+    """Scripted agents of every kind, new ones at every call."""
+    kinds: dict[str, Policy] = {
+        "chaser": AStarChaser(0.1),
+        "evader": AStarEvader(0.3),
+        "runner": TourRunner(0.2),
+    }
+    policies = [kinds[role] for role in task.seat_roles]
+    if task.num_runners > 1:
+        policies[-1] = NearestGoalRunner(0.1)
+    return policies
+
+
+def play(simulator: Simulator, steps: int) -> list[list[NDArray[Any]]]:
+    """What every step led to, with scripted agents in all seats."""
+    policies = policies_for(simulator.task)
+    actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
+    history = []
+    for _ in range(steps):
+        simulator.act(policies, actions)
+        simulator.step(actions)
+        parts = (simulator.rows, simulator.rewards, simulator.returns, simulator.ended.T)
+        history.append([part.copy() for part in (actions, *parts)])
+    return history
+
+
+def assert_same(
+    one: list[list[NDArray[Any]]], game: int, other: list[list[NDArray[Any]]], same: int
+) -> None:
+    """Game `game` of one history is game `same` of the other, in everything."""
+    for parts, others in zip(one, other, strict=True):
+        for part, counterpart in zip(parts, others, strict=True):
+            np.testing.assert_array_equal(part[game], counterpart[same])
+
+
+# -- determinism and copies ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_a_game_does_not_depend_on_its_batch(name: str) -> None:
+    batch = play(Simulator(TASKS[name], 7, seed=5), 300)
+    assert sum(int(parts[-1].sum()) for parts in batch) > 20  # restarts are part of it
+    for game in (0, 3, 6):
+        assert_same(batch, game, play(Simulator(TASKS[name], seed=5, first_game=game), 300), 0)
+    assert_same(batch, 4, play(Simulator(TASKS[name], 3, seed=5, first_game=2), 300), 2)
+
+
+def test_other_seeds_and_other_games_are_other_games() -> None:
+    batch = Simulator(make_task("chase", maze="9x9"), 200, seed=0)
+    batch.reset()
+    starts = batch.positions.copy()
+    assert len(np.unique(starts, axis=0)) > 180
+    batch.reset(seed=1)
+    assert (batch.positions != starts).any(axis=1).mean() > 0.9
+    batch.reset(seed=0)
+    np.testing.assert_array_equal(batch.positions, starts)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_a_state_put_back_goes_on_exactly(name: str) -> None:
+    simulator = Simulator(TASKS[name], 6, seed=3)
+    play(simulator, 40)
+    simulator.configure([1], epsilon=0.9, max_start_distance=3)
+    state = simulator.get_state()
+    first = play(simulator, 100)
+    simulator.set_state(state)
+    second = play(simulator, 100)
+    other = Simulator(TASKS[name], 6, seed=99)
+    other.set_state(state)
+    third = play(other, 100)
+    for game in range(6):
+        assert_same(first, game, second, game)
+        assert_same(first, game, third, game)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_a_game_copied_into_another_slot_goes_on_as_the_original(name: str) -> None:
+    simulator = Simulator(TASKS[name], 6, seed=3)
+    play(simulator, 40)
+    others = simulator.get_state([0, 2, 4])
+    simulator.set_state(simulator.get_state([1, 3]), [5, 1])
+    np.testing.assert_array_equal(simulator.get_state([0, 2, 4]).rows, others.rows)
+    history = play(simulator, 100)
+    assert_same(history, 3, history, 1)
+    assert any((parts[1][1] != parts[1][0]).any() for parts in history)
+
+
+def test_a_state_is_a_copy() -> None:
+    simulator = Simulator(TASKS["chase"], 3)
+    simulator.reset()
+    state = simulator.get_state()
+    before = state.rows.copy()
+    play(simulator, 10)
+    np.testing.assert_array_equal(state.rows, before)
+
+
+def test_a_state_of_another_task_or_number_of_games_is_refused() -> None:
+    state = Simulator(make_task("chase", maze="9x9"), 4, seed=1)
+    state.reset()
+    for task, games in ((make_task("chase"), 4), (make_task("chase", maze="9x9"), 3), (CROWD, 4)):
+        simulator = Simulator(task, games)
+        simulator.reset()
+        before = simulator.rows.copy()
+        with pytest.raises(ValueError, match="state of"):
+            simulator.set_state(state.get_state())
+        np.testing.assert_array_equal(simulator.rows, before)
+
+
+# -- restarts --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_a_restart_keeps_what_the_episode_ended_with(name: str) -> None:
+    """Beside a twin that does not restart by itself and so still stands where it ended."""
+    task = TASKS[name]
+    simulator, twin = Simulator(task, 8, seed=2), Simulator(task, 8, seed=2, auto_restart=False)
+    policies = policies_for(task)
+    actions = np.zeros((8, task.num_agents), dtype=np.int32)
+    simulator.reset()
+    twin.reset()
+    ended_games = 0
+    for _ in range(150):
+        simulator.act(policies, actions)
+        twin.set_state(simulator.get_state())
+        simulator.step(actions)
+        twin.step(actions)
+        np.testing.assert_array_equal(simulator.ended, twin.ended)
+        np.testing.assert_array_equal(simulator.rewards, twin.rewards)
+        ended = np.flatnonzero(simulator.ended.any(axis=0))
+        ended_games += len(ended)
+        np.testing.assert_array_equal(simulator.final_positions[ended], twin.positions[ended])
+        np.testing.assert_array_equal(simulator.episode_lengths[ended], twin.steps[ended])
+        np.testing.assert_array_equal(simulator.episode_returns[ended], twin.returns[ended])
+        for encoding in ("index", "planes"):
+            final = simulator.observe_final(encoding, games=ended)
+            np.testing.assert_array_equal(final, twin.observe(encoding)[ended])
+            one = simulator.observe_final(encoding, seat=0)[ended]
+            np.testing.assert_array_equal(one, final[:, 0])
+        assert (simulator.steps[ended] == 0).all() and simulator.active[ended].all()
+        assert not simulator.returns[ended].any() and not simulator.events[ended].any()
+        twin.reset(games=ended)  # the same stream: the same next episode
+        np.testing.assert_array_equal(simulator.rows, twin.rows)
+    assert ended_games > 10
+
+
+def test_returns_and_lengths_are_sums_over_the_episode() -> None:
+    simulator = Simulator(TASKS["crowd"], 5, seed=4)
+    totals, lengths = np.zeros((5, 6)), np.zeros(5, dtype=int)
+    for _ in range(80):
+        play(simulator, 1)
+        totals, lengths = totals + simulator.rewards, lengths + 1
+        over = simulator.ended.any(axis=0)
+        np.testing.assert_allclose(simulator.episode_returns[over], totals[over], atol=1e-6)
+        np.testing.assert_array_equal(simulator.episode_lengths[over], lengths[over])
+        totals[over], lengths[over] = 0.0, 0
+
+
+def test_without_automatic_restart_ended_games_stay_as_they_are() -> None:
+    for name in ("chase", "crowd"):
+        simulator = Simulator(TASKS[name], 16, seed=6, auto_restart=False)
+        play(simulator, 30)
+        assert simulator.ended.any(axis=0).all()  # at the latest by truncation
+        rows, returns, ended = (
+            part.copy() for part in (simulator.rows, simulator.returns, simulator.ended)
+        )
+        play(simulator, 5)
+        np.testing.assert_array_equal(simulator.rows, rows)
+        np.testing.assert_array_equal(simulator.returns, returns)
+        np.testing.assert_array_equal(simulator.ended, ended)
+        assert not simulator.rewards.any()
+        simulator.reset(games=[3])
+        assert not simulator.ended[:, 3].any()
+        play(simulator, 1)
+        assert simulator.steps[3] == 1 and (simulator.rows[4:] == rows[4:]).all()
+
+
+def test_reset_of_some_games_leaves_the_others_alone() -> None:
+    simulator = Simulator(TASKS["chase"], 6, seed=8)
+    play(simulator, 5)
+    rows = simulator.rows.copy()
+    simulator.reset(games=[])
+    np.testing.assert_array_equal(simulator.rows, rows)
+    simulator.reset(games=[1, 4])
+    assert (simulator.steps == [rows[0, -2], 0, *rows[2:4, -2], 0, rows[5, -2]]).all()
+    mask = np.array([True, False, False, False, False, False])
+    rows = simulator.rows.copy()
+    simulator.reset(games=mask)
+    np.testing.assert_array_equal(simulator.rows[1:], rows[1:])
+    assert simulator.steps[0] == 0
+
+
+# -- settings --------------------------------------------------------------------------------------
+
+
+def test_epsilon_takes_effect_at_the_next_restart_of_each_game_and_seat() -> None:
+    simulator = Simulator(CROWD, 4)
+    simulator.reset()
+    simulator.configure(epsilon=0.5)
+    simulator.configure([1, 2], epsilon=[0.1, 0.2], seat="evader_1")
+    assert np.isnan(simulator.epsilon).all()
+    simulator.reset(games=[0, 1])
+    assert np.isnan(simulator.epsilon[2:]).all()
+    simulator.reset()
+    evader = CROWD.seat("evader_1")
+    assert simulator.epsilon[:, evader].tolist() == [0.5, 0.1, 0.2, 0.5]
+    assert (np.delete(simulator.epsilon, evader, axis=1) == 0.5).all()
+    simulator.configure(epsilon=[0.1, 0.2, 0.3, 0.4])  # one for each game
+    simulator.configure([3], epsilon=np.nan, seat=0)  # the agent's own again
+    simulator.reset()
+    expected = np.repeat([[0.1], [0.2], [0.3], [0.4]], 6, axis=1)
+    expected[3, 0] = np.nan
+    np.testing.assert_array_equal(simulator.epsilon, expected)
+
+
+def collected_distances(simulator: Simulator, origin: Any) -> NDArray[np.int32]:
+    """[games, goals]: the distance of every goal from the origin of its game."""
+    maze = simulator.task.mazes[0]
+    return np.stack(
+        [maze.distances[cell][goals] for cell, goals in zip(origin, simulator.goals, strict=True)]
+    )
+
+
+@pytest.mark.parametrize(
+    ("task", "collector"),
+    [
+        (Task(maze="6x6", num_runners=1, num_goals=3), 0),
+        (Task(maze="6x6", num_chasers=1, num_evaders=2, num_goals=3), 1),
+        (Task(maze="6x6", num_chasers=1, num_evaders=1, num_runners=2, num_goals=3), 2),
+    ],
+)
+def test_goals_lie_within_the_radius_around_the_first_collector(task: Task, collector: int) -> None:
+    simulator = Simulator(task, 400, seed=1)
+    simulator.configure(goal_radius=4)
+    simulator.reset()
+    away = collected_distances(simulator, simulator.positions[:, collector])
+    assert away.max() == 4 and away.min() >= 1
+    assert_all_apart(simulator)
+    simulator.configure(goal_radius=-1)
+    simulator.reset()
+    away = collected_distances(simulator, simulator.positions[:, collector])
+    assert away.max() > 4
+
+
+def assert_all_apart(simulator: Simulator) -> None:
+    """Agents and goals that are there stand on cells of their own."""
+    for positions, goals in zip(simulator.positions, simulator.goals, strict=True):
+        cells = [*positions, *goals[goals >= 0]]
+        assert len(set(cells)) == len(cells)
+
+
+def test_goals_lie_within_the_radius_around_a_mark() -> None:
+    simulator = Simulator(Task(maze=MARKED, num_runners=1, num_goals=2), 400, seed=1)
+    simulator.configure(goal_radius=1, goals_around="marks")
+    simulator.reset()
+    nearest = MARKED.distances[list(MARKED.goal_marks)].min(axis=0)
+    assert (nearest[simulator.goals] <= 1).all()
+    assert set(np.unique(simulator.goals)) == set(np.flatnonzero(nearest <= 1))
+    simulator.configure(goals_around="start")
+    simulator.reset()
+    # A corridor's end has one neighbour only: there the second goal lies one step further.
+    away = np.sort(collected_distances(simulator, simulator.positions[:, 0]), axis=1)
+    degrees = MARKED.degrees[simulator.positions[:, 0]]
+    assert (away[:, 0] == 1).all() and (away[:, 1] == np.where(degrees == 1, 2, 1)).all()
+
+
+def test_a_radius_with_too_few_free_cells_grows() -> None:
+    corridor = Maze.from_text("+-+-+-+-+-+-+\n|S          |\n+-+-+-+-+-+-+")
+    simulator = Simulator(Task(maze=corridor, num_runners=1, num_goals=4, start="marks"), 50)
+    for radius in (0, 1, 2, 4):
+        simulator.configure(goal_radius=radius)
+        simulator.reset()
+        assert (np.sort(simulator.goals, axis=1) == [1, 2, 3, 4]).all()
+
+
+def test_goals_within_the_radius_are_uniform() -> None:
+    simulator = Simulator(Task(maze="5x5", num_runners=1, num_goals=1), 20_000, seed=5)
+    simulator.configure(goal_radius=3)
+    simulator.reset()
+    maze = simulator.task.mazes[0]
+    here = simulator.positions[:, 0] == 7
+    around = np.flatnonzero((maze.distances[7] <= 3) & (np.arange(25) != 7))
+    counts = np.bincount(simulator.goals[here, 0], minlength=25)
+    assert counts.sum() == counts[around].sum() > 500
+    assert chisquare(counts[around]).pvalue > 1e-4
+
+
+def test_fewer_goals_may_be_asked_for() -> None:
+    simulator = Simulator(make_task("maze"), 4)
+    simulator.configure([0, 1, 2], num_goals=[0, 1, 2])
+    simulator.reset()
+    assert (simulator.goals >= 0).sum(axis=1).tolist() == [0, 1, 2, 3]
+    simulator.configure(num_goals=-1)
+    simulator.reset()
+    assert (simulator.goals >= 0).all()
+
+
+def test_start_distances_hold_between_every_chaser_and_every_evader() -> None:
+    task = Task(maze="6x6", num_chasers=2, num_evaders=2, min_start_distance=3)
+    simulator = Simulator(task, 500, seed=1)
+    maze = task.mazes[0]
+    for least, most in ((3, -1), (1, 2), (2, 5)):
+        if (least, most) != (3, -1):
+            simulator.configure(min_start_distance=least, max_start_distance=most)
+        simulator.reset()
+        away = maze.distances[simulator.positions[:, :2, None], simulator.positions[:, None, 2:]]
+        assert away.min() == least
+        assert away.max() == most if most >= 0 else away.max() > 6
+        assert_all_apart(simulator)
+
+
+def test_each_game_may_be_given_its_maze() -> None:
+    simulator = Simulator(make_task("chase", maze=MAZES), 300, seed=0)
+    simulator.reset()
+    counts = np.bincount(simulator.maze_index, minlength=3)
+    assert chisquare(counts).pvalue > 1e-4
+    simulator.configure(maze=1)
+    simulator.configure([5], maze=2)
+    before = simulator.maze_index.copy()
+    play(simulator, 1)
+    running = ~simulator.ended.any(axis=0)
+    np.testing.assert_array_equal(simulator.maze_index[running], before[running])
+    simulator.reset()
+    assert (np.delete(simulator.maze_index, 5) == 1).all() and simulator.maze_index[5] == 2
+    assert (simulator.positions[:5] < 16).all()
+    simulator.configure(maze=-1)
+    simulator.reset()
+    assert set(simulator.maze_index) == {0, 1, 2}
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"epsilon": 1.5},
+        {"epsilon": -0.1},
+        {"epsilon": [0.1, 0.2]},
+        {"epsilon": "much"},
+        {"epsilon": 0.5, "seat": "runner"},
+        {"epsilon": 0.5, "seat": 2},
+        {"games": [4], "epsilon": 0.5},
+        {"games": [True, False], "epsilon": 0.5},
+        {"games": ["first"], "epsilon": 0.5},
+        {"maze": 1},
+        {"maze": -2},
+        {"maze": 0.0},
+        {"num_goals": 3},
+        {"num_goals": -2},
+        {"num_goals": 1.5},
+        {"goal_radius": -2},
+        {"goal_radius": 2**40},
+        {"goal_radius": [1, 2, 3]},
+        {"goals_around": "walls"},
+        {"goals_around": "marks"},
+        {"min_start_distance": 0},
+        {"max_start_distance": -2},
+        {"max_start_distance": np.nan},
+    ],
+    ids=str,
+)
+def test_a_bad_setting_is_refused_and_changes_nothing(bad: dict[str, Any]) -> None:
+    without_marks = generate_maze("open", 5, 5)
+    task = Task(maze=without_marks, num_chasers=1, num_evaders=1, num_goals=2)
+    simulator = Simulator(task, 4)
+    simulator.reset()
+    before = simulator.get_state()
+    good = {"epsilon": 0.7, "num_goals": 1, "maze": 0, "min_start_distance": 2}
+    with pytest.raises(ValueError):
+        simulator.configure(**{**good, **bad})
+    after = simulator.get_state()
+    for name in ("rows", "streams", "settings", "epsilons", "returns"):
+        np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+
+
+def test_settings_that_no_placement_meets_are_reported() -> None:
+    simulator = Simulator(TASKS["chase"], 2)
+    simulator.configure(min_start_distance=24)
+    with pytest.raises(ValueError, match=r"no start found.*lower min_start_distance"):
+        simulator.reset()
+
+
+# -- starts ----------------------------------------------------------------------------------------
+
+
+def test_starts_are_uniform_over_all_placements() -> None:
+    task = Task(maze="2x2", num_chasers=1, num_evaders=1, num_runners=1, num_goals=1)
+    simulator = Simulator(task, 24_000, seed=3)
+    simulator.reset()
+    assert_all_apart(simulator)
+    placements = np.c_[simulator.positions, simulator.goals]
+    _, counts = np.unique(placements, axis=0, return_counts=True)
+    assert len(counts) == 24 and chisquare(counts).pvalue > 1e-4
+
+
+def test_starts_that_are_kept_apart_are_uniform_over_those_that_are() -> None:
+    task = Task(maze="3x3", num_chasers=1, num_evaders=1, min_start_distance=3)
+    simulator = Simulator(task, 20_000, seed=3)
+    simulator.reset()
+    pairs, counts = np.unique(simulator.positions, axis=0, return_counts=True)
+    np.testing.assert_array_equal(pairs, np.argwhere(task.mazes[0].distances >= 3))
+    assert chisquare(counts).pvalue > 1e-4
+
+
+def test_starts_of_later_episodes_are_uniform_too() -> None:
+    task = Task(maze="2x2", num_chasers=1, num_evaders=1, max_steps=3)
+    simulator = Simulator(task, 2000, seed=3)
+    counts = np.zeros(16)
+    for _ in range(30):
+        simulator.step(np.zeros((2000, 2), dtype=np.int32))
+        fresh = simulator.ended.any(axis=0)
+        counts += np.bincount(simulator.positions[fresh] @ [4, 1], minlength=16)
+    assert (counts[[0, 5, 10, 15]] == 0).all()
+    assert chisquare(counts[counts > 0]).pvalue > 1e-4
+
+
+def test_starts_on_marks() -> None:
+    first, second = MARKED.goal_marks
+    chase = Task(maze=MARKED, num_chasers=1, num_evaders=3, start="marks")
+    simulator = Simulator(chase, 200)
+    simulator.reset()
+    assert (simulator.positions[:, :3] == [MARKED.start_mark, first, second]).all()
+    assert len(np.unique(simulator.positions[:, 3])) == MARKED.num_cells - 3
+    race = Task(maze=MARKED, num_runners=2, num_goals=3, start="marks")
+    simulator = Simulator(race, 200)
+    simulator.reset()
+    assert (simulator.positions[:, 0] == MARKED.start_mark).all()
+    assert (simulator.goals[:, :2] == [first, second]).all()
+    assert_all_apart(simulator)  # who has no mark keeps off the marked goals
+    assert len(np.unique(simulator.positions[:, 1])) == MARKED.num_cells - 3
+    simulator.configure(num_goals=1)
+    simulator.reset()
+    assert_all_apart(simulator)
+    assert (simulator.goals == [first, -1, -1]).all() and second in simulator.positions[:, 1]
+
+
+def test_place_begins_an_episode_where_asked() -> None:
+    task = make_task("heist", maze="5x5")
+    simulator = Simulator(task, 3, seed=0)
+    play(simulator, 5)
+    simulator.place([[0, 1], [2, 3], [4, 5]], [6, 7, -1])
+    assert simulator.positions.tolist() == [[0, 1], [2, 3], [4, 5]]
+    assert simulator.goals.tolist() == [[6, 7, -1]] * 3
+    assert not simulator.steps.any() and simulator.active.all()
+
+
+@pytest.mark.parametrize(
+    ("positions", "goals"),
+    [
+        ([0, 25], [1, 2, 3]),
+        ([0, -1], [1, 2, 3]),
+        ([0, 1], [2, 3, 25]),
+        ([0, 1], [2, 3, -2]),
+        ([0, 0], [1, 2, 3]),
+        ([0, 1], [2, 2, 3]),
+        ([0, 1], [1, 2, 3]),
+        ([0, 1], None),
+        ([0.5, 1], [2, 3, 4]),
+        ([0, 1, 2], [3, 4, 5]),
+    ],
+)
+def test_place_refuses_what_is_no_start(positions: Any, goals: Any) -> None:
+    simulator = Simulator(make_task("heist", maze="5x5"), 2)
+    with pytest.raises(ValueError):
+        simulator.place(positions, goals)
+
+
+# -- large mazes -----------------------------------------------------------------------------------
+
+
+@cache
+def large() -> Maze:
+    return generate_maze("prim", 70, 70, loops=0.1, seed=1)
+
+
+def test_mazes_without_a_distance_table_obey_the_same_settings() -> None:
+    maze = large()
+    assert maze.num_cells > MAX_TABLE_CELLS
+    task = Task(
+        maze=maze, num_chasers=1, num_evaders=1, num_runners=1, num_goals=3, min_start_distance=30
+    )
+    simulator = Simulator(task, 40, seed=2)
+    simulator.configure(goal_radius=5, max_start_distance=60)
+    simulator.reset()
+    assert_all_apart(simulator)
+    spread = []
+    for (chaser, evader, runner), goals in zip(simulator.positions, simulator.goals, strict=True):
+        spread.append(maze.distances_from(int(chaser))[evader])
+        assert maze.distances_from(int(runner))[goals].min() >= 1
+        assert maze.distances_from(int(runner))[goals].max() <= 5
+    assert min(spread) >= 30 and max(spread) <= 60
+    assert maze.num_cells / 4 < simulator.positions.mean() < maze.num_cells * 3 / 4
+
+
+def test_mazes_without_a_distance_table_are_played_and_deterministic() -> None:
+    task = Task(
+        maze=(large(), load_maze("5x5")),
+        num_chasers=1,
+        num_evaders=1,
+        num_runners=1,
+        num_goals=2,
+        max_steps=20,
+    )
+
+    def near(first_game: int, num_games: int) -> Simulator:
+        simulator = Simulator(task, num_games, seed=4, first_game=first_game)
+        simulator.configure(goal_radius=4, max_start_distance=4)
+        simulator.configure(maze=np.arange(first_game, first_game + num_games) % 3 - 1)
+        return simulator
+
+    # Draws until chaser and evader are that near, which few of the random starts are.
+    batch = play(near(0, 4), 40)
+    for game in range(4):
+        assert_same(batch, game, play(near(game, 1), 40), 0)
+    assert any(parts[-1].any() for parts in batch)
+
+
+def test_a_chaser_walks_a_shortest_path_in_a_large_maze() -> None:
+    maze = large()
+    simulator = Simulator(Task(maze=maze, num_chasers=1, num_evaders=1, max_steps=10_000), 8)
+    simulator.configure(min_start_distance=20)
+    simulator.reset()
+    starts, still = simulator.positions.copy(), np.zeros((8, 2), dtype=np.int32)
+    distances = [maze.distances_from(int(evader))[chaser] for chaser, evader in starts]
+    walls = [np.flatnonzero(maze.neighbors[e, :4] == e)[:1].tolist() for e in starts[:, 1]]
+    simulator = Simulator(simulator.task, 8, auto_restart=False)
+    simulator.place(starts)
+    still[:, 1] = [wall[0] if wall else 0 for wall in walls]
+    while not simulator.ended.all(axis=1).any() and simulator.steps.max() < max(distances):
+        simulator.act([AStarChaser(), None], still)
+        simulator.step(still)
+    bumping = [bool(wall) for wall in walls]
+    assert sum(bumping) > 4
+    np.testing.assert_array_equal(simulator.steps[bumping], np.array(distances)[bumping])
+
+
+# -- what it refuses -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "actions",
+    [
+        [0, 1],
+        [[0, 1]],
+        [[0, 1, 2]] * 3,
+        [[[0, 1]] * 3],
+        [[0.0, 1.0]] * 3,
+        [[True, False]] * 3,
+        [["north", "south"]] * 3,
+        [[0, 1], [0, 4], [0, 0]],
+        [[0, 1], [0, 0], [-1, 0]],
+        [[0, 1], [0, 0], [0, 2**32]],
+        [[0, 1], [0, 0], [0, 2**63 - 1]],
+        [[0, 1], [0, 0], [0, 2**64 - 1]],
+        [[0, 1], [0, 0], [0, 2**70]],
+        [[0, 1], [0, 0], [0, -(2**32)]],
+        [[0, 1], [0, 0], [0]],
+        None,
+        np.full((3, 2), 255, dtype=np.uint8),
+        np.full((3, 2), -1, dtype=np.int32),
+    ],
+    ids=lambda actions: repr(actions).replace("\n", ""),
+)
+def test_bad_actions_are_refused_and_nothing_moves(actions: Any) -> None:
+    simulator = Simulator(TASKS["chase"], 3, seed=1)
+    simulator.reset()
+    before = simulator.get_state()
+    with pytest.raises(ValueError):
+        simulator.step(actions)
+    after = simulator.get_state()
+    for name in ("rows", "streams", "returns"):
+        np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+
+
+@pytest.mark.parametrize("kind", [np.int8, np.uint8, np.int64, np.uint64, list, "F"])
+def test_actions_of_every_integer_type_and_order_are_the_same(kind: Any) -> None:
+    plain, other = Simulator(TASKS["chase"], 3, seed=1), Simulator(TASKS["chase"], 3, seed=1)
+    actions = np.array([[0, 1], [2, 3], [3, 2]], dtype=np.int32)
+    plain.step(actions)
+    if kind is list:
+        other.step(actions.tolist())
+    else:
+        other.step(np.asfortranarray(actions) if kind == "F" else actions.astype(kind))
+    np.testing.assert_array_equal(plain.rows, other.rows)
+
+
+def test_a_bad_action_names_agent_game_and_remedy() -> None:
+    simulator = Simulator(TASKS["chase"], 3)
+    with pytest.raises(ValueError, match=r"evader_0 in game 1.*0 to 3.*stay_action=True"):
+        simulator.step([[0, 0], [0, 4], [0, 0]])
+
+
+@pytest.mark.parametrize(
+    "bad", [{"num_games": 0}, {"seed": -1}, {"seed": 2**64}, {"seed": 1.5}, {"first_game": -1}]
+)
+def test_a_simulator_refuses_bad_counts_and_seeds(bad: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(bad))):
+        Simulator(TASKS["chase"], **bad)
+
+
+@pytest.mark.parametrize("games", [[6], [-7], [0.5], ["a"], [True] * 3])
+def test_reset_refuses_games_that_are_not_there(games: Any) -> None:
+    simulator = Simulator(TASKS["chase"], 6)
+    simulator.reset()
+    before = simulator.get_state()
+    for seed in (None, 5):
+        with pytest.raises(ValueError):
+            simulator.reset(seed=seed, games=games)
+    np.testing.assert_array_equal(simulator.get_state().streams, before.streams)
+
+
+DUEL: dict[str, Any] = {"num_chasers": 1, "num_evaders": 1}
+PARTS = Maze.from_text("+-+-+-+\n|   | |\n+-+-+-+", name="two parts")
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({}, "without agents.*give num_chasers"),
+        ({**DUEL, "num_chasers": -1}, "num_chasers=-1; it is at least 0"),
+        ({**DUEL, "num_evaders": 1.5}, r"num_evaders=1\.5; it is a whole number"),
+        ({**DUEL, "num_evaders": True}, "num_evaders=True; it is a whole number"),
+        ({**DUEL, "max_steps": 0}, "max_steps=0; it is at least 1"),
+        ({**DUEL, "max_steps": 2**31}, "max_steps=2147483648"),
+        ({**DUEL, "min_start_distance": 0}, "min_start_distance=0; it is at least 1"),
+        ({**DUEL, "min_start_distance": 99}, "min_start_distance=99.*5x5.*Lower it"),
+        ({**DUEL, "move_order": "evaders"}, "move_order 'evaders'; one of simultaneous, chasers_f"),
+        ({**DUEL, "start": "S"}, "start 'S'; one of random, marks"),
+        ({**DUEL, "rewards": "more"}, "rewards 'more'; one of goal, completion, distance, zero"),
+        ({**DUEL, "rewards": {"hunter": Rewards()}}, "'hunter'.*the roles are chaser, evader"),
+        ({"num_chasers": 1}, "num_chasers=1, num_evaders=0 and no goals.*give num_evaders"),
+        ({"num_evaders": 1}, "num_evaders=1, num_chasers=0 and no goals.*give num_chasers"),
+        ({"num_runners": 1}, "num_runners=1 and num_goals=0.*num_goals of at least 1"),
+        ({"num_chasers": 1, "num_goals": 1}, "only runners and evaders.*give num_runners"),
+        ({**DUEL, "maze": ()}, "an empty list; give at least one maze"),
+        ({**DUEL, "maze": "5x6"}, "unknown maze '5x6'; shipped mazes"),
+        ({**DUEL, "maze": "2x2", "num_goals": 3}, "need 5 cells.*2x2 has 4.*larger maze"),
+        ({"num_runners": 1, "num_goals": 1, "maze": PARTS}, "two parts falls into 2 parts.*open"),
+    ],
+)
+def test_a_task_that_makes_no_game_names_value_and_remedy(
+    settings: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        Task(**settings)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "message"),
+    [
+        ("chess", {}, "unknown task 'chess'; one of chase, maze, race, heist"),
+        ("chase", {"evaders": 2}, "unknown setting 'evaders'; one of maze, num_chasers"),
+    ],
+)
+def test_an_unknown_task_or_setting_is_named(
+    name: str, settings: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        make_task(name, **settings)
+
+
+def test_a_table_plays_a_copied_game_as_the_original() -> None:
+    maze = load_maze("5x5")
+    table = best_response("chaser", maze, RandomAgent().action_probabilities(maze)).policy
+    policy = TablePolicy(maze, table, epsilon=0.3)
+    simulator = Simulator(make_task("chase"), 2, seed=7)
+    simulator.reset()
+    actions = np.zeros((2, 2), dtype=np.int32)
+    for _ in range(60):
+        simulator.set_state(simulator.get_state([0]), [1])
+        simulator.act([policy, RandomAgent()], actions)
+        assert (actions[0] == actions[1]).all()
+        simulator.step(actions)

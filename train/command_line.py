@@ -1,0 +1,117 @@
+"""The command `pursuit`."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import sys
+from collections.abc import Callable, Sequence
+
+os.environ.setdefault("RL_WARNINGS", "0")  # about an extension of torchrl that is not needed
+
+COMMANDS = {
+    "train": "train an agent, and compare it with the exact optimum",
+    "evaluate": "evaluate a trained run again, on as many episodes as you like",
+    "baseline": "random, scripted and optimal agents on a task",
+    "maze": "show, check or generate a maze",
+    "render": "a replay of a run, or of the scripted agents, as GIF or MP4",
+    "bench": "how fast this machine plays and learns",
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run a subcommand; errors are one line on stderr and exit status 2."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if not given or given[0] in ("-h", "--help"):
+        print(usage())
+        return
+    if given[0] == "--version":
+        import pursuit
+
+        print(f"pursuit {pursuit.__version__}")
+        return
+    name, rest = given[0], given[1:]
+    if name not in COMMANDS:
+        fail(f"unknown command {name!r}; one of {', '.join(COMMANDS)}")
+    try:
+        command(name)(rest)
+    except (ValueError, OSError, ImportError) as error:
+        fail(str(error))
+    except KeyboardInterrupt:
+        print(file=sys.stderr)
+        sys.exit(130)
+
+
+def usage() -> str:
+    """What `pursuit --help` prints."""
+    lines = [f"  {name:<10}{text}" for name, text in COMMANDS.items()]
+    return "\n".join(
+        [
+            "usage: pursuit COMMAND [options]        (pursuit COMMAND --help tells the options)",
+            "",
+            "Pursuit in mazes with reinforcement learning, beside the exact optimum.",
+            "",
+            *lines,
+            "",
+            "Try: pursuit train --task chase --role chaser --maze 5x5 --seconds 30",
+        ]
+    )
+
+
+def fail(message: str) -> None:
+    """One line on stderr, exit status 2."""
+    print(f"pursuit: error: {' '.join(message.split())}", file=sys.stderr)
+    sys.exit(2)
+
+
+def command(name: str) -> Callable[[Sequence[str]], None]:
+    """The function of a subcommand, imported only when it is called: torch takes seconds."""
+    if name in ("train", "evaluate", "render"):
+        from train import training_commands
+
+        return {
+            "train": training_commands.train,
+            "evaluate": training_commands.evaluate,
+            "render": training_commands.render,
+        }[name]
+    if name == "bench":
+        from train.bench import bench
+
+        return bench
+    from train import world_commands
+
+    return {"baseline": world_commands.baseline, "maze": world_commands.maze}[name]
+
+
+def parse(form: type, arguments: Sequence[str], prog: str, default: object = None) -> object:
+    """`arguments` as the dataclass `form`, by tyro; its error boxes are folded into one line.
+
+    Raises:
+        ValueError: arguments that the form does not have, or values that it does not allow.
+    """
+    import tyro
+
+    boxed = io.StringIO()
+    extra = {} if default is None else {"default": default}
+    try:
+        with contextlib.redirect_stderr(boxed):
+            return tyro.cli(
+                form,
+                args=list(arguments),
+                prog=f"pursuit {prog}",
+                config=(
+                    tyro.conf.OmitArgPrefixes,
+                    tyro.conf.FlagCreatePairsOff,
+                    tyro.conf.HelptextFromCommentsOff,
+                ),
+                **extra,
+            )
+    except SystemExit as exit_:
+        if not exit_.code:
+            raise
+        text = re.sub(r"\x1b\[[0-9;]*m", "", boxed.getvalue())
+        text = re.sub(r"[─╭╮╰╯│]+", " ", text)
+        text = text.split("For full helptext")[0]
+        raise ValueError(f"{' '.join(text.split())} (see pursuit {prog} --help)") from None

@@ -1,0 +1,113 @@
+"""SimulatorEnv: a batch of games of the Simulator as a native TorchRL environment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from pursuit.policy import Policy
+from pursuit.simulator import Simulator
+
+
+class SimulatorEnv(EnvBase):
+    """One seat of every game is the learner's; policies fill the others.
+
+    Keys: "observation" [num_games, ...], "action" [num_games] int64, "reward", "terminated",
+    "truncated" and "done" [num_games, 1]. After a step, "next" holds the last observation of an
+    episode that ended; the partial reset that follows begins the next one, so that nothing is
+    bootstrapped across episodes.
+
+    Args:
+        simulator: made with `auto_restart=False`.
+        seat: the learner's seat.
+        policies: whoever fills each seat; None in the learner's.
+        encoding: one of `pursuit.observations.ENCODINGS`.
+
+    Attributes:
+        finished_returns, finished_lengths: of the episodes that ended since they were last cleared.
+        resume: set it to have the next full reset go on with the games as they stand.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        seat: int,
+        policies: Sequence[Policy | None],
+        encoding: str = "index",
+    ) -> None:
+        super().__init__(device="cpu", batch_size=[simulator.num_games])
+        self.simulator, self.seat, self.policies, self.encoding = (
+            simulator,
+            seat,
+            list(policies),
+            encoding,
+        )
+        self.finished_returns: list[np.ndarray[Any, Any]] = []
+        self.finished_lengths: list[np.ndarray[Any, Any]] = []
+        self.resume = False
+        self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
+        games, space = simulator.num_games, simulator.encoder(encoding).space
+        dtype = torch.from_numpy(np.zeros(1, dtype=space.dtype)).dtype
+        shape = (games, *space.shape)
+        low, high = (torch.as_tensor(bound, dtype=dtype) for bound in (space.low, space.high))
+        self.observation_spec = Composite(
+            observation=Bounded(low.expand(shape), high.expand(shape), shape=shape, dtype=dtype),
+            shape=(games,),
+        )
+        self.action_spec = Categorical(
+            simulator.task.num_actions, shape=(games,), dtype=torch.int64
+        )
+        self.reward_spec = Unbounded((games, 1))
+        self.full_done_spec = Composite(
+            {
+                key: Binary(n=1, shape=(games, 1), dtype=torch.bool)
+                for key in ("done", "terminated", "truncated")
+            },
+            shape=(games,),
+        )
+
+    def _observe(self) -> torch.Tensor:
+        return torch.from_numpy(self.simulator.observe(self.encoding, self.seat))
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
+        if tensordict is not None and tensordict.get("_reset", None) is not None:
+            self.simulator.reset(games=tensordict["_reset"].view(-1).numpy())
+        elif not self.resume:
+            self.simulator.reset()
+        self.resume = False
+        return TensorDict({"observation": self._observe()}, batch_size=self.batch_size)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        simulator = self.simulator
+        simulator.act(self.policies, self._actions)
+        self._actions[:, self.seat] = tensordict["action"].numpy()
+        simulator.step(self._actions)
+        terminated, truncated = torch.from_numpy(simulator.ended.copy())
+        if simulator.task.num_evaders > 1:
+            captured = torch.from_numpy(simulator.active[:, self.seat] == 0)
+            terminated, truncated = terminated | captured, truncated & ~captured
+        done = terminated | truncated
+        if done.any():
+            ended = done.numpy()
+            self.finished_returns.append(simulator.returns[ended, self.seat])
+            self.finished_lengths.append(simulator.steps[ended].copy())
+        return TensorDict(
+            {
+                "observation": self._observe(),
+                "reward": torch.from_numpy(simulator.rewards[:, self.seat, None].copy()),
+                "terminated": terminated[:, None],
+                "truncated": truncated[:, None],
+                "done": done[:, None],
+            },
+            batch_size=self.batch_size,
+        )
+
+    def _set_seed(self, seed: int | None) -> None:
+        if seed is not None:
+            self.simulator.seed(seed)

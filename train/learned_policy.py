@@ -1,0 +1,90 @@
+"""LearnedPolicy: a trained network in any seat, and as a table for the exact solvers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pursuit.maze import Maze
+from pursuit.policy import GameView
+from pursuit.simulator import Simulator
+from pursuit.task import Task
+from train.networks import ActorCritic
+
+
+class LearnedPolicy:
+    """A network that fills a seat.
+
+    Args:
+        network: policy and value.
+        task: the task that it was trained in.
+        agent: the agent that it learned to play, by name or role.
+        encoding: what it observes.
+        greedy: take the most probable action; False draws from the distribution.
+
+    Attributes:
+        task, agent, encoding, greedy: the arguments.
+    """
+
+    def __init__(
+        self, network: ActorCritic, task: Task, agent: str, encoding: str, greedy: bool = True
+    ) -> None:
+        self.network, self.task, self.agent, self.encoding = network, task, agent, encoding
+        self.greedy = greedy
+        self._shape = Simulator(task).encoder(encoding).shape
+
+    def probabilities(self, observations: NDArray[Any]) -> NDArray[np.float64]:
+        """[..., actions] float64: the distribution played, for observations [..., *shape]."""
+        device = next(self.network.parameters()).device
+        with torch.no_grad():
+            hidden = self.network.policy_trunk(torch.from_numpy(observations).to(device))
+            logits = self.network.policy_head(hidden)
+            if self.greedy:
+                chosen = torch.nn.functional.one_hot(logits.argmax(dim=-1), logits.shape[-1])
+                return chosen.cpu().double().numpy()
+            return logits.double().softmax(dim=-1).cpu().numpy()
+
+    def act(self, view: GameView) -> NDArray[np.int32]:
+        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+
+        Raises:
+            ValueError: the games look different from those that it was trained in.
+        """
+        observations = view.observe(self.encoding)
+        if observations.shape[1:] != self._shape or view.task.num_actions != self.task.num_actions:
+            raise ValueError(
+                f"a policy for observations of shape {self._shape} and {self.task.num_actions} "
+                f"actions; this task gives {observations.shape[1:]} and {view.task.num_actions}. "
+                "Mazes and agents must be those of its training"
+            )
+        probabilities = self.probabilities(observations)
+        if self.greedy:
+            return probabilities.argmax(axis=-1).astype(np.int32)
+        cumulative = probabilities.cumsum(axis=-1)
+        draws = view.uniform()[:, None] * cumulative[:, -1:]
+        chosen = (draws >= cumulative).sum(axis=-1).clip(max=view.task.num_actions - 1)
+        return chosen.astype(np.int32)
+
+    def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
+        """[self cell, other cell, action] float64: the network run once on all pairs of cells.
+
+        Raises:
+            ValueError: it was not trained one against one in this maze, or with other actions.
+        """
+        task = self.task
+        if not task.is_duel or task.mazes != (maze,) or task.stay_action != stay_action:
+            raise ValueError(
+                f"a policy trained in task {task.name!r} on "
+                f"{', '.join(maze.name for maze in task.mazes)} with {task.num_actions} actions is "
+                "no table over pairs of cells of this maze; only one chaser against one evader is"
+            )
+        size, seat = maze.num_cells, task.seat(self.agent)
+        simulator = Simulator(task, 1)
+        rows = np.zeros((size * size, simulator.rows.shape[1]), dtype=np.int32)
+        own, other = np.divmod(np.arange(size * size, dtype=np.int32), size)
+        rows[:, seat], rows[:, 1 - seat], rows[:, 2:4] = own, other, 1
+        observed = simulator.encoder(self.encoding).encode(rows, slice(seat, seat + 1))[:, 0]
+        return self.probabilities(observed).reshape(size, size, task.num_actions)

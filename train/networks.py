@@ -1,0 +1,196 @@
+"""Networks: from an observation to the logits of a policy and to a value.
+
+Two hidden layers. On the "index" encoding the first layer has two forms that are the same function:
+an embedding bag that sums the rows named by the observation, and a matrix product with the one-hot
+vector that those rows stand for. Neither is always faster; `first_layer_form` decides.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from torch import nn
+
+from pursuit.observations import Encoder
+
+FirstLayerForm = Literal["bag", "dense"]
+
+
+def first_layer_form(num_rows: int, width: int) -> FirstLayerForm:
+    """The faster form of the first layer, by measurement (`tests/benchmarks/bench_learning.py`)."""
+    return "bag" if num_rows * width > 40_000 else "dense"
+
+
+class IndexLayer(nn.Module):
+    """A linear layer on the "index" encoding; goals share one block of rows.
+
+    Which goal is which means nothing, so the goals' rows are summed with the same weights: the
+    layer cannot tell one order of the goals from another.
+
+    Args:
+        encoder: of the encoding "index".
+        num_agents: entities before the goals.
+        width: outputs.
+        form: "bag" or "dense"; the same function of the same parameters.
+    """
+
+    rows: torch.Tensor
+
+    def __init__(self, encoder: Encoder, num_agents: int, width: int, form: FirstLayerForm) -> None:
+        super().__init__()
+        cells, entities = encoder.num_cells, encoder.num_entities
+        blocks = [min(entity, num_agents) for entity in range(entities)]
+        blocks.append(num_agents + (entities > num_agents))
+        rows = torch.cat([torch.arange(cells) + block * cells for block in blocks])
+        self.num_rows = (blocks[-1] + 1) * cells
+        self.register_buffer("rows", torch.cat([rows, torch.tensor([self.num_rows])]), False)
+        self.weight = nn.Parameter(torch.empty(self.num_rows + 1, width))
+        self.bias = nn.Parameter(torch.zeros(width))
+        self.form = form
+        # Each observation sums one row per entity, so the scale is that of so many inputs.
+        nn.init.normal_(self.weight, std=(2.0 / (entities + 1)) ** 0.5)
+        with torch.no_grad():
+            self.weight[self.num_rows] = 0.0
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., width] from the row numbers [..., entities + 1]."""
+        rows = self.rows[observation.long()]
+        batch = rows.shape[:-1]
+        rows = rows.reshape(-1, rows.shape[-1])
+        if self.form == "bag":
+            summed = nn.functional.embedding_bag(
+                rows, self.weight, mode="sum", padding_idx=self.num_rows
+            )
+            return (summed + self.bias).reshape(*batch, -1)
+        one_hot = torch.zeros(len(rows), self.num_rows + 1, device=rows.device)
+        one_hot.scatter_add_(1, rows, torch.ones((), device=rows.device).expand(rows.shape))
+        dense = one_hot[:, : self.num_rows] @ self.weight[: self.num_rows]
+        return (dense + self.bias).reshape(*batch, -1)
+
+
+class Flat(nn.Module):
+    """Any other encoding as a flat vector, scaled to about [0, 1]."""
+
+    scale: torch.Tensor
+
+    def __init__(self, encoder: Encoder, width: int) -> None:
+        super().__init__()
+        self.dims = len(encoder.shape)
+        high = torch.as_tensor(encoder.space.high, dtype=torch.float32).reshape(-1)
+        self.register_buffer("scale", 1.0 / high.clamp(min=1.0), False)
+        self.linear = nn.Linear(len(high), width)
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., width] from [..., *shape]."""
+        flat = observation.flatten(-self.dims) if self.dims > 1 else observation
+        hidden: torch.Tensor = self.linear(flat.float() * self.scale)
+        return hidden
+
+
+class Convolutions(nn.Module):
+    """Two 3×3 convolutions over "planes", then a linear layer."""
+
+    def __init__(self, encoder: Encoder, width: int) -> None:
+        super().__init__()
+        planes, height, columns = encoder.shape
+        self.layers = nn.Sequential(
+            nn.Conv2d(planes, 32, 3, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(32, 32, 3, padding=1),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.Linear(32 * height * columns, width),
+        )
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., width] from [..., planes, height, width]."""
+        batch = observation.shape[:-3]
+        hidden: torch.Tensor = self.layers(observation.reshape(-1, *observation.shape[-3:]))
+        return hidden.reshape(*batch, -1)
+
+
+class Trunk(nn.Module):
+    """Two hidden layers of `width` units with ReLU on any encoding.
+
+    With `bfloat16` the matrix products run under autocast; parameters and outputs stay float32.
+    """
+
+    def __init__(
+        self,
+        encoder: Encoder,
+        num_agents: int,
+        width: int,
+        form: FirstLayerForm | None = None,
+        bfloat16: bool = False,
+    ) -> None:
+        super().__init__()
+        first: nn.Module
+        if encoder.encoding == "index":
+            rows = (min(num_agents + 1, encoder.num_entities) + 1) * encoder.num_cells
+            form = form or first_layer_form(rows, width)
+            first = IndexLayer(encoder, num_agents, width, form)
+        elif encoder.encoding == "planes":
+            first = Convolutions(encoder, width)
+        else:
+            first = Flat(encoder, width)
+        second = nn.Linear(width, width)
+        nn.init.orthogonal_(second.weight, 2.0**0.5)
+        nn.init.zeros_(second.bias)
+        self.layers = nn.Sequential(first, nn.ReLU(), second, nn.ReLU())
+        self.autocast_bfloat16 = bfloat16
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., width] float32."""
+        with torch.autocast(
+            observation.device.type, torch.bfloat16, enabled=self.autocast_bfloat16
+        ):
+            hidden: torch.Tensor = self.layers(observation)
+        return hidden.float()
+
+
+def head(width: int, outputs: int, gain: float) -> nn.Linear:
+    """A linear output layer with orthogonal weights of the given gain and no bias at first."""
+    layer = nn.Linear(width, outputs)
+    nn.init.orthogonal_(layer.weight, gain)
+    nn.init.zeros_(layer.bias)
+    return layer
+
+
+class ActorCritic(nn.Module):
+    """A policy and a value: one shared trunk, or one each.
+
+    Attributes:
+        policy_trunk, value_trunk: the trunks; the same object where they are shared.
+        policy_head: [width] -> [actions] logits.
+        value_head: [width] -> [1].
+    """
+
+    def __init__(
+        self,
+        encoder: Encoder,
+        num_agents: int,
+        num_actions: int,
+        width: int = 128,
+        shared: bool = True,
+        form: FirstLayerForm | None = None,
+        bfloat16: bool = False,
+    ) -> None:
+        super().__init__()
+        self.policy_trunk = Trunk(encoder, num_agents, width, form, bfloat16)
+        self.value_trunk = (
+            self.policy_trunk if shared else Trunk(encoder, num_agents, width, form, bfloat16)
+        )
+        self.policy_head = head(width, num_actions, 0.01)
+        self.value_head = head(width, 1, 1.0)
+
+    @property
+    def shared(self) -> bool:
+        """Whether policy and value share their trunk."""
+        return self.policy_trunk is self.value_trunk
+
+    def forward(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Logits [..., actions] and value [..., 1]."""
+        hidden = self.policy_trunk(observation)
+        value_hidden = hidden if self.shared else self.value_trunk(observation)
+        return self.policy_head(hidden), self.value_head(value_hidden)

