@@ -160,11 +160,10 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
     """One seat of many games as a Gymnasium vector environment; the `Simulator` underneath.
 
     A game that ends restarts in the same step (`AutoresetMode.SAME_STEP`): the returned
-    observation is the first of the new episode. `infos["final_obs"]` [num_envs] object holds the
-    last observation of the old one (None elsewhere), as Gymnasium's wrappers expect, and
-    `infos["episode_return"]` [num_envs] float64 and `infos["episode_length"]` [num_envs] int32 its
-    return and length (0 elsewhere), each with its mask of the same name after an underscore. They
-    are there in the steps that end an episode.
+    observation is the first of the new episode, and `infos["final_obs"]` [num_envs, ...] holds the
+    last of the old one where the mask `infos["_final_obs"]` is True. `infos["episode_return"]` and
+    `infos["episode_length"]` [num_envs] hold its return and length under masks of the same kind.
+    (Not "episode", the key that Gymnasium's `RecordEpisodeStatistics` claims for itself.)
 
     Args:
         task: the rules and settings.
@@ -268,7 +267,7 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
         if not ended.any():
             return self._observe(), rewards, terminations, truncations, self._infos()
         infos: dict[str, Any] = {
-            "final_obs": self._final_observations(np.flatnonzero(ended)),
+            "final_obs": self._observe(),
             "episode_return": np.where(ended, simulator.returns[:, self.seat], 0.0),
             "episode_length": np.where(ended, simulator.steps, 0),
             **{f"_{key}": ended for key in ("final_obs", "episode_return", "episode_length")},
@@ -278,16 +277,6 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
 
     def _observe(self) -> NDArray[Any]:
         return self.simulator.observe(self.observation, self.seat)
-
-    def _final_observations(self, games: NDArray[np.intp]) -> NDArray[np.object_]:
-        encoder = self.simulator.encoder(self.observation)
-        rows = self.simulator.rows[games]
-        observed = np.full(self.num_envs, None, dtype=object)
-        for game, own in zip(
-            games, encoder.encode(rows, slice(self.seat, self.seat + 1)), strict=True
-        ):
-            observed[game] = own[0]
-        return observed
 
     def _infos(self) -> dict[str, Any]:
         simulator = self.simulator

@@ -52,14 +52,12 @@ def test_parallel_api(game: tuple[Any, dict[str, Any]], observation: str) -> Non
     pettingzoo_test.parallel_api_test(env, num_cycles=250)
 
 
-# The one-hot rows, flattened, look to PettingZoo like a picture with odd channels.
-@pytest.mark.filterwarnings("ignore:The .*(observation|Observation)")
 @pytest.mark.parametrize("observation", ENCODINGS)
 def test_turn_based_api(game: tuple[Any, dict[str, Any]], observation: str) -> None:
     module, settings = game
     env = module.env(observation=observation, max_steps=30, **settings)
     pettingzoo_test.api_test(env, num_cycles=60)
-    assert env.metadata["name"] == f"{env.unwrapped.par_env.task.name}_v0"
+    assert env.metadata["name"] == f"{env.unwrapped.task.name}_v0"
 
 
 def test_seeds(game: tuple[Any, dict[str, Any]]) -> None:
@@ -89,13 +87,13 @@ def test_an_episode_is_truncated_after_max_steps(stay: bool) -> None:
 
     module = SimpleNamespace(
         parallel_env=lambda max_cycles: apart(chase_v0.parallel_env(**settings(max_cycles))),
-        env=lambda max_cycles: _with_par_env(chase_v0.env(**settings(max_cycles)), apart),
+        env=lambda max_cycles: _with_game(chase_v0.env(**settings(max_cycles)), apart),
     )
     pettingzoo_test.max_cycles_test(module)
 
 
-def _with_par_env(env: Any, change: Callable[[PursuitParallelEnv], object]) -> Any:
-    change(env.unwrapped.par_env)
+def _with_game(env: Any, change: Callable[[PursuitParallelEnv], object]) -> Any:
+    change(env.unwrapped)
     return env
 
 
@@ -106,7 +104,7 @@ def test_rendering(game: tuple[Any, dict[str, Any]], monkeypatch: pytest.MonkeyP
 
     def fast(**more: Any) -> Any:
         env = module.env(max_steps=10, **settings, **more)
-        env.unwrapped.par_env.metadata["render_fps"] = 0
+        env.unwrapped.metadata["render_fps"] = 0
         return env
 
     pettingzoo_test.render_test(fast)
@@ -142,7 +140,7 @@ def test_a_window_follows_the_game_and_closes(monkeypatch: pytest.MonkeyPatch) -
     env.close()
 
 
-def test_render_without_a_mode_warns(capsys: pytest.CaptureFixture[str]) -> None:
+def test_render_without_a_mode_warns() -> None:
     env = chase_v0.parallel_env()
     env.reset(seed=0)
     with pytest.warns(UserWarning, match="render_mode"):

@@ -65,7 +65,8 @@ class Seen:
 
     def one_hot(self) -> NDArray[np.float32]:
         rows = np.zeros((len(self.entities) + 1, self.size), dtype=np.float32)
-        for row, cell in zip(rows, [*self.entities, self.own if self.collected else None]):  # noqa: B905
+        cells = [*self.entities, self.own if self.collected else None]
+        for row, cell in zip(rows, cells, strict=True):
             if cell is not None:
                 row[cell] = 1.0
         return rows.reshape(-1)
@@ -107,7 +108,6 @@ class Seen:
             for column, character in enumerate(line):
                 if character == " ":
                     grid[row, column] = 0
-        # A drawn gap beside a blocked cell joins nothing and counts as wall: there is none here.
         return self.draw(grid, 2)
 
     def planes(self) -> NDArray[np.float32]:

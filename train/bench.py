@@ -101,7 +101,6 @@ def parallel_env_rate(seconds: float = 1.0) -> float:
 def bench(arguments: Sequence[str]) -> None:
     """`pursuit bench`."""
     given = parse(BenchCommand, arguments, "bench")
-    assert isinstance(given, BenchCommand)
     check(0 < given.seconds < 1000, f"seconds={given.seconds}; above 0")
     seconds, chase = given.seconds, make_task("chase", maze="7x7")
     lines: list[tuple[str, Callable[[], float]]] = [

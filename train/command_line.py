@@ -8,8 +8,11 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 os.environ.setdefault("RL_WARNINGS", "0")  # about an extension of torchrl that is not needed
+
+Form = TypeVar("Form")
 
 COMMANDS = {
     "train": "train an agent, and compare it with the exact optimum",
@@ -85,7 +88,9 @@ def command(name: str) -> Callable[[Sequence[str]], None]:
     return {"baseline": world_commands.baseline, "maze": world_commands.maze}[name]
 
 
-def parse(form: type, arguments: Sequence[str], prog: str, default: object = None) -> object:
+def parse(
+    form: type[Form], arguments: Sequence[str], prog: str, default: Form | None = None
+) -> Form:
     """`arguments` as the dataclass `form`, by tyro; its error boxes are folded into one line.
 
     Raises:
@@ -94,7 +99,7 @@ def parse(form: type, arguments: Sequence[str], prog: str, default: object = Non
     import tyro
 
     boxed = io.StringIO()
-    extra = {} if default is None else {"default": default}
+    extra: Any = {} if default is None else {"default": default}
     try:
         with contextlib.redirect_stderr(boxed):
             return tyro.cli(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -10,9 +10,9 @@ from tensordict.nn import (
     ProbabilisticTensorDictModule,
     ProbabilisticTensorDictSequential,
     TensorDictModule,
+    TensorDictModuleBase,
 )
 from torchrl.collectors import Collector
-from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
@@ -25,6 +25,31 @@ DISTRIBUTION: dict[str, Any] = {
     "distribution_class": torch.distributions.Categorical,
     "distribution_kwargs": {"validate_args": False},
 }
+
+
+class SamplingPolicy(TensorDictModuleBase):
+    """Draws actions and keeps what learning needs: their log-probabilities and the values.
+
+    The same as a `ProbabilisticActor` over `network`, without its fixed cost of a millisecond.
+    """
+
+    in_keys: ClassVar = ["observation"]
+    out_keys: ClassVar = ["action", "action_log_prob", "state_value"]
+
+    def __init__(self, network: ActorCritic) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the out_keys."""
+        logits, value = self.network(tensordict.get("observation"))
+        logarithms = logits.log_softmax(dim=-1)
+        # The Gumbel-max trick: argmax of log p - log(E), E exponential, is a draw from p.
+        action = (logarithms - torch.empty_like(logits).exponential_().log()).argmax(dim=-1)
+        tensordict.set("action", action)
+        tensordict.set("action_log_prob", logarithms.gather(-1, action[..., None]).squeeze(-1))
+        tensordict.set("state_value", value)
+        return tensordict
 
 
 class PPO:
@@ -48,12 +73,7 @@ class PPO:
         self.optimizer = torch.optim.Adam(network.parameters(), lr=settings.learning_rate, eps=1e-5)
         self.collector = Collector(
             env,
-            ProbabilisticActor(
-                TensorDictModule(network, ["observation"], ["logits", "state_value"]),
-                in_keys=["logits"],
-                return_log_prob=True,
-                **DISTRIBUTION,
-            ),
+            SamplingPolicy(network),
             frames_per_batch=settings.num_games * settings.rollout_steps,
             total_frames=-1,
             policy_device=device,

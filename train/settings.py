@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from pursuit.maze import Maze, load_maze
@@ -155,8 +155,8 @@ class PPOSettings:
 class TrainSettings:
     """One training run, complete: what `config.json` holds."""
 
-    task: TaskSettings = TaskSettings()
-    ppo: PPOSettings = PPOSettings()
+    task: TaskSettings = field(default_factory=TaskSettings)
+    ppo: PPOSettings = field(default_factory=PPOSettings)
     algorithm: str = "ppo"
     """The learner."""
     observation: str = "index"

@@ -40,13 +40,12 @@ class TrainCommand:
 class _TaskOnly:
     """Finds the task among the arguments, to choose the preset."""
 
-    task: TaskSettings = TaskSettings()
+    task: TaskSettings = field(default_factory=TaskSettings)
 
 
 def train(arguments: Sequence[str]) -> None:
     """`pursuit train`."""
     given = parse(TrainCommand, arguments, "train", _defaults(arguments))
-    assert isinstance(given, TrainCommand)
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     if given.resume is not None:
         check(given.resume.is_dir(), f"{given.resume}: no such folder")
@@ -172,7 +171,6 @@ class EvaluateCommand:
 def evaluate(arguments: Sequence[str]) -> None:
     """`pursuit evaluate`."""
     given = parse(EvaluateCommand, arguments, "evaluate")
-    assert isinstance(given, EvaluateCommand)
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     check(given.out is None or not given.out.exists(), f"{given.out}: exists already")
     settings, policy, contest = _load(given.run, given.opponent_epsilon, given.episodes)
@@ -202,7 +200,7 @@ class RenderCommand:
 
     run: Annotated[Path | None, tyro.conf.Positional] = None
     """The folder of the run; the scripted agents play if left out."""
-    task: TaskSettings = TaskSettings()
+    task: TaskSettings = field(default_factory=TaskSettings)
     out: Path = Path("replay.gif")
     """A new .gif or .mp4 file."""
     episodes: int = 3
@@ -217,7 +215,6 @@ def render(arguments: Sequence[str]) -> None:
     from scripted_agents.environments import DEFAULTS
 
     given = parse(RenderCommand, arguments, "render")
-    assert isinstance(given, RenderCommand)
     check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
     check(not given.out.exists(), f"{given.out}: exists already; give a new file")
     policy: Any

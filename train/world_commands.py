@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -24,7 +24,7 @@ from train.settings import TaskSettings, check
 class BaselineCommand:
     """Random, scripted and optimal agents on a task, exactly where that is possible."""
 
-    task: TaskSettings = TaskSettings()
+    task: TaskSettings = field(default_factory=TaskSettings)
     episodes: int = 10_000
     """Episodes played where there is no exact answer."""
     seed: int = 0
@@ -34,7 +34,6 @@ class BaselineCommand:
 def baseline(arguments: Sequence[str]) -> None:
     """`pursuit baseline`."""
     given = parse(BaselineCommand, arguments, "baseline")
-    assert isinstance(given, BaselineCommand)
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     check(0 <= given.seed < 2**63, f"seed={given.seed}; 0 to 2**63-1")
     task = given.task.build()
@@ -125,7 +124,6 @@ class MazeCommand:
 def maze(arguments: Sequence[str]) -> None:
     """`pursuit maze`."""
     given = parse(MazeCommand, arguments, "maze")
-    assert isinstance(given, MazeCommand)
     check(
         (given.maze is None) != (given.generate is None),
         "give a maze (a name or a file), or --generate; not both",

@@ -1,0 +1,40 @@
+# `make train` and `make test` do all the set-up that they need: a virtual environment in .venv with
+# the pinned packages of constraints.txt.
+PYTHON ?= python3
+BIN := .venv/bin
+SETUP := .venv/.complete
+
+.PHONY: setup train test test-all lint bench clean
+
+train: $(SETUP)
+	$(BIN)/pursuit train --task chase --role chaser --maze 5x5 --seconds 30
+
+test: $(SETUP)
+	$(BIN)/python -m pytest
+
+test-all: $(SETUP)
+	$(BIN)/python -m pytest -m "slow or not slow"
+
+lint: $(SETUP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(SETUP)
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[bench]'
+	$(BIN)/python tests/benchmarks/bench_simulator.py
+	$(BIN)/python tests/benchmarks/bench_exact.py
+	$(BIN)/python tests/benchmarks/bench_learning.py
+
+setup: $(SETUP)
+
+# Made anew whenever the pins change; the last line marks it complete, so that an interrupted
+# installation is taken up again. Nothing is changed where Python is too old.
+$(SETUP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"pursuit needs Python 3.11 or newer; {sys.executable} is {v.major}.{v.minor}. Try: make PYTHON=python3.11")'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $(SETUP)
+
+clean:
+	rm -rf .venv build dist *.egg-info

@@ -1,0 +1,237 @@
+"""Learning: the TorchRL environment, the networks, advantages, PPO itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torchrl.envs.utils import check_env_specs
+
+from pursuit.maze import Maze
+from pursuit.simulator import Simulator
+from pursuit.task import Task, make_task
+from scripted_agents import AStarChaser, AStarEvader, RandomAgent
+from scripted_agents.environments import default_policies
+from train.environment import SimulatorEnv
+from train.evaluation import Contest
+from train.learned_policy import LearnedPolicy
+from train.networks import ActorCritic, IndexLayer
+from train.ppo import PPO
+from train.settings import PPOSettings
+
+TASKS = {
+    "chaser": make_task("chase", maze="3x3", max_steps=12),
+    "runner": make_task("maze", maze="3x3", num_goals=2, max_steps=12),
+    "evader": make_task("chase", maze="4x4", num_chasers=2, num_evaders=2, max_steps=12),
+}
+
+
+def make_env(role: str, games: int = 32, encoding: str = "index", seed: int = 0) -> SimulatorEnv:
+    task = TASKS[role]
+    simulator = Simulator(task, games, seed, auto_restart=False)
+    policies = default_policies(task, 0.5)
+    seats = [policies[r] for r in task.seat_roles]
+    seat = task.seat(role)
+    return SimulatorEnv(
+        simulator, seat, [None if s == seat else p for s, p in enumerate(seats)], encoding
+    )
+
+
+@pytest.mark.parametrize("role", TASKS)
+@pytest.mark.parametrize("encoding", ["index", "one_hot", "planes", "positions"])
+def test_the_environment_keeps_to_its_torchrl_specs(role: str, encoding: str) -> None:
+    with torch.random.fork_rng():
+        check_env_specs(make_env(role, 5, encoding), break_when_any_done="both")
+
+
+@pytest.mark.parametrize("role", TASKS)
+def test_the_fast_step_and_reset_equals_torchrls_own(role: str) -> None:
+    fast, general = make_env(role), make_env(role)
+    fast_now, general_now = fast.reset(), general.reset()
+    generator = torch.Generator().manual_seed(0)
+    ended = 0
+    for _ in range(60):
+        action = torch.randint(4, (32,), generator=generator)
+        fast_step, fast_now = fast.step_and_maybe_reset(fast_now.set("action", action))
+        general_step, general_now = super(SimulatorEnv, general).step_and_maybe_reset(
+            general_now.set("action", action.clone())
+        )
+        for key in ("observation", "reward", "done", "terminated", "truncated"):
+            assert torch.equal(fast_step["next", key], general_step["next", key]), key
+        for key in ("observation", "done", "terminated", "truncated"):
+            assert torch.equal(fast_now[key], general_now[key]), key
+        ended += int(fast_step["next", "done"].sum())
+    assert ended > 30
+    assert len(np.concatenate(fast.finished_lengths)) == ended
+
+
+def test_the_two_forms_of_the_first_layer_are_one_function_and_blind_to_the_order_of_goals() -> (
+    None
+):
+    task = make_task("maze", maze="4x4", num_goals=3)
+    simulator = Simulator(task, 64)
+    simulator.reset()
+    encoder = simulator.encoder("index")
+    torch.manual_seed(0)
+    bag = IndexLayer(encoder, 1, 16, "bag")
+    dense = IndexLayer(encoder, 1, 16, "dense")
+    dense.load_state_dict(bag.state_dict())
+    observed = torch.from_numpy(simulator.observe("index", 0))
+    outputs, gradients = [], []
+    for layer in (bag, dense):
+        output = layer(observed)
+        output.square().sum().backward()
+        outputs.append(output)
+        assert layer.weight.grad is not None
+        gradients.append(layer.weight.grad[: layer.num_rows])
+    torch.testing.assert_close(outputs[0], outputs[1])
+    torch.testing.assert_close(gradients[0], gradients[1], rtol=1e-4, atol=1e-4)
+    # Against the one-hot encoding and a matrix whose goal rows are tied.
+    cells = encoder.num_cells
+    tied = torch.cat(
+        [bag.weight[:cells], *[bag.weight[cells : 2 * cells]] * 3, bag.weight[2 * cells : -1]]
+    )
+    one_hot = torch.from_numpy(simulator.observe("one_hot", 0))
+    torch.testing.assert_close(outputs[0], one_hot @ tied + bag.bias)
+
+
+def test_advantages_equal_a_plain_loop_and_never_cross_an_episode() -> None:
+    env = make_env("runner", games=16)
+    network = ActorCritic(env.simulator.encoder("index"), 1, 4, 16)
+    settings = PPOSettings(num_games=16, rollout_steps=30, minibatch=64, gamma=0.9, gae_lambda=0.8)
+    learner = PPO(settings, env, network, "cpu")
+    rollout = next(learner._batches)
+    learner._add_next_values(rollout)
+    learner.gae(rollout)
+    after = rollout["next"]
+    assert after["terminated"].any() and after["truncated"].any()
+    with torch.no_grad():
+        values = network(rollout["observation"])[1].squeeze(-1).numpy()
+        next_values = network(after["observation"])[1].squeeze(-1).numpy()
+    rewards, ended, terminated = (
+        after[key].squeeze(-1).numpy() for key in ("reward", "done", "terminated")
+    )
+    expected = np.zeros_like(values)
+    for game in range(16):
+        running = 0.0
+        for step in reversed(range(30)):
+            bootstrap = 0.0 if terminated[game, step] else next_values[game, step]
+            delta = rewards[game, step] + 0.9 * bootstrap - values[game, step]
+            running = delta + (0.0 if ended[game, step] else 0.9 * 0.8 * running)
+            expected[game, step] = running
+    np.testing.assert_allclose(rollout["advantage"].squeeze(-1), expected, rtol=1e-4, atol=1e-5)
+    learner.close()
+
+
+def test_the_sampling_policy_draws_from_the_softmax_of_its_logits() -> None:
+    env = make_env("chaser", games=20_000)
+    torch.manual_seed(1)
+    network = ActorCritic(env.simulator.encoder("index"), 2, 4, 16)
+    with torch.no_grad():
+        network.policy_head.weight.mul_(100)
+    env.simulator.place([0, 8])
+    learner = PPO(PPOSettings(num_games=20_000, rollout_steps=1), env, network, "cpu")
+    drawn = learner.collector.policy(
+        env.reset().set(
+            "observation",
+            torch.from_numpy(env.simulator.observe("index", 0))[:1].expand(20_000, -1),
+        )
+    )
+    logits, value = network(drawn["observation"])
+    share = torch.bincount(drawn["action"], minlength=4) / 20_000
+    torch.testing.assert_close(share, logits[0].softmax(-1), atol=0.015, rtol=0)
+    log_probability = logits.log_softmax(-1).gather(1, drawn["action"][:, None]).squeeze(1)
+    torch.testing.assert_close(drawn["action_log_prob"], log_probability)
+    torch.testing.assert_close(drawn["state_value"], value)
+    learner.close()
+
+
+def learn(
+    task: Task, agent: str, frames: int, encoding: str = "index", **settings: float
+) -> LearnedPolicy:
+    """A short seeded run of PPO against scripted opponents."""
+    torch.manual_seed(0)
+    ppo = PPOSettings(num_games=128, rollout_steps=16, minibatch=512, **settings)  # type: ignore[arg-type]
+    simulator = Simulator(task, ppo.num_games, 0, auto_restart=False)
+    policies = default_policies(task, 0.2)
+    seat = task.seat(agent)
+    seats = [None if s == seat else policies[r] for s, r in enumerate(task.seat_roles)]
+    network = ActorCritic(
+        simulator.encoder(encoding), task.num_agents, task.num_actions, 64, bool(ppo.shared)
+    )
+    learner = PPO(ppo, SimulatorEnv(simulator, seat, seats, encoding), network, "cpu")
+    while learner.frames < frames:
+        learner.iterate(learner.frames / frames)
+    learner.close()
+    return LearnedPolicy(network, task, agent, encoding)
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_a_chaser_learns_to_be_nearly_optimal_on_3x3(shared: bool) -> None:
+    task = make_task("chase", maze="3x3")
+    contest = Contest(task, "chaser", default_policies(task, 0.2, own="chaser"), 100)
+    policy = learn(task, "chaser", 150_000, shared=shared)
+    learned, random = contest.score("learned", policy), contest.score("random", RandomAgent())
+    optimum = contest.optimal()
+    assert optimum is not None and learned.exact
+    assert optimum.mean_steps <= learned.mean_steps < 1.1 * optimum.mean_steps
+    assert learned.mean_steps < 0.4 * random.mean_steps
+
+
+def test_an_evader_learns_to_survive_longer_than_a_random_one() -> None:
+    task = make_task("chase", maze="4x4")
+    contest = Contest(task, "evader", default_policies(task, 0.2, own="evader"), 100)
+    policy = learn(task, "evader", 200_000)
+    learned, random = contest.score("learned", policy), contest.score("random", RandomAgent())
+    assert learned.mean_steps > 3 * random.mean_steps
+
+
+@pytest.mark.parametrize("encoding", ["one_hot", "planes"])
+def test_a_runner_learns_from_other_encodings(encoding: str) -> None:
+    task = make_task("maze", maze="3x3", num_goals=2)
+    contest = Contest(task, "runner", {}, 500)
+    policy = learn(task, "runner", 150_000, encoding)
+    learned, random = contest.score("learned", policy), contest.score("random", RandomAgent())
+    assert learned.mean_steps < 0.5 * random.mean_steps
+    assert learned.success_rate > 0.9
+
+
+def test_exact_evaluation_agrees_with_playing_many_games() -> None:
+    task = make_task("chase", maze="4x4", max_steps=60)
+    contest = Contest(task, "chaser", {"evader": AStarEvader(0.3)}, 40_000)
+    exact = contest.score("A*", AStarChaser(0.1))
+    lengths, won = contest.play(AStarChaser(0.1))
+    assert exact.exact and exact.ci95 == 0.0
+    assert abs(lengths.mean() - exact.mean_steps) < 4 * lengths.std() / len(lengths) ** 0.5
+    assert (
+        exact.success_rate == won.mean() == (lengths < 60).mean() + ((lengths == 60) & won).mean()
+    )
+
+
+def test_a_learned_policy_is_its_table_in_play() -> None:
+    task = make_task("chase", maze="3x3")
+    torch.manual_seed(3)
+    network = ActorCritic(Simulator(task).encoder("index"), 2, 4, 16)
+    with torch.no_grad():
+        network.policy_head.weight.mul_(100)
+    policy = LearnedPolicy(network, task, "evader", "index", greedy=False)
+    table = policy.action_probabilities(task.mazes[0])
+    simulator = Simulator(task, 20_000)
+    simulator.place([7, 2])
+    drawn = policy.act(simulator.view("evader"))
+    share = np.bincount(drawn, minlength=4) / len(drawn)
+    np.testing.assert_allclose(share, table[2, 7], atol=0.015)
+    greedy = LearnedPolicy(network, task, "evader", "index")
+    assert (greedy.act(simulator.view("evader")) == table[2, 7].argmax()).all()
+
+
+def test_a_learned_policy_refuses_games_that_look_different() -> None:
+    task = make_task("chase", maze="3x3")
+    network = ActorCritic(Simulator(task).encoder("index"), 2, 4, 16)
+    policy = LearnedPolicy(network, task, "chaser", "index")
+    other = Simulator(make_task("chase", maze="3x3", num_evaders=2))
+    other.reset()
+    with pytest.raises(ValueError, match="trained"):
+        policy.act(other.view("chaser"))
+    with pytest.raises(ValueError, match="no table"):
+        policy.action_probabilities(Maze.from_text("+-+-+\n|   |\n+-+-+"))
