@@ -231,7 +231,7 @@ def test_a_learned_policy_refuses_games_that_look_different() -> None:
     policy = LearnedPolicy(network, task, "chaser", "index")
     other = Simulator(make_task("chase", maze="3x3", num_evaders=2))
     other.reset()
-    with pytest.raises(ValueError, match="trained"):
+    with pytest.raises(ValueError, match="observations of shape"):
         policy.act(other.view("chaser"))
     with pytest.raises(ValueError, match="no table"):
         policy.action_probabilities(Maze.from_text("+-+-+\n|   |\n+-+-+"))

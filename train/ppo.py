@@ -80,6 +80,7 @@ class PPO:
             env_device="cpu",
             storing_device=device,
             track_traj_ids=False,
+            auto_register_policy_transforms=False,
         )
         self._batches = iter(self.collector)
         self.gae = GAE(gamma=settings.gamma, lmbda=settings.gae_lambda, value_network=None)
