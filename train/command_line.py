@@ -120,3 +120,7 @@ def parse(
         text = re.sub(r"[─╭╮╰╯│]+", " ", text)
         text = text.split("For full helptext")[0]
         raise ValueError(f"{' '.join(text.split())} (see pursuit {prog} --help)") from None
+
+
+if __name__ == "__main__":
+    main()

@@ -70,7 +70,7 @@ class PPO:
     ) -> None:
         self.settings, self.env, self.network, self.device = settings, env, network, device
         self.frames = 0
-        self.optimizer = torch.optim.Adam(network.parameters(), lr=settings.learning_rate, eps=1e-5)
+        self.optimizer = torch.optim.Adam(network.parameters(), lr=settings.learning_rate)
         self.collector = Collector(
             env,
             SamplingPolicy(network),

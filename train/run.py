@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import platform
 import signal
@@ -51,6 +52,21 @@ def has_fast_bfloat16() -> bool:
     ):
         flags = file.read()
     return "avx512_bf16" in flags or "amx_bf16" in flags
+
+
+def keep_freed_memory() -> None:
+    """Have the C library keep freed blocks of a minibatch's size instead of returning them.
+
+    Mapping and clearing such blocks anew in every gradient step took a tenth of the time. Does
+    nothing where the C library is not glibc.
+    """
+    mmap_threshold, trim_threshold = -3, -1  # the numbers of mallopt(3)
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (OSError, AttributeError):
+        return
+    mallopt(mmap_threshold, 2**30)
+    mallopt(trim_threshold, 2**31 - 1)
 
 
 def uses_bfloat16(settings: TrainSettings) -> bool:
@@ -136,6 +152,7 @@ class Run:
         if settings.device.startswith("cuda") and not torch.cuda.is_available():
             raise ValueError("device='cuda', but torch finds no GPU here; use --device cpu")
         self.settings, self.folder, self.stopped = settings, folder, False
+        keep_freed_memory()
         torch.set_num_threads(settings.threads or os.cpu_count() or 1)
         torch.manual_seed(settings.seed)
         task, ppo = settings.task.build(), settings.ppo

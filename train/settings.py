@@ -106,19 +106,19 @@ class TaskSettings:
 class PPOSettings:
     """Proximal policy optimisation (Schulman et al., 2017), and the size of the network."""
 
-    num_games: int = 512
+    num_games: int = 1024
     """Games in lockstep."""
     rollout_steps: int = 16
     """Steps of every game between two updates."""
-    minibatch: int = 2048
+    minibatch: int = 4096
     """Frames of one gradient step."""
-    epochs: int = 3
+    epochs: int = 2
     """Passes over each rollout."""
-    learning_rate: float = 2e-3
+    learning_rate: float = 1e-2
     """Of Adam, at the start; it is annealed in a straight line to 0."""
-    gamma: float = 0.97
+    gamma: float = 0.95
     """Discount."""
-    gae_lambda: float = 0.95
+    gae_lambda: float = 0.9
     """Lambda of generalised advantage estimation."""
     clip: float = 0.2
     """Clipping of the probability ratio."""

@@ -1,0 +1,201 @@
+"""Speed of learning: forms of the first layer, frames per second and time to a gap against SB3.
+
+python tests/benchmarks/bench_learning.py [--parts layers speed gap] [--seconds 10] [--limit 240]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+
+import torch
+
+from pursuit.simulator import Simulator
+from pursuit.task import make_task
+from scripted_agents.environments import make_vector_env
+from train.evaluation import Contest, optimality_gap
+from train.networks import ActorCritic
+from train.presets import ppo_preset
+from train.run import Run, start_run
+from train.run_folder import new_folder
+from train.settings import PPOSettings, TaskSettings, TrainSettings
+
+MAZE = TaskSettings(task="maze", maze="5x5", num_goals=3)
+SAME = PPOSettings(num_games=512, rollout_steps=16, minibatch=2048, epochs=3, shared=False)
+
+
+def layers(seconds: float) -> None:
+    """Thousands of samples a second of forward, backward and Adam, by form and precision."""
+    print("first layer: thousand samples/s (minibatch 4096, one runner and 3 goals)")
+    print(f"{'cells, width':<16}{'bag f32':>10}{'bag bf16':>10}{'dense f32':>11}{'dense bf16':>11}")
+    for width in (128, 256):
+        for maze in ("5x5", "9x9", "15x15"):
+            simulator = Simulator(make_task("maze", maze=maze), 4096)
+            simulator.reset()
+            observed = torch.from_numpy(simulator.observe("index", 0))
+            speeds = []
+            for form in ("bag", "dense"):
+                for bfloat16 in (False, True):
+                    network = ActorCritic(
+                        simulator.encoder("index"), 1, 4, width, True, form, bfloat16
+                    )
+                    optimizer = torch.optim.Adam(network.parameters())
+                    count, began = 0, 0.0
+                    while count < 4 or perf_counter() - began < seconds / 10:
+                        if count == 3:
+                            began = perf_counter()
+                        logits, value = network(observed)
+                        loss = logits.log_softmax(-1)[:, 0].mean() + value.square().mean()
+                        optimizer.zero_grad()
+                        loss.backward()
+                        optimizer.step()
+                        count += 1
+                    speeds.append((count - 3) * 4.096 / (perf_counter() - began))
+            name = f"{simulator.task.max_cells}, {width}"
+            print(f"{name:<16}" + "".join(f"{speed:>10.0f} " for speed in speeds), flush=True)
+
+
+def sb3_model(settings: PPOSettings, seed: int = 0) -> object:
+    """Stable-Baselines3's PPO with these settings, over our Simulator."""
+    from stable_baselines3 import PPO
+
+    from pursuit.stable_baselines import StableBaselinesVecEnv
+
+    env = make_vector_env("maze", "runner", settings.num_games, maze="5x5", num_goals=3, seed=seed)
+    width = settings.width
+    return PPO(
+        "MlpPolicy",
+        StableBaselinesVecEnv(env),
+        n_steps=settings.rollout_steps,
+        batch_size=settings.minibatch,
+        n_epochs=settings.epochs,
+        learning_rate=lambda left: settings.learning_rate * left,
+        gamma=settings.gamma,
+        gae_lambda=settings.gae_lambda,
+        ent_coef=settings.entropy,
+        vf_coef=settings.value_weight,
+        max_grad_norm=settings.max_grad_norm,
+        policy_kwargs={"net_arch": [width, width], "activation_fn": torch.nn.ReLU},
+        seed=seed,
+        device="cpu",
+    )
+
+
+def our_run(settings: TrainSettings) -> Run:
+    """A run in a folder that is thrown away."""
+    folder = new_folder(Path(tempfile.mkdtemp()) / "run")
+    return start_run(settings, folder)
+
+
+def speed(seconds: float) -> None:
+    """Frames per second of learning with the same networks, batches and epochs."""
+    print(
+        "\nPPO, maze 5x5 with 3 goals, separate 128x128, 512 games x 16, minibatch 2048, 3 epochs"
+    )
+    model = sb3_model(SAME)
+    model.learn(16_384)
+    began, frames = perf_counter(), 0
+    while perf_counter() - began < seconds:
+        model.learn(32_768, reset_num_timesteps=True)
+        frames += 32_768
+    theirs = frames / (perf_counter() - began)
+    print(f"{'Stable-Baselines3, float32':<36}{theirs:>12,.0f} frames/s")
+    for precision in ("float32", "bfloat16"):
+        for shared in (False, True):
+            settings = TrainSettings(
+                MAZE, replace(SAME, shared=shared), seconds=seconds, precision=precision
+            )
+            run = our_run(settings)
+            run.train()
+            ours = run.learner.frames / run.seconds
+            name = f"ours, {precision}, {'shared' if shared else 'separate'}"
+            print(f"{name:<36}{ours:>12,.0f} frames/s  {ours / theirs:.2f}x", flush=True)
+
+
+def gap(limit: float, target: float = 0.02) -> None:
+    """Seconds of training until the greedy policy is within `target` of the optimum.
+
+    Each with its best settings. The learning rate is annealed over the budget, so budgets are
+    tried from short to long and the first that ends within the target counts.
+    """
+    print(f"\nseconds to a greedy gap of {100 * target:.0f} % on maze 5x5 with 3 goals")
+    budgets = [b for b in (10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 90.0, 120.0, 240.0) if b <= limit]
+    found: dict[str, float] = {}
+    for budget in budgets:
+        run = our_run(TrainSettings(MAZE, ppo_preset(MAZE), seconds=budget))
+        run.train()
+        reached = run.metrics.rows[-1]["optimality_gap"]
+        print(f"  ours {budget:5.0f} s: gap {100 * reached:.2f} %", flush=True)
+        if reached <= target:
+            found["ours"] = budget
+            break
+    task = make_task("maze", maze="5x5", num_goals=3)
+    contest = Contest(task, "runner", {}, 1000)
+    optimum = contest.optimal()
+    best = PPOSettings(
+        num_games=64, rollout_steps=64, minibatch=512, epochs=4, learning_rate=1e-3, gamma=0.95
+    )
+    for budget in (b for b in budgets if b >= 4 * found.get("ours", limit / 4)):
+        reached = sb3_gap(best, budget, contest, optimum)
+        print(f"  Stable-Baselines3 {budget:5.0f} s: gap {100 * reached:.2f} %", flush=True)
+        if reached <= target:
+            found["Stable-Baselines3"] = budget
+            break
+    print(", ".join(f"{name}: {budget:.0f} s" for name, budget in found.items()) or "not reached")
+    if "Stable-Baselines3" not in found:
+        print(f"Stable-Baselines3: not within {limit:.0f} s")
+
+
+def sb3_gap(settings: PPOSettings, budget: float, contest: Contest, optimum: object) -> float:
+    """The greedy gap of Stable-Baselines3 after `budget` seconds, its learning rate annealed."""
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    class Clock(BaseCallback):
+        """Ends learning when time is up; progress for the schedule is that of time."""
+
+        def _on_step(self) -> bool:
+            spent = perf_counter() - began
+            self.model._current_progress_remaining = max(1.0 - spent / budget, 0.0)
+            return spent < budget
+
+    class Theirs:
+        """The model as a policy."""
+
+        def act(self, view: object) -> object:
+            return model.predict(view.observe("one_hot"), deterministic=True)[0].astype("int32")
+
+    model = sb3_model(settings)
+    began = perf_counter()
+    model.lr_schedule = lambda _: (
+        settings.learning_rate * max(1.0 - (perf_counter() - began) / budget, 0.0)
+    )
+    model.learn(10**9, callback=Clock())
+    result = optimality_gap(contest.score("SB3", Theirs()), optimum)
+    assert result is not None
+    return result
+
+
+def main() -> None:
+    """Print the parts asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--parts", nargs="+", default=["layers", "speed", "gap"])
+    parser.add_argument("--seconds", type=float, default=10.0, help="time of each measurement")
+    parser.add_argument("--limit", type=float, default=120.0, help="longest budget tried")
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    torch.set_num_threads(os.cpu_count() or 1)
+    if "layers" in given.parts:
+        layers(given.seconds)
+    if "speed" in given.parts:
+        speed(given.seconds)
+    if "gap" in given.parts:
+        gap(given.limit)
+
+
+if __name__ == "__main__":
+    main()

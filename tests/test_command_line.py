@@ -1,0 +1,293 @@
+"""The command `pursuit`: runs that survive interruption, and errors of one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from train.command_line import main
+from train.run_folder import load_checkpoint, read_metrics, write_beside
+
+TINY = [
+    *("--maze", "3x3", "--num-games", "16", "--rollout-steps", "8", "--minibatch", "64"),
+    *("--width", "16", "--threads", "1", "--episodes", "50"),
+]
+
+
+def run(*arguments: str) -> None:
+    main([str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "chase"
+    run("train", *TINY, "--frames", "4096", "--out", folder)
+    return folder
+
+
+def test_a_run_leaves_a_complete_folder(trained: Path) -> None:
+    for name in (
+        *("config.json", "metrics.csv", "results.json", "checkpoint.pt"),
+        *("learning_curve.png", "replay.gif", "tensorboard"),
+    ):
+        assert (trained / name).exists(), name
+    assert not list(trained.glob(".*.part"))
+    assert list((trained / "tensorboard").rglob("events.*"))
+    results = json.loads((trained / "results.json").read_text())
+    assert {"task", "maze", "algorithm", "frames", "seconds", "frames_per_second"} <= set(results)
+    evaluation = results["evaluation"]
+    assert evaluation["exact"] and evaluation["ci95"] == 0.0
+    gap = evaluation["mean_steps"] / evaluation["optimal_steps"] - 1
+    assert evaluation["optimality_gap"] == pytest.approx(gap) and gap >= 0
+    assert {score["name"] for score in results["scores"]} >= {"random", "optimal", "learned"}
+    rows = read_metrics(trained)
+    assert rows[-1]["frames"] == results["frames"] == 4096
+
+
+@pytest.mark.parametrize("task", [["--task", "maze", "--num-goals", "2"], ["--role", "evader"]])
+def test_runners_and_evaders_are_trained_too(task: list[str], tmp_path: Path) -> None:
+    run("train", *TINY, *task, "--frames", "1024", "--out", tmp_path / "run")
+    evaluation = json.loads((tmp_path / "run" / "results.json").read_text())["evaluation"]
+    assert evaluation["optimal_steps"] > 0
+
+
+def test_teams_without_a_known_optimum_are_trained_too(tmp_path: Path) -> None:
+    run("train", *TINY, "--num-chasers", "2", "--frames", "1024", "--out", tmp_path / "run")
+    evaluation = json.loads((tmp_path / "run" / "results.json").read_text())["evaluation"]
+    assert evaluation["optimal_steps"] is None and evaluation["optimality_gap"] is None
+
+
+def test_a_killed_run_resumes_to_the_same_weights_bit_for_bit(tmp_path: Path) -> None:
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    run("train", *TINY, "--frames", "6144", "--out", whole)
+    command = [sys.executable, "-m", "train.command_line", "train", *TINY]
+    process = subprocess.Popen(
+        [*command, "--frames", "6144", "--out", str(killed)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    deadline = time.monotonic() + 60
+    while not (killed / "checkpoint.pt").exists() and time.monotonic() < deadline:
+        time.sleep(0.005)
+    process.kill()
+    process.wait()
+    state = load_checkpoint(killed)
+    if state["frames"] < 6144:  # killed in time, as it is on any machine that I know
+        assert not (killed / "results.json").exists()
+        run("train", "--resume", killed, "--episodes", "50")
+    first, second = load_checkpoint(whole), load_checkpoint(killed)
+    assert first["frames"] == second["frames"] == 6144
+    for name, tensor in first["network"].items():
+        assert torch.equal(tensor, second["network"][name]), name
+    for name, tensor in first["simulator"].items():
+        assert torch.equal(tensor.nan_to_num(), second["simulator"][name].nan_to_num()), name
+    rows = [[row["frames"] for row in read_metrics(folder)] for folder in (whole, killed)]
+    assert rows[0] == rows[1]
+
+
+def test_control_c_saves_and_reports_and_the_run_goes_on(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "train.command_line", "train", *TINY),
+            *("--seconds", "60", "--out", str(folder)),
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith("folder"):
+            break
+    time.sleep(2.0)
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 0, errors
+    assert "interrupted" in errors and "Traceback" not in errors
+    assert "optimal" in output
+    assert json.loads((folder / "results.json").read_text())["interrupted"]
+    assert load_checkpoint(folder)["frames"] > 0
+
+
+def test_evaluate_render_and_baseline_say_what_they_found(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run("evaluate", trained, "--episodes", "200", "--out", tmp_path / "again.json")
+    again = json.loads((tmp_path / "again.json").read_text())["evaluation"]
+    first = json.loads((trained / "results.json").read_text())["evaluation"]
+    assert again["mean_steps"] == first["mean_steps"]  # both exact
+    run("render", trained, "--out", tmp_path / "a.gif", "--episodes", "1")
+    run("render", "--task", "maze", "--optimal", "--out", tmp_path / "b.gif", "--episodes", "1")
+    assert (tmp_path / "a.gif").stat().st_size > 1000 < (tmp_path / "b.gif").stat().st_size
+    capsys.readouterr()
+    run("baseline", "--task", "maze", "--maze", "5x5", "--num-goals", "3", "--episodes", "500")
+    output = capsys.readouterr().out
+    assert "random" in output and "optimal" in output and "58,375" in output
+    run("maze", "5x5")
+    assert "loops" in capsys.readouterr().out
+    run("maze", "--generate", "wilson", "--height", "4", "--seed", "3", "--out", tmp_path / "m.txt")
+    run("baseline", "--maze", tmp_path / "m.txt", "--episodes", "50")
+    assert "optimal" in capsys.readouterr().out
+
+
+def test_a_run_on_a_maze_file_does_not_need_the_file_later(tmp_path: Path) -> None:
+    maze = tmp_path / "mine.txt"
+    run("maze", "--generate", "prim", "--height", "3", "--out", maze)
+    run("train", *TINY, "--maze", maze, "--frames", "1024", "--out", tmp_path / "run")
+    maze.unlink()
+    run("evaluate", tmp_path / "run", "--episodes", "50")
+
+
+def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
+    """The one line that a command says before it exits with status 2."""
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as stopped:
+        run(*arguments)
+    assert stopped.value.code == 2
+    error = capsys.readouterr().err
+    lines = [line for line in error.splitlines() if "compiling kernels" not in line]
+    assert len(lines) == 1 and lines[0].startswith("pursuit: error:"), error
+    return lines[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["fly"], ["fly", "train"]),
+        (["train", "--maze", "5x6"], ["5x6", "5x5"]),
+        (["train", "--task", "tag"], ["tag", "chase"]),
+        (["train", "--role", "ghost"], ["ghost", "chaser"]),
+        (["train", "--task", "maze", "--role", "evader"], ["evader", "runner"]),
+        (["train", "--algorithm", "sarsa"], ["sarsa", "ppo"]),
+        (["train", "--observation", "pixels"], ["pixels", "one_hot"]),
+        (["train", "--opponent-epsilon", "1.5"], ["1.5", "[0, 1]"]),
+        (["train", "--opponent-epsilon", "nan"], ["nan", "[0, 1]"]),
+        (["train", "--num-evaders", "25"], ["25", "cells"]),
+        (["train", "--num-chasers", "-1"], ["-1"]),
+        (["train", "--task", "maze", "--num-goals", "0"], ["num_goals"]),
+        (["train", "--task", "maze", "--num-goals", "25"], ["25"]),
+        (["train", "--max-steps", "0"], ["max_steps"]),
+        (["train", "--seconds", "-3"], ["-3"]),
+        (["train", "--seconds", "nan"], ["nan"]),
+        (["train", "--frames", "0"], ["frames=0"]),
+        (["train", "--frames", "10", "--seconds", "5"], ["one of the two"]),
+        (["train", "--seed", "-1"], ["seed"]),
+        (["train", "--learning-rate", "0"], ["learning_rate"]),
+        (["train", "--gamma", "1.1"], ["gamma"]),
+        (["train", "--minibatch", "99999999"], ["minibatch"]),
+        (["train", "--width", "wide"], ["wide"]),
+        (["train", "--no-such-option", "3"], ["no-such-option"]),
+        (["train", "--device", "tpu"], ["tpu", "cuda"]),
+        (["train", "--precision", "float8"], ["float8"]),
+        (["train", "--resume", "/nowhere/at/all"], ["/nowhere/at/all"]),
+        (["evaluate", "/nowhere/at/all"], ["/nowhere/at/all"]),
+        (["evaluate"], ["run"]),
+        (["render", "--out", "replay.avi"], ["avi"]),
+        (["baseline", "--episodes", "0"], ["episodes"]),
+        (["baseline", "--rewards", "gold"], ["gold"]),
+        (["maze"], ["maze"]),
+        (["maze", "nowhere.txt"], ["nowhere.txt"]),
+        (["maze", "--generate", "cellular"], ["cellular", "prim"]),
+        (["maze", "--generate", "prim", "--loops", "2"], ["loops"]),
+        (["bench", "--seconds", "0"], ["seconds"]),
+    ],
+)
+def test_wrong_arguments_are_one_line_that_names_value_and_remedy(
+    arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    if arguments[0] == "train" and "--resume" not in arguments:
+        arguments = [*arguments, "--out", str(tmp_path / "run")]
+    line = error_of(capsys, *arguments)
+    for word in words:
+        assert word in line
+    assert not (tmp_path / "run" / "config.json").exists()
+
+
+def test_a_folder_that_holds_a_run_or_anything_else_is_left_alone(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {path.name: path.stat().st_mtime_ns for path in trained.iterdir()}
+    assert "holds a run" in error_of(capsys, "train", *TINY, "--frames", 64, "--out", trained)
+    assert {path.name: path.stat().st_mtime_ns for path in trained.iterdir()} == before
+    (tmp_path / "thesis.txt").write_text("dear")
+    assert "not empty" in error_of(capsys, "train", *TINY, "--frames", 64, "--out", tmp_path)
+    assert "a file" in error_of(
+        capsys, "train", *TINY, "--frames", 64, "--out", tmp_path / "thesis.txt"
+    )
+    assert "complete" in error_of(capsys, "train", "--resume", trained)
+
+
+class Evil:
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (os.mkdir, ("owned",))
+
+
+@pytest.mark.parametrize("damage", ["truncated", "empty", "text", "code", "other", "missing"])
+def test_a_damaged_or_malicious_checkpoint_is_an_error_and_runs_no_code(
+    damage: str, trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(trained, folder)
+    checkpoint = folder / "checkpoint.pt"
+    if damage == "truncated":
+        checkpoint.write_bytes(checkpoint.read_bytes()[:5000])
+    elif damage == "empty":
+        checkpoint.write_bytes(b"")
+    elif damage == "text":
+        checkpoint.write_text("weights")
+    elif damage == "code":
+        checkpoint.write_bytes(pickle.dumps({"format": 1, "network": Evil()}))
+    elif damage == "other":
+        torch.save({"format": 1, "network": {"layer": torch.zeros(3)}}, checkpoint)
+    else:
+        checkpoint.unlink()
+    assert str(folder) in error_of(capsys, "evaluate", folder, "--episodes", "10")
+    assert not Path("owned").exists()
+
+
+def test_a_damaged_config_is_an_error(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(trained, folder)
+    for text in ("{", "[]", "{}", '{"task": {"maze": 7}}', '{"task": {}, "ppo": {}, "x": 1}'):
+        (folder / "config.json").write_text(text)
+        error_of(capsys, "evaluate", folder, "--episodes", "10")
+
+
+def test_a_full_disk_loses_nothing_that_was_saved(tmp_path: Path) -> None:
+    path = tmp_path / "results.json"
+    path.write_text("old")
+
+    def fail(beside: Path) -> None:
+        beside.write_text("half")
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space left"):
+        write_beside(path, fail)
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_every_command_has_a_help_that_names_its_options(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    main(["--help"])
+    assert "evaluate" in capsys.readouterr().out
+    for command in ("train", "evaluate", "baseline", "maze", "render", "bench"):
+        with pytest.raises(SystemExit) as stopped:
+            main([command, "--help"])
+        assert stopped.value.code == 0
+        assert "--" in capsys.readouterr().out
