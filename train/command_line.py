@@ -116,10 +116,13 @@ def parse(
     except SystemExit as exit_:
         if not exit_.code:
             raise
-        text = re.sub(r"\x1b\[[0-9;]*m", "", boxed.getvalue())
-        text = re.sub(r"[─╭╮╰╯│]+", " ", text)
-        text = text.split("For full helptext")[0]
-        raise ValueError(f"{' '.join(text.split())} (see pursuit {prog} --help)") from None
+        text = re.sub(r"\x1b\[[0-9;]*m|[─╭╮╰╯│]+|-{5,}", " ", boxed.getvalue())
+        text = " ".join(text.split("For full helptext")[0].split())
+        text = re.sub(
+            r"^(Value error|Parsing error|Unrecognized options|Required options)\s*", "", text
+        )
+        text = re.sub(r"Error parsing \S+: ", "", text)
+        raise ValueError(f"{text} (see pursuit {prog} --help)") from None
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -67,13 +69,13 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand:
     if any(argument in ("-h", "--help") for argument in arguments):
         arguments = [a for a in arguments if a not in ("-h", "--help")]
     try:
-        known, _ = tyro.cli(
-            _TaskOnly,
-            args=list(arguments),
-            return_unknown_args=True,
-            config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-            console_outputs=False,
-        )
+        with contextlib.redirect_stderr(io.StringIO()):  # errors are told when all is parsed
+            known, _ = tyro.cli(
+                _TaskOnly,
+                args=list(arguments),
+                return_unknown_args=True,
+                config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+            )
         task = known.task
     except (SystemExit, ValueError):
         task = TaskSettings()

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.maze_generation import generate_maze
+from pursuit.task import ROLES
 from scripted_agents.tour import expected_tour_length, num_states
 from train.command_line import parse
 from train.evaluation import Contest, Score, optimality_gap
@@ -52,12 +53,9 @@ def baseline(arguments: Sequence[str]) -> None:
 
 def contest_line(contest: Contest) -> str:
     """One line that says what is evaluated."""
-    task, agent = contest.task, contest.agent
-    maze = task.mazes[0]
-    counts = [f"{task.count(role)} {role}(s)" for role in ("chaser", "evader", "runner")]
-    parts = [count for count in counts if not count.startswith("0")]
-    if task.num_goals:
-        parts.append(f"{task.num_goals} goal(s)")
+    task, maze = contest.task, contest.task.mazes[0]
+    counts = {role: task.count(role) for role in ROLES} | {"goal": task.num_goals}
+    parts = [f"{n} {name}{'s' if n > 1 else ''}" for name, n in counts.items() if n]
     others = sorted(
         {
             repr(policy)
@@ -65,10 +63,10 @@ def contest_line(contest: Contest) -> str:
             if role in task.seat_roles and (role != contest.role or task.count(role) > 1)
         }
     )
-    against = f", beside {', '.join(others)}" if others else ""
+    against = f", with {', '.join(others)}" if others else ""
     return (
-        f"{task.name}: {contest.role} {agent}, maze {maze.name} ({maze.num_cells} cells), "
-        f"{', '.join(parts)}{against}, at most {task.max_steps} steps"
+        f"{task.name}: {contest.agent} on maze {maze.name} ({maze.num_cells} cells; "
+        f"{', '.join(parts)}){against}, at most {task.max_steps} steps"
     )
 
 
