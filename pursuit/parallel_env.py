@@ -66,7 +66,7 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         self.state_space = gymnasium.spaces.Box(np.zeros_like(high), high, dtype=np.int32)
         self._seats = {name: seat for seat, name in enumerate(self.possible_agents)}
         self._actions = np.zeros((1, task.num_agents), dtype=np.int32)
-        self._masks = action_masks(task)
+        self._masks, self._many_mazes = action_masks(task), len(task.mazes) > 1
         self._seeded = False
         self._window: Window | None = None
 
@@ -119,19 +119,18 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
             if not self._seeded:
                 raise ValueError("step before reset; call reset() first")
             return {}, {}, {}, {}, {}
-        row = self._actions
+        chosen = memoryview(self._actions[0])  # several times faster to write to than the array
         try:
             for agent in self.agents:
-                row[0, self._seats[agent]] = index(actions[agent])
-        except (KeyError, TypeError, OverflowError):
+                chosen[self._seats[agent]] = index(actions[agent])
+        except (KeyError, TypeError, ValueError):
             raise ValueError(self._explain(actions)) from None
         if len(actions) != len(self.agents):
             raise ValueError(self._explain(actions))
         simulator = self.simulator
-        simulator.step(row)
-        rewards = dict(zip(self.possible_agents, simulator.rewards[0].tolist(), strict=True))
-        if len(self.agents) < len(rewards):
-            rewards = {agent: rewards[agent] for agent in self.agents}
+        simulator.step(self._actions)
+        paid = simulator.rewards[0].tolist()
+        rewards = {agent: paid[self._seats[agent]] for agent in self.agents}
         observations, infos = self._observations(), self._infos()
         terminated, truncated = simulator.ended[:, 0].tolist()
         terminations = dict.fromkeys(self.agents, terminated)
@@ -161,18 +160,14 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
 
     def _observations(self) -> dict[str, NDArray[Any]]:
         observed = self._encoder.encode(self.simulator.rows)[0]
-        if len(self.agents) == len(observed):
-            return dict(zip(self.agents, observed, strict=True))
         return {agent: observed[self._seats[agent]] for agent in self.agents}
 
     def _infos(self) -> dict[str, dict[str, Any]]:
-        simulator = self.simulator
-        masks = self._masks[simulator.maze_index[0]][simulator.positions[0]]
-        if len(self.agents) == len(masks):
-            return {
-                agent: {"action_mask": mask} for agent, mask in zip(self.agents, masks, strict=True)
-            }
-        return {agent: {"action_mask": masks[self._seats[agent]]} for agent in self.agents}
+        simulator, seats = self.simulator, self._seats
+        masks = self._masks[simulator.maze_index[0]] if self._many_mazes else self._masks[0]
+        cells = simulator.positions[0].tolist()
+        # Rows of a read-only table: nobody can change what an earlier info holds.
+        return {agent: {"action_mask": masks[cells[seats[agent]]]} for agent in self.agents}
 
     def state(self) -> NDArray[np.int32]:
         """int32 [agents + goals + 1]: 1 + cell of every agent and goal (0 when gone), the steps."""

@@ -123,7 +123,7 @@ class Simulator:
         if first_game < 0:
             raise ValueError(f"first_game={first_game}; games count from 0")
         self.task, self.num_games, self.num_agents = task, num_games, task.num_agents
-        self.first_game = first_game
+        self.first_game, self._actions_shape = first_game, (num_games, task.num_agents)
         agents, goals = task.num_agents, task.num_goals
         self.rows: NDArray[np.int32] = np.zeros((num_games, 3 * agents + goals + 2), dtype=np.int32)
         self._final_rows = np.zeros_like(self.rows)
@@ -231,7 +231,7 @@ class Simulator:
             type(actions) is np.ndarray
             and actions.dtype == np.int32
             and actions.flags.c_contiguous
-            and actions.shape == (self.num_games, self.num_agents)
+            and actions.shape == self._actions_shape
         ):
             actions = self._checked_actions(actions)
         outcome = rules.step_games(*self._step_front, actions.reshape(-1), *self._step_back)
