@@ -79,7 +79,7 @@ def test_the_two_forms_of_the_first_layer_are_one_function_and_blind_to_the_orde
     observed = torch.from_numpy(simulator.observe("index", 0))
     outputs, gradients = [], []
     for layer in (bag, dense):
-        output = layer(observed)
+        output = layer(layer.prepare(observed))
         output.square().sum().backward()
         outputs.append(output)
         assert layer.weight.grad is not None

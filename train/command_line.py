@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import io
-import os
 import re
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
-
-os.environ.setdefault("RL_WARNINGS", "0")  # about an extension of torchrl that is not needed
 
 Form = TypeVar("Form")
 

@@ -40,7 +40,8 @@ class LearnedPolicy:
         """[..., actions] float64: the distribution played, for observations [..., *shape]."""
         device = next(self.network.parameters()).device
         with torch.no_grad():
-            hidden = self.network.policy_trunk(torch.from_numpy(observations).to(device))
+            trunk = self.network.policy_trunk
+            hidden = trunk(trunk.prepare(torch.from_numpy(observations).to(device)))
             logits = self.network.policy_head(hidden)
             if self.greedy:
                 chosen = torch.nn.functional.one_hot(logits.argmax(dim=-1), logits.shape[-1])

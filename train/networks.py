@@ -22,9 +22,13 @@ FIRST_LAYER_STD = 0.06
 than from chance, which on maze 5x5 with 3 goals halved the gap that is left after 2.5 M frames."""
 
 
-def first_layer_form(num_rows: int, width: int) -> FirstLayerForm:
-    """The faster form of the first layer, by measurement (`tests/benchmarks/bench_learning.py`)."""
-    return "bag" if num_rows * width > 40_000 else "dense"
+def first_layer_form(num_rows: int) -> FirstLayerForm:
+    """The faster form of the first layer, as `tests/benchmarks/bench_learning.py` measures it.
+
+    The matrix product grows with the rows of the weight matrix, the bag does not; on two cores
+    without bfloat16 in hardware they met at about 300 rows, at widths of 128 and 256 alike.
+    """
+    return "bag" if num_rows > 300 else "dense"
 
 
 class IndexLayer(nn.Module):
@@ -57,20 +61,24 @@ class IndexLayer(nn.Module):
         with torch.no_grad():
             self.weight[self.num_rows] = 0.0
 
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """[..., width] from the row numbers [..., entities + 1]."""
+    def prepare(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., entities + 1] rows of `weight` to sum, or [..., num_rows] what they stand for."""
         rows = self.rows[observation.long()]
-        batch = rows.shape[:-1]
-        rows = rows.reshape(-1, rows.shape[-1])
         if self.form == "bag":
-            summed = nn.functional.embedding_bag(
-                rows, self.weight, mode="sum", padding_idx=self.num_rows
-            )
-            return (summed + self.bias).reshape(*batch, -1)
-        one_hot = torch.zeros(len(rows), self.num_rows + 1, device=rows.device)
-        one_hot.scatter_add_(1, rows, torch.ones((), device=rows.device).expand(rows.shape))
-        dense = one_hot[:, : self.num_rows] @ self.weight[: self.num_rows]
-        return (dense + self.bias).reshape(*batch, -1)
+            return rows
+        one_hot = torch.zeros(*rows.shape[:-1], self.num_rows + 1, device=rows.device)
+        one_hot.scatter_add_(-1, rows, torch.ones((), device=rows.device).expand(rows.shape))
+        return one_hot[..., : self.num_rows]
+
+    def forward(self, prepared: torch.Tensor) -> torch.Tensor:
+        """[..., width]."""
+        if self.form == "dense":
+            return nn.functional.linear(prepared, self.weight[: self.num_rows].T, self.bias)
+        rows = prepared.reshape(-1, prepared.shape[-1])
+        summed = nn.functional.embedding_bag(
+            rows, self.weight, mode="sum", padding_idx=self.num_rows
+        )
+        return (summed + self.bias).reshape(*prepared.shape[:-1], -1)
 
 
 class Flat(nn.Module):
@@ -85,10 +93,14 @@ class Flat(nn.Module):
         self.register_buffer("scale", 1.0 / high.clamp(min=1.0), False)
         self.linear = nn.Linear(len(high), width)
 
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """[..., width] from [..., *shape]."""
+    def prepare(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., numbers of the observation] float32."""
         flat = observation.flatten(-self.dims) if self.dims > 1 else observation
-        hidden: torch.Tensor = self.linear(flat.float() * self.scale)
+        return flat.float() * self.scale
+
+    def forward(self, prepared: torch.Tensor) -> torch.Tensor:
+        """[..., width]."""
+        hidden: torch.Tensor = self.linear(prepared)
         return hidden
 
 
@@ -107,11 +119,14 @@ class Convolutions(nn.Module):
             nn.Linear(32 * height * columns, width),
         )
 
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+    def prepare(self, observation: torch.Tensor) -> torch.Tensor:
+        """The observation itself."""
+        return observation
+
+    def forward(self, prepared: torch.Tensor) -> torch.Tensor:
         """[..., width] from [..., planes, height, width]."""
-        batch = observation.shape[:-3]
-        hidden: torch.Tensor = self.layers(observation.reshape(-1, *observation.shape[-3:]))
-        return hidden.reshape(*batch, -1)
+        hidden: torch.Tensor = self.layers(prepared.reshape(-1, *prepared.shape[-3:]))
+        return hidden.reshape(*prepared.shape[:-3], -1)
 
 
 class Trunk(nn.Module):
@@ -129,10 +144,10 @@ class Trunk(nn.Module):
         bfloat16: bool = False,
     ) -> None:
         super().__init__()
-        first: nn.Module
+        first: IndexLayer | Flat | Convolutions
         if encoder.encoding == "index":
             rows = (min(num_agents + 1, encoder.num_entities) + 1) * encoder.num_cells
-            form = form or first_layer_form(rows, width)
+            form = form or first_layer_form(rows)
             first = IndexLayer(encoder, num_agents, width, form)
         elif encoder.encoding == "planes":
             first = Convolutions(encoder, width)
@@ -141,15 +156,20 @@ class Trunk(nn.Module):
         second = nn.Linear(width, width)
         nn.init.orthogonal_(second.weight, 2.0**0.5)
         nn.init.zeros_(second.bias)
-        self.layers = nn.Sequential(first, nn.ReLU(), second, nn.ReLU())
+        self.first, self.rest = first, nn.Sequential(nn.ReLU(), second, nn.ReLU())
         self.autocast_bfloat16 = bfloat16
+        self.casts = bfloat16 and isinstance(first, IndexLayer) and first.form == "dense"
 
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """[..., width] float32."""
-        with torch.autocast(
-            observation.device.type, torch.bfloat16, enabled=self.autocast_bfloat16
-        ):
-            hidden: torch.Tensor = self.layers(observation)
+    def prepare(self, observation: torch.Tensor) -> torch.Tensor:
+        """What the first layer works on: without parameters, so once is enough for many epochs."""
+        prepared = self.first.prepare(observation)
+        # Zeros and ones are exact in bfloat16, and need no cast in every pass then.
+        return prepared.bfloat16() if self.casts else prepared
+
+    def forward(self, prepared: torch.Tensor) -> torch.Tensor:
+        """[..., width] float32, from what `prepare` made of observations."""
+        with torch.autocast(prepared.device.type, torch.bfloat16, enabled=self.autocast_bfloat16):
+            hidden: torch.Tensor = self.rest(self.first(prepared))
         return hidden.float()
 
 
@@ -195,6 +215,10 @@ class ActorCritic(nn.Module):
 
     def forward(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Logits [..., actions] and value [..., 1]."""
-        hidden = self.policy_trunk(observation)
-        value_hidden = hidden if self.shared else self.value_trunk(observation)
+        hidden, value_hidden = self.hidden(self.policy_trunk.prepare(observation))
         return self.policy_head(hidden), self.value_head(value_hidden)
+
+    def hidden(self, prepared: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """What the two heads work on, [..., width] each; `policy_trunk.prepare` serves both."""
+        hidden = self.policy_trunk(prepared)
+        return hidden, hidden if self.shared else self.value_trunk(prepared)

@@ -70,7 +70,9 @@ class PPO:
     ) -> None:
         self.settings, self.env, self.network, self.device = settings, env, network, device
         self.frames = 0
-        self.optimizer = torch.optim.Adam(network.parameters(), lr=settings.learning_rate)
+        self.optimizer = torch.optim.Adam(
+            network.parameters(), lr=settings.learning_rate, fused=True
+        )
         self.collector = Collector(
             env,
             SamplingPolicy(network),
@@ -114,10 +116,12 @@ class PPO:
         self.frames += rollout.numel()
         self._add_next_values(rollout)
         self.gae(rollout)
-        keys = ("observation", "action", "action_log_prob", "advantage", "value_target")
+        keys = ("action", "action_log_prob", "advantage", "value_target")
         frames = TensorDict(
             {key: rollout[key].flatten(0, 1) for key in keys}, batch_size=[rollout.numel()]
         )
+        observations = rollout["observation"].flatten(0, 1)
+        frames["prepared"] = self.network.policy_trunk.prepare(observations)
         logged: list[torch.Tensor] = []
         names = ("loss_objective", "loss_critic", "entropy", "clip_fraction", "kl_approx")
         for _ in range(settings.epochs):
@@ -130,10 +134,8 @@ class PPO:
         return dict(zip(names, means, strict=True))
 
     def _update(self, minibatch: TensorDictBase) -> TensorDictBase:
-        network, observation = self.network, minibatch["observation"]
-        hidden = network.policy_trunk(observation)
-        minibatch["policy_hidden"] = hidden
-        minibatch["value_hidden"] = hidden if network.shared else network.value_trunk(observation)
+        hidden, value_hidden = self.network.hidden(minibatch["prepared"])
+        minibatch["policy_hidden"], minibatch["value_hidden"] = hidden, value_hidden
         losses: TensorDictBase = self.loss(minibatch)
         total = losses["loss_objective"] + losses["loss_entropy"] + losses["loss_critic"]
         self.optimizer.zero_grad(set_to_none=True)
