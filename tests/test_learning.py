@@ -17,6 +17,7 @@ from train.evaluation import Contest
 from train.learned_policy import LearnedPolicy
 from train.networks import ActorCritic, IndexLayer
 from train.ppo import PPO
+from train.run import ThreadChoice
 from train.settings import PPOSettings
 
 TASKS = {
@@ -235,3 +236,16 @@ def test_a_learned_policy_refuses_games_that_look_different() -> None:
         policy.act(other.view("chaser"))
     with pytest.raises(ValueError, match="no table"):
         policy.action_probabilities(Maze.from_text("+-+-+\n|   |\n+-+-+"))
+
+
+def test_the_choice_of_threads_follows_the_faster_one_as_the_machine_changes() -> None:
+    before = torch.get_num_threads()
+    choice = ThreadChoice(2)
+    used: list[int] = []
+    for rollout in range(200):
+        choice.choose()
+        used.append(torch.get_num_threads())
+        fast = 2 if rollout < 100 else 1
+        choice.learn(1.0 if choice.current == fast else 3.0)
+    torch.set_num_threads(before)
+    assert used[30:96].count(2) > 55 and used[140:].count(1) > 50

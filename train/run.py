@@ -69,6 +69,42 @@ def keep_freed_memory() -> None:
     mallopt(trim_threshold, 2**31 - 1)
 
 
+class ThreadChoice:
+    """Chooses between one thread and all of them, by how long rollouts take with each.
+
+    Two threads wait for each other in every operation. On idle cores they are faster; where other
+    programs (or other guests of the host) take a core away now and then, one alone is, by up to ten
+    times. So the other choice is tried for two rollouts in every 24.
+
+    Args:
+        most: all of them.
+    """
+
+    PERIOD = 24
+
+    def __init__(self, most: int) -> None:
+        self.most, self.count = most, 0
+        self.seconds = {1: 0.0, most: 0.0}
+        self.current = self.preferred = most
+
+    def choose(self) -> None:
+        """Set torch's threads for the next rollout."""
+        if self.count % self.PERIOD < 2:
+            self.current = 1 if self.preferred == self.most else self.most
+        else:
+            self.current = self.preferred
+        torch.set_num_threads(self.current)
+
+    def learn(self, seconds: float) -> None:
+        """Note how long that rollout took; the first after a change is not counted."""
+        if self.count % self.PERIOD != 0:
+            before = self.seconds[self.current]
+            self.seconds[self.current] = 0.5 * (before + seconds) if before else seconds
+        self.count += 1
+        if all(self.seconds.values()):
+            self.preferred = min(self.seconds, key=lambda threads: self.seconds[threads])
+
+
 def uses_bfloat16(settings: TrainSettings) -> bool:
     """What `precision` means on this machine."""
     if settings.precision != "auto":
@@ -198,11 +234,21 @@ class Run:
         from torchrl.record.loggers import TensorboardLogger
 
         board = TensorboardLogger("tensorboard", str(self.folder))
+        settings = self.settings
+        # A change of threads changes the last bits, so runs that must repeat exactly keep theirs.
+        choice = None
+        if settings.seconds is not None and settings.threads == 0 and (os.cpu_count() or 1) > 1:
+            choice = ThreadChoice(os.cpu_count() or 1)
         try:
             while self.progress < 1.0 and not self.stopped:
+                if choice is not None:
+                    choice.choose()
                 began = perf_counter()
                 losses = self.learner.iterate(self.progress)
-                self.seconds += perf_counter() - began
+                spent = perf_counter() - began
+                self.seconds += spent
+                if choice is not None:
+                    choice.learn(spent)
                 report(self, {})
                 if self.progress * EVALUATIONS >= self._evaluations + 1 or self.stopped:
                     # Counted by progress, not by time, so that a resumed run evaluates alike.

@@ -176,7 +176,8 @@ class TrainSettings:
     first_layer: str = "auto"
     """Form of the first layer on index: bag, dense, or auto (the faster, as measured)."""
     threads: int = 0
-    """Threads of torch; 0 is one for each core."""
+    """Threads of torch. 0 is one for each core; with a budget in seconds, one or all of them,
+    whichever is the faster at the time."""
 
     def __post_init__(self) -> None:
         for name, choices in (
