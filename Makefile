@@ -10,10 +10,10 @@ train: $(SETUP)
 	$(BIN)/pursuit train --task chase --role chaser --maze 5x5 --seconds 30
 
 test: $(SETUP)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 test-all: $(SETUP)
-	$(BIN)/python -m pytest -m "slow or not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "slow or not slow"
 
 lint: $(SETUP)
 	$(BIN)/ruff check .

@@ -73,6 +73,8 @@ def draw_learning_curve(
         lower.plot(frames, gap, "o-", color=COLORS["learned"], ms=3.5, lw=1.8)
         lower.axhline(0, color=COLORS["optimal"], lw=1.4, ls="--")
         lower.set_yscale("symlog", linthresh=1.0)
+        low, high = min(np.nanmin(gap), 0.0), max(np.nanmax(gap), 0.0)
+        lower.set_ylim(1.5 * low - 0.3, 1.5 * high + 0.3)
         lower.yaxis.set_major_formatter(matplotlib.ticker.FormatStrFormatter("%g"))
         lower.set_ylabel("gap to the optimum (%)")
     axes[-1, 0].set_xlabel("frames (millions)")

@@ -6,5 +6,8 @@ from train.settings import PPOSettings, TaskSettings
 
 
 def ppo_preset(task: TaskSettings) -> PPOSettings:
-    """Our tuned settings of PPO for this task."""
+    """Our tuned settings of PPO for this task.
+
+    `PPOSettings` holds what was tuned on maze 5x5 with 3 goals for the time to a small gap.
+    """
     return PPOSettings()
