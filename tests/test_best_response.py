@@ -5,6 +5,7 @@ The rules of capture stand here once more, in plain Python.
 
 from __future__ import annotations
 
+import importlib
 import itertools
 import warnings
 from functools import cache
@@ -18,12 +19,15 @@ from numpy.typing import NDArray
 from random_mazes import connected_maze, seeds, small_maze
 
 from pursuit.maze import Maze
-from scripted_agents import best_response as solver
 from scripted_agents import value_iteration
+from scripted_agents.best_response import MoveOrder
+
+# The package exports a function of the same name as this module.
+solver = importlib.import_module("scripted_agents.best_response")
 
 Table = NDArray[np.float64]
 ROLES: tuple[Literal["chaser", "evader"], ...] = ("chaser", "evader")
-ORDERS: tuple[solver.MoveOrder, ...] = ("simultaneous", "chasers_first")
+ORDERS: tuple[MoveOrder, ...] = ("simultaneous", "chasers_first")
 
 CORRIDOR = Maze.from_text("+-+-+-+-+-+\n|         |\n+-+-+-+-+-+")
 HOOK = Maze.from_text("+-+-+\n|   |\n+-+ +\n|   |\n+-+-+")  # four cells in a row, folded
@@ -80,7 +84,7 @@ def solve(rows: Table, discount: float) -> Table:
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("role", ROLES)
 def test_best_response_equals_expectimax(
-    role: Literal["chaser", "evader"], order: solver.MoveOrder, stay_action: bool
+    role: Literal["chaser", "evader"], order: MoveOrder, stay_action: bool
 ) -> None:
     maze, best_of = connected_maze(3, 3, 3), min if role == "chaser" else max
     table = random_table(1, maze, 5, sharp=3.0)
@@ -112,7 +116,7 @@ def test_best_response_equals_expectimax(
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("role", ROLES)
 def test_best_response_equals_the_best_of_all_policies(
-    role: Literal["chaser", "evader"], order: solver.MoveOrder
+    role: Literal["chaser", "evader"], order: MoveOrder
 ) -> None:
     table = random_table(5, HOOK, sharp=2.0)
     rows = transition_rows(HOOK, order, role, table, 4).reshape(16, 4, 16)
@@ -132,7 +136,7 @@ def test_best_response_equals_the_best_of_all_policies(
 @settings(max_examples=15, deadline=None)
 @given(small_maze, seeds)
 def test_exact_values_solve_the_linear_system_of_the_chain(
-    order: solver.MoveOrder, discount: float, maze: Maze, seed: int
+    order: MoveOrder, discount: float, maze: Maze, seed: int
 ) -> None:
     chaser, evader = random_table(seed, maze, 5), random_table(seed + 1, maze, 4, sharp=3.0)
     rows = transition_rows(maze, order, "chaser", evader, 5)
@@ -143,7 +147,7 @@ def test_exact_values_solve_the_linear_system_of_the_chain(
 
 @pytest.mark.parametrize("order", ORDERS)
 def test_exact_values_lie_in_the_interval_of_200_000_simulated_games(
-    order: solver.MoveOrder,
+    order: MoveOrder,
 ) -> None:
     rng, games, horizon = np.random.default_rng(0), 200_000, 40
     maze = connected_maze(4, 4, 4)
@@ -173,7 +177,7 @@ def test_exact_values_lie_in_the_interval_of_200_000_simulated_games(
 @settings(max_examples=25, deadline=None)
 @given(small_maze, seeds, st.sampled_from(ORDERS), st.sampled_from([1, 7, None]))
 def test_no_policy_beats_the_best_response(
-    maze: Maze, seed: int, order: solver.MoveOrder, horizon: int | None
+    maze: Maze, seed: int, order: MoveOrder, horizon: int | None
 ) -> None:
     tables = random_table(seed, maze), random_table(seed + 1, maze, sharp=5.0)
     discount = 1.0 if horizon else 0.9
@@ -186,7 +190,7 @@ def test_no_policy_beats_the_best_response(
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_the_stationary_best_response_plays_what_it_promises(order: solver.MoveOrder) -> None:
+def test_the_stationary_best_response_plays_what_it_promises(order: MoveOrder) -> None:
     maze = connected_maze(6, 5, 5)
     chaser, evader = random_table(1, maze), random_table(2, maze, sharp=3.0)
     found = solver.best_response("chaser", maze, evader, None, move_order=order)
@@ -198,7 +202,7 @@ def test_the_stationary_best_response_plays_what_it_promises(order: solver.MoveO
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_a_long_horizon_tends_to_the_stationary_values(order: solver.MoveOrder) -> None:
+def test_a_long_horizon_tends_to_the_stationary_values(order: MoveOrder) -> None:
     chaser = random_table(1, HOOK, sharp=3.0)
     found = solver.best_response("evader", HOOK, chaser, None, move_order=order)
     values = solver.evaluate_exactly(HOOK, chaser, found.policy, None, move_order=order)
