@@ -17,11 +17,6 @@ from pursuit.observations import Encoder
 FirstLayerForm = Literal["bag", "dense"]
 
 
-FIRST_LAYER_STD = 0.06
-"""Of the first weights on "index". A tenth of He's scale: the rows then come from learning rather
-than from chance, which on maze 5x5 with 3 goals halved the gap that is left after 2.5 M frames."""
-
-
 def first_layer_form(num_rows: int) -> FirstLayerForm:
     """The faster form of the first layer, as `tests/benchmarks/bench_learning.py` measures it.
 
@@ -42,11 +37,19 @@ class IndexLayer(nn.Module):
         num_agents: entities before the goals.
         width: outputs.
         form: "bag" or "dense"; the same function of the same parameters.
+        std: standard deviation of the weights at first.
     """
 
     rows: torch.Tensor
 
-    def __init__(self, encoder: Encoder, num_agents: int, width: int, form: FirstLayerForm) -> None:
+    def __init__(
+        self,
+        encoder: Encoder,
+        num_agents: int,
+        width: int,
+        form: FirstLayerForm,
+        std: float = 0.06,
+    ) -> None:
         super().__init__()
         cells, entities = encoder.num_cells, encoder.num_entities
         blocks = [min(entity, num_agents) for entity in range(entities)]
@@ -57,7 +60,7 @@ class IndexLayer(nn.Module):
         self.weight = nn.Parameter(torch.empty(self.num_rows + 1, width))
         self.bias = nn.Parameter(torch.zeros(width))
         self.form = form
-        nn.init.normal_(self.weight, std=FIRST_LAYER_STD)
+        nn.init.normal_(self.weight, std=std)
         with torch.no_grad():
             self.weight[self.num_rows] = 0.0
 
@@ -142,13 +145,14 @@ class Trunk(nn.Module):
         width: int,
         form: FirstLayerForm | None = None,
         bfloat16: bool = False,
+        std: float = 0.06,
     ) -> None:
         super().__init__()
         first: IndexLayer | Flat | Convolutions
         if encoder.encoding == "index":
             rows = (min(num_agents + 1, encoder.num_entities) + 1) * encoder.num_cells
             form = form or first_layer_form(rows)
-            first = IndexLayer(encoder, num_agents, width, form)
+            first = IndexLayer(encoder, num_agents, width, form, std)
         elif encoder.encoding == "planes":
             first = Convolutions(encoder, width)
         else:
@@ -199,11 +203,12 @@ class ActorCritic(nn.Module):
         shared: bool = True,
         form: FirstLayerForm | None = None,
         bfloat16: bool = False,
+        std: float = 0.06,
     ) -> None:
         super().__init__()
-        self.policy_trunk = Trunk(encoder, num_agents, width, form, bfloat16)
+        self.policy_trunk = Trunk(encoder, num_agents, width, form, bfloat16, std)
         self.value_trunk = (
-            self.policy_trunk if shared else Trunk(encoder, num_agents, width, form, bfloat16)
+            self.policy_trunk if shared else Trunk(encoder, num_agents, width, form, bfloat16, std)
         )
         self.policy_head = head(width, num_actions, 0.01)
         self.value_head = head(width, 1, 1.0)

@@ -126,6 +126,7 @@ def build_network(settings: TrainSettings) -> ActorCritic:
         settings.ppo.shared,
         form,
         uses_bfloat16(settings),
+        settings.ppo.first_std,
     ).to(settings.device)
 
 

@@ -130,13 +130,15 @@ class PPOSettings:
     """Gradients are scaled down to this norm."""
     width: int = 128
     """Units of each of the two hidden layers."""
+    first_std: float = 0.06
+    """Standard deviation of the first layer's weights on index at the start."""
     shared: bool = True
     """Whether policy and value share their hidden layers."""
 
     def __post_init__(self) -> None:
         for name in ("num_games", "rollout_steps", "minibatch", "epochs", "width"):
             check(getattr(self, name) >= 1, f"{name}={getattr(self, name)}; it is at least 1")
-        for name in ("learning_rate", "max_grad_norm", "clip"):
+        for name in ("learning_rate", "max_grad_norm", "clip", "first_std"):
             check(getattr(self, name) > 0, f"{name}={getattr(self, name)}; it is above 0")
         for name in ("gamma", "gae_lambda"):
             value = getattr(self, name)
