@@ -118,6 +118,8 @@ class Simulator:
         first_game: int = 0,
         auto_restart: bool = True,
     ) -> None:
+        if not isinstance(task, Task):
+            raise ValueError(f"task={task!r}; give a Task, such as pursuit.make_task('chase')")
         if num_games < 1:
             raise ValueError(f"num_games={num_games}; give at least 1")
         if first_game < 0:
