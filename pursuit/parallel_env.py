@@ -19,6 +19,7 @@ from pursuit.simulator import Simulator
 from pursuit.task import Task, make_task
 
 RENDER_MODES = ("ansi", "rgb_array", "human")
+RENDER_FPS = 5
 
 
 class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
@@ -49,7 +50,7 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         self.metadata = {
             "name": f"{task.name}_v0",
             "render_modes": list(RENDER_MODES),
-            "render_fps": 5,
+            "render_fps": RENDER_FPS,
             "is_parallelizable": True,
         }
         self.task, self.render_mode, self.observation = task, render_mode, observation
@@ -179,17 +180,9 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
 
     def render(self) -> str | NDArray[np.uint8] | None:
         """A text ("ansi"), a picture [height, width, 3] uint8 ("rgb_array"), or a window."""
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() without a render_mode; give one when making the env")
-            return None
-        scene = scene_of(self.simulator)
-        if self.render_mode == "ansi":
-            return scene_to_text(scene)
-        if self.render_mode == "rgb_array":
-            return draw_scene(scene)
-        self._window = self._window or Window()
-        self._window.show(scene, fps=self.metadata["render_fps"])
-        return None
+        if self.render_mode == "human" and self._window is None:
+            self._window = Window()
+        return render_game(self.simulator, self.render_mode, self._window)
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -212,6 +205,22 @@ def action_masks(task: Task) -> list[NDArray[np.int8]]:
         mask.flags.writeable = False
         masks.append(mask)
     return masks
+
+
+def render_game(
+    simulator: Simulator, render_mode: str | None, window: Window | None
+) -> str | NDArray[np.uint8] | None:
+    """The game as the render mode asks; a frame in `window` for "human", and None."""
+    if render_mode is None:
+        gymnasium.logger.warn("render() without a render_mode; give one when making the env")
+        return None
+    scene = scene_of(simulator)
+    if render_mode == "ansi":
+        return scene_to_text(scene)
+    if window is None:
+        return draw_scene(scene)
+    window.show(scene, fps=RENDER_FPS)
+    return None
 
 
 def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:

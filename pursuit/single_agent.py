@@ -12,7 +12,13 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from pursuit.parallel_env import RENDER_MODES, action_masks, scene_of
+from pursuit.parallel_env import (
+    RENDER_FPS,
+    RENDER_MODES,
+    action_masks,
+    render_game,
+    scene_of,
+)
 from pursuit.policy import Policy
 from pursuit.rendering import Window, draw_scene, scene_to_text
 from pursuit.simulator import Simulator
@@ -78,7 +84,7 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
             raise ValueError(
                 f"unknown render_mode {render_mode!r}; None or one of {', '.join(RENDER_MODES)}"
             )
-        self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": 5}
+        self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
         self.render_mode, self.task, self.observation = render_mode, task, observation
         self.seat, self.policies = fill_seats(task, agent, policies)
         self.simulator = Simulator(task, auto_restart=False)
@@ -137,17 +143,9 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
 
     def render(self) -> Any:
         """A text ("ansi"), a picture [height, width, 3] uint8 ("rgb_array"), or a window."""
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() without a render_mode; give one when making the env")
-            return None
-        scene = scene_of(self.simulator)
-        if self.render_mode == "ansi":
-            return scene_to_text(scene)
-        if self.render_mode == "rgb_array":
-            return draw_scene(scene)
-        self._window = self._window or Window()
-        self._window.show(scene, fps=self.metadata["render_fps"])
-        return None
+        if self.render_mode == "human" and self._window is None:
+            self._window = Window()
+        return render_game(self.simulator, self.render_mode, self._window)
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -199,7 +197,7 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
         self.metadata = {
             "autoreset_mode": AutoresetMode.SAME_STEP,
             "render_modes": ["ansi", "rgb_array"],
-            "render_fps": 5,
+            "render_fps": RENDER_FPS,
         }
         self.render_mode = render_mode
         self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)

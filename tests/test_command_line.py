@@ -148,7 +148,8 @@ def test_a_run_on_a_maze_file_does_not_need_the_file_later(tmp_path: Path) -> No
     run("maze", "--generate", "prim", "--height", "3", "--out", maze)
     run("train", *TINY, "--maze", maze, "--frames", "1024", "--out", tmp_path / "run")
     maze.unlink()
-    run("evaluate", tmp_path / "run", "--episodes", "50")
+    run("evaluate", tmp_path / "run", "--episodes", "50", "--out", tmp_path / "again.json")
+    assert json.loads((tmp_path / "again.json").read_text())["evaluation"]["exact"]
 
 
 def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
