@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
+from tensordict.nn import (
+    ProbabilisticTensorDictModule,
+    ProbabilisticTensorDictSequential,
+    TensorDictModule,
+)
 from torchrl.envs.utils import check_env_specs
+from torchrl.objectives import ClipPPOLoss
 
 from pursuit.maze import Maze
 from pursuit.simulator import Simulator
@@ -16,7 +23,7 @@ from train.environment import SimulatorEnv
 from train.evaluation import Contest
 from train.learned_policy import LearnedPolicy
 from train.networks import ActorCritic, IndexLayer
-from train.ppo import PPO
+from train.ppo import PPO, ppo_loss
 from train.run import ThreadChoice
 from train.settings import PPOSettings
 
@@ -122,6 +129,54 @@ def test_advantages_equal_a_plain_loop_and_never_cross_an_episode() -> None:
             expected[game, step] = running
     np.testing.assert_allclose(rollout["advantage"].squeeze(-1), expected, rtol=1e-4, atol=1e-5)
     learner.close()
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_the_loss_and_its_gradients_equal_torchrls(shared: bool) -> None:
+    simulator = Simulator(TASKS["runner"], 256)
+    simulator.reset()
+    torch.manual_seed(0)
+    network = ActorCritic(simulator.encoder("index"), 1, 4, 16, shared)
+    with torch.no_grad():
+        network.policy_head.weight.mul_(100)
+    prepared = network.policy_trunk.prepare(torch.from_numpy(simulator.observe("index", 0)))
+    minibatch = TensorDict(
+        {
+            "prepared": prepared,
+            "action": torch.randint(4, (256,)),
+            "action_log_prob": torch.randn(256) * 0.3 - 1.4,
+            "advantage": torch.randn(256, 1),
+            "value_target": torch.randn(256, 1),
+        },
+        batch_size=[256],
+    )
+    settings = PPOSettings(num_games=256, minibatch=256, clip=0.2, value_weight=0.7)
+    ours, parts = ppo_loss(network, minibatch, settings, 0.03)
+    gradients = torch.autograd.grad(ours, list(network.parameters()))
+    distribution = {"distribution_class": torch.distributions.Categorical}
+    loss = ClipPPOLoss(
+        ProbabilisticTensorDictSequential(
+            TensorDictModule(network.policy_head, ["policy_hidden"], ["logits"]),
+            ProbabilisticTensorDictModule(
+                in_keys=["logits"], out_keys=["action"], return_log_prob=True, **distribution
+            ),
+        ),
+        TensorDictModule(network.value_head, ["value_hidden"], ["state_value"]),
+        clip_epsilon=0.2,
+        entropy_coeff=0.03,
+        critic_coeff=0.7,
+        loss_critic_type="l2",
+        normalize_advantage=True,
+    )
+    minibatch["policy_hidden"], minibatch["value_hidden"] = network.hidden(prepared)
+    losses = loss(minibatch)
+    theirs = losses["loss_objective"] + losses["loss_entropy"] + losses["loss_critic"]
+    torch.testing.assert_close(ours, theirs)
+    assert 0.1 < parts["clip_fraction"] == losses["clip_fraction"]
+    for a, b in zip(
+        gradients, torch.autograd.grad(theirs, list(network.parameters())), strict=True
+    ):
+        torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-6)
 
 
 def test_the_sampling_policy_draws_from_the_softmax_of_its_logits() -> None:
