@@ -84,13 +84,13 @@ def test_a_killed_run_resumes_to_the_same_weights_bit_for_bit(tmp_path: Path) ->
     process.kill()
     process.wait()
     state = load_checkpoint(killed)
-    if state["frames"] < 6144:  # killed in time, as it is on any machine that I know
+    if state["learner"]["frames"] < 6144:  # killed in time, as it is on any machine that I know
         assert not (killed / "results.json").exists()
         run("train", "--resume", killed, "--episodes", "50")
     first, second = load_checkpoint(whole), load_checkpoint(killed)
-    assert first["frames"] == second["frames"] == 6144
-    for name, tensor in first["network"].items():
-        assert torch.equal(tensor, second["network"][name]), name
+    assert first["learner"]["frames"] == second["learner"]["frames"] == 6144
+    for name, tensor in first["learner"]["network"].items():
+        assert torch.equal(tensor, second["learner"]["network"][name]), name
     for name, tensor in first["simulator"].items():
         assert torch.equal(tensor.nan_to_num(), second["simulator"][name].nan_to_num()), name
     rows = [[row["frames"] for row in read_metrics(folder)] for folder in (whole, killed)]
@@ -119,7 +119,7 @@ def test_control_c_saves_and_reports_and_the_run_goes_on(tmp_path: Path) -> None
     assert "interrupted" in errors and "Traceback" not in errors
     assert "optimal" in output
     assert json.loads((folder / "results.json").read_text())["interrupted"]
-    assert load_checkpoint(folder)["frames"] > 0
+    assert load_checkpoint(folder)["learner"]["frames"] > 0
 
 
 def test_evaluate_render_and_baseline_say_what_they_found(
@@ -252,7 +252,8 @@ def test_a_damaged_or_malicious_checkpoint_is_an_error_and_runs_no_code(
     elif damage == "code":
         checkpoint.write_bytes(pickle.dumps({"format": 1, "network": Evil()}))
     elif damage == "other":
-        torch.save({"format": 1, "network": {"layer": torch.zeros(3)}}, checkpoint)
+        weights = {"layer": torch.zeros(3)}
+        torch.save({"format": 2, "learner": {"network": weights}}, checkpoint)
     else:
         checkpoint.unlink()
     assert str(folder) in error_of(capsys, "evaluate", folder, "--episodes", "10")

@@ -19,13 +19,13 @@ from pursuit.simulator import Simulator
 from pursuit.task import Task, make_task
 from scripted_agents import AStarChaser, AStarEvader, RandomAgent
 from scripted_agents.environments import default_policies
+from train.algorithms.ppo import PPO, ppo_loss
 from train.environment import SimulatorEnv
 from train.evaluation import Contest
+from train.hyperparameters import PPOSettings
 from train.learned_policy import LearnedPolicy
 from train.networks import ActorCritic, IndexLayer
-from train.ppo import PPO, ppo_loss
 from train.run import ThreadChoice
-from train.settings import PPOSettings
 
 TASKS = {
     "chaser": make_task("chase", maze="3x3", max_steps=12),

@@ -13,7 +13,7 @@ from pursuit.simulator import Simulator
 from pursuit.task import Task, make_task
 from scripted_agents.environments import default_policies
 from train.command_line import parse
-from train.settings import check
+from train.hyperparameters import check
 
 
 @dataclass(frozen=True)

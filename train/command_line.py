@@ -14,6 +14,8 @@ Form = TypeVar("Form")
 COMMANDS = {
     "train": "train an agent, and compare it with the exact optimum",
     "evaluate": "evaluate a trained run again, on as many episodes as you like",
+    "sweep": "all runs of a sweep file, on this machine or on a Ray cluster",
+    "report": "figures and tables of a sweep",
     "baseline": "random, scripted and optimal agents on a task",
     "maze": "show, check or generate a maze",
     "render": "a replay of a run, or of the scripted agents, as GIF or MP4",
@@ -76,6 +78,10 @@ def command(name: str) -> Callable[[Sequence[str]], None]:
             "evaluate": training_commands.evaluate,
             "render": training_commands.render,
         }[name]
+    if name in ("sweep", "report"):
+        from train import sweep_commands
+
+        return {"sweep": sweep_commands.sweep, "report": sweep_commands.report}[name]
     if name == "bench":
         from train.bench import bench
 

@@ -85,7 +85,9 @@ class SimulatorEnv(EnvBase):
             {"observation": self._observe()}, batch_size=self.batch_size, device=self.device
         )
 
-    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+    def _step(
+        self, tensordict: TensorDictBase, alive: torch.Tensor | None = None
+    ) -> TensorDictBase:
         simulator = self.simulator
         simulator.act(self.policies, self._actions)
         self._actions[:, self.seat] = tensordict["action"].numpy()
@@ -95,8 +97,9 @@ class SimulatorEnv(EnvBase):
             captured = torch.from_numpy(simulator.active[:, self.seat] == 0)
             terminated, truncated = terminated | captured, truncated & ~captured
         done = terminated | truncated
-        if done.any():
-            ended = done.numpy()
+        ending = done if alive is None else done & alive
+        if ending.any():
+            ended = ending.numpy()
             self.finished_returns.append(simulator.returns[ended, self.seat])
             self.finished_lengths.append(simulator.steps[ended].copy())
         return TensorDict(
@@ -110,6 +113,21 @@ class SimulatorEnv(EnvBase):
             batch_size=self.batch_size,
             device=self.device,
         )
+
+    def step_episodes(self, actions: torch.Tensor, running: torch.Tensor) -> TensorDictBase:
+        """A step without restarts, for learning from whole episodes.
+
+        Args:
+            actions: [num_games] int64; those of games that have ended are ignored.
+            running: [n] int64, the games whose episode is not over yet.
+
+        Returns:
+            Everything after the step, for all games.
+        """
+        alive = torch.zeros(self.simulator.num_games, dtype=torch.bool)
+        alive[running] = True
+        action = TensorDict({"action": actions}, batch_size=self.batch_size)
+        return self._step(action, alive)
 
     def step_and_maybe_reset(
         self, tensordict: TensorDictBase

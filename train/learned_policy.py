@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -12,14 +13,29 @@ from pursuit.maze import Maze
 from pursuit.policy import GameView
 from pursuit.simulator import Simulator
 from pursuit.task import Task
-from train.networks import ActorCritic
+
+
+class PolicyNetwork(Protocol):
+    """What makes a policy: `ActorCritic`, `QNetwork`."""
+
+    def logits(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., actions] from observations; the greedy action has the largest."""
+
+    def parameters(self) -> Iterator[torch.nn.Parameter]:
+        """All weights."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """All weights by name."""
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> Any:
+        """Take them."""
 
 
 class LearnedPolicy:
     """A network that fills a seat.
 
     Args:
-        network: policy and value.
+        network: gives the logits.
         task: the task that it was trained in.
         agent: the agent that it learned to play, by name or role.
         encoding: what it observes.
@@ -30,7 +46,7 @@ class LearnedPolicy:
     """
 
     def __init__(
-        self, network: ActorCritic, task: Task, agent: str, encoding: str, greedy: bool = True
+        self, network: PolicyNetwork, task: Task, agent: str, encoding: str, greedy: bool = True
     ) -> None:
         self.network, self.task, self.agent, self.encoding = network, task, agent, encoding
         self.greedy = greedy
@@ -40,9 +56,7 @@ class LearnedPolicy:
         """[..., actions] float64: the distribution played, for observations [..., *shape]."""
         device = next(self.network.parameters()).device
         with torch.no_grad():
-            trunk = self.network.policy_trunk
-            hidden = trunk(trunk.prepare(torch.from_numpy(observations).to(device)))
-            logits = self.network.policy_head(hidden)
+            logits = self.network.logits(torch.from_numpy(observations).to(device))
             if self.greedy:
                 chosen = torch.nn.functional.one_hot(logits.argmax(dim=-1), logits.shape[-1])
                 return chosen.cpu().double().numpy()

@@ -133,7 +133,7 @@ class Convolutions(nn.Module):
 
 
 class Trunk(nn.Module):
-    """Two hidden layers of `width` units with ReLU on any encoding.
+    """Two hidden layers of `width` units with ReLU or tanh on any encoding.
 
     With `bfloat16` the matrix products run under autocast; parameters and outputs stay float32.
     """
@@ -146,6 +146,7 @@ class Trunk(nn.Module):
         form: FirstLayerForm | None = None,
         bfloat16: bool = False,
         std: float = 0.06,
+        activation: str = "relu",
     ) -> None:
         super().__init__()
         first: IndexLayer | Flat | Convolutions
@@ -160,7 +161,8 @@ class Trunk(nn.Module):
         second = nn.Linear(width, width)
         nn.init.orthogonal_(second.weight, 2.0**0.5)
         nn.init.zeros_(second.bias)
-        self.first, self.rest = first, nn.Sequential(nn.ReLU(), second, nn.ReLU())
+        between = nn.Tanh if activation == "tanh" else nn.ReLU
+        self.first, self.rest = first, nn.Sequential(between(), second, between())
         self.autocast_bfloat16 = bfloat16
         self.casts = bfloat16 and isinstance(first, IndexLayer) and first.form == "dense"
 
@@ -204,12 +206,12 @@ class ActorCritic(nn.Module):
         form: FirstLayerForm | None = None,
         bfloat16: bool = False,
         std: float = 0.06,
+        activation: str = "relu",
     ) -> None:
         super().__init__()
-        self.policy_trunk = Trunk(encoder, num_agents, width, form, bfloat16, std)
-        self.value_trunk = (
-            self.policy_trunk if shared else Trunk(encoder, num_agents, width, form, bfloat16, std)
-        )
+        arguments = (encoder, num_agents, width, form, bfloat16, std, activation)
+        self.policy_trunk = Trunk(*arguments)
+        self.value_trunk = self.policy_trunk if shared else Trunk(*arguments)
         self.policy_head = head(width, num_actions, 0.01)
         self.value_head = head(width, 1, 1.0)
 
@@ -223,7 +225,67 @@ class ActorCritic(nn.Module):
         hidden, value_hidden = self.hidden(self.policy_trunk.prepare(observation))
         return self.policy_head(hidden), self.value_head(value_hidden)
 
+    def logits(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., actions], without the value."""
+        trunk = self.policy_trunk
+        logits: torch.Tensor = self.policy_head(trunk(trunk.prepare(observation)))
+        return logits
+
     def hidden(self, prepared: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """What the two heads work on, [..., width] each; `policy_trunk.prepare` serves both."""
         hidden = self.policy_trunk(prepared)
         return hidden, hidden if self.shared else self.value_trunk(prepared)
+
+
+class DuelingHead(nn.Module):
+    """A value and the actions' advantages over their mean (Wang et al., 2016, equation 9)."""
+
+    def __init__(self, width: int, num_actions: int) -> None:
+        super().__init__()
+        self.value, self.advantage = head(width, 1, 1.0), head(width, num_actions, 0.1)
+
+    def forward(self, hidden: torch.Tensor) -> torch.Tensor:
+        """[..., actions] from [..., width]."""
+        advantage = self.advantage(hidden)
+        q_values: torch.Tensor = (
+            self.value(hidden) + advantage - advantage.mean(dim=-1, keepdim=True)
+        )
+        return q_values
+
+
+class QNetwork(nn.Module):
+    """Action values.
+
+    Attributes:
+        policy_trunk: the hidden layers.
+        policy_head: [..., width] -> [..., actions].
+    """
+
+    def __init__(
+        self,
+        encoder: Encoder,
+        num_agents: int,
+        num_actions: int,
+        width: int = 128,
+        dueling: bool = False,
+        form: FirstLayerForm | None = None,
+        bfloat16: bool = False,
+        std: float = 0.06,
+        activation: str = "relu",
+    ) -> None:
+        super().__init__()
+        self.policy_trunk = Trunk(encoder, num_agents, width, form, bfloat16, std, activation)
+        self.policy_head = (
+            DuelingHead(width, num_actions) if dueling else head(width, num_actions, 0.1)
+        )
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., actions] float32: the expected discounted return of each action."""
+        q_values: torch.Tensor = self.policy_head(
+            self.policy_trunk(self.policy_trunk.prepare(observation))
+        )
+        return q_values
+
+    def logits(self, observation: torch.Tensor) -> torch.Tensor:
+        """The same: the greedy action has the largest."""
+        return self(observation)

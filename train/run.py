@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import platform
 import signal
+import subprocess
 import warnings
-from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
+from threading import current_thread, main_thread
 from time import perf_counter
 from types import FrameType
 from typing import Any
@@ -19,13 +22,13 @@ import numpy as np
 import torch
 
 import pursuit
+from curricula import linear
+from pursuit.policy import Policy
 from pursuit.simulator import Simulator, SimulatorState
 from pursuit.single_agent import fill_seats
+from train.algorithms import make_learner, policy_of
 from train.environment import SimulatorEnv
 from train.evaluation import Contest, Score, optimality_gap
-from train.learned_policy import LearnedPolicy
-from train.networks import ActorCritic
-from train.ppo import PPO
 from train.run_folder import (
     RESULTS,
     MetricsFile,
@@ -39,6 +42,9 @@ from train.settings import TrainSettings
 
 EVALUATIONS = 20
 """How often a run is evaluated, and its checkpoint saved, over its budget."""
+
+DETERMINISTIC = ("dqn", "q_learning")
+"""Algorithms that learn no distribution over actions."""
 
 Report = Callable[["Run", dict[str, float]], None]
 
@@ -105,7 +111,7 @@ class ThreadChoice:
             self.preferred = min(self.seconds, key=lambda threads: self.seconds[threads])
 
 
-def uses_bfloat16(settings: TrainSettings) -> bool:
+def uses_bfloat16(settings: TrainSettings[Any]) -> bool:
     """What `precision` means on this machine."""
     if settings.precision != "auto":
         return settings.precision == "bfloat16"
@@ -114,54 +120,31 @@ def uses_bfloat16(settings: TrainSettings) -> bool:
     return has_fast_bfloat16()
 
 
-def build_network(settings: TrainSettings) -> ActorCritic:
-    """The network of a run, with fresh weights, on its device."""
-    task = settings.task.build()
-    form: Any = None if settings.first_layer == "auto" else settings.first_layer
-    return ActorCritic(
-        Simulator(task).encoder(settings.observation),
-        task.num_agents,
-        task.num_actions,
-        settings.ppo.width,
-        settings.ppo.shared,
-        form,
-        uses_bfloat16(settings),
-        settings.ppo.first_std,
-    ).to(settings.device)
+MISFITS = (KeyError, RuntimeError, TypeError, AttributeError)
+_MISFIT = (
+    "{folder}: the checkpoint does not fit the settings in config.json; one of the two is from "
+    "another run"
+)
 
 
-def load_policy(folder: Path, greedy: bool = True) -> LearnedPolicy:
+def load_policy(folder: Path, greedy: bool = True) -> Policy:
     """The policy of a run, from its last checkpoint, on the CPU.
 
     Raises:
-        ValueError: no run, or a damaged one.
+        ValueError: no run, a damaged one, or one without the distribution asked for.
     """
-    settings = load_settings(folder)
-    state = load_checkpoint(folder)
-    task = settings.task.build()
-    network = ActorCritic(
-        Simulator(task).encoder(settings.observation),
-        task.num_agents,
-        task.num_actions,
-        settings.ppo.width,
-        settings.ppo.shared,
-    )
-    load_weights(network, state, folder)
-    return LearnedPolicy(network, task, settings.task.agent, settings.observation, greedy)
-
-
-def load_weights(network: ActorCritic, state: dict[str, Any], folder: Path) -> None:
-    """Put the weights of a checkpoint into `network`; ValueError where they do not fit."""
-    try:
-        network.load_state_dict(state["network"])
-    except (KeyError, RuntimeError, TypeError, AttributeError):
+    settings, state = load_settings(folder), load_checkpoint(folder)
+    if not greedy and settings.algorithm in DETERMINISTIC:
         raise ValueError(
-            f"{folder}: the checkpoint does not fit the settings in config.json; one of the two is "
-            "from another run"
-        ) from None
+            f"{folder}: {settings.algorithm} learns no distribution over actions; take greedy=True"
+        )
+    try:
+        return policy_of(settings, state["learner"], greedy)
+    except MISFITS:
+        raise ValueError(_MISFIT.format(folder=folder)) from None
 
 
-def contest_of(settings: TrainSettings, episodes: int) -> Contest:
+def contest_of(settings: TrainSettings[Any], episodes: int) -> Contest:
     """What a run is evaluated on."""
     return Contest(settings.task.build(), settings.task.agent, settings.task.opponents(), episodes)
 
@@ -185,36 +168,35 @@ class Run:
         stopped: whether it was interrupted before its budget was spent.
     """
 
-    def __init__(self, settings: TrainSettings, folder: Path, resume: bool = False) -> None:
+    def __init__(self, settings: TrainSettings[Any], folder: Path, resume: bool = False) -> None:
         if settings.device.startswith("cuda") and not torch.cuda.is_available():
             raise ValueError("device='cuda', but torch finds no GPU here; use --device cpu")
         self.settings, self.folder, self.stopped = settings, folder, False
         keep_freed_memory()
         torch.set_num_threads(settings.threads or os.cpu_count() or 1)
         torch.manual_seed(settings.seed)
-        task, ppo = settings.task.build(), settings.ppo
-        self.simulator = Simulator(task, ppo.num_games, settings.seed, auto_restart=False)
+        task, games = settings.task.build(), settings.hyper.num_games
+        self.simulator = Simulator(task, games, settings.seed, auto_restart=False)
         seat, policies = fill_seats(task, settings.task.agent, settings.task.opponents())
         self.env = SimulatorEnv(self.simulator, seat, policies, settings.observation)
-        self.network = build_network(settings)
-        self.policy = LearnedPolicy(self.network, task, settings.task.agent, settings.observation)
         self.seconds = 0.0
         self._evaluations = 0
         state = load_checkpoint(folder) if resume else None
         if state is not None:
-            load_weights(self.network, state, folder)
             self._restore_games(state["simulator"])
             self.env.resume = True
-        self.learner = PPO(ppo, self.env, self.network, settings.device)
+        self.learner = make_learner(settings, self.env, uses_bfloat16(settings))
+        self.policy = self.learner.policy()
         if state is not None:
-            self.learner.optimizer.load_state_dict(state["optimizer"])
-            self.learner.frames, self.seconds = state["frames"], state["seconds"]
-            self._evaluations = state["evaluations"]
+            try:
+                self.learner.load_state_dict(state["learner"])
+            except MISFITS:
+                raise ValueError(_MISFIT.format(folder=folder)) from None
+            self.seconds, self._evaluations = state["seconds"], state["evaluations"]
             torch.set_rng_state(state["torch_rng"])
         self.metrics = MetricsFile(folder, self.learner.frames if resume else None)
         self.contest = contest_of(settings, 500)
         self.optimum = self.contest.optimal()
-        self._recent: deque[tuple[float, float]] = deque(maxlen=20)
 
     @property
     def progress(self) -> float:
@@ -229,9 +211,10 @@ class Run:
         Args:
             report: called with every row of `metrics.csv`, and with {} after every rollout.
         """
-        previous = {
-            number: signal.signal(number, self._stop) for number in (signal.SIGINT, signal.SIGTERM)
-        }
+        previous: dict[int, Any] = {}
+        if current_thread() is main_thread():  # Python handles signals nowhere else
+            for number in (int(signal.SIGINT), int(signal.SIGTERM)):
+                previous[number] = signal.signal(number, self._stop)
         from torchrl.record.loggers import TensorboardLogger
 
         board = TensorboardLogger("tensorboard", str(self.folder))
@@ -244,6 +227,7 @@ class Run:
             while self.progress < 1.0 and not self.stopped:
                 if choice is not None:
                     choice.choose()
+                self._set_starts()
                 began = perf_counter()
                 losses = self.learner.iterate(self.progress)
                 spent = perf_counter() - began
@@ -265,6 +249,20 @@ class Run:
                 signal.signal(number, handler)
             board.experiment.close()
             self.learner.close()
+
+    def _set_starts(self) -> None:
+        """Let starts grow from near to anywhere over the share `near_starts` of the budget."""
+        share, task = self.settings.hyper.near_starts, self.simulator.task
+        if not share:
+            return
+        longest = max(maze.longest_distance for maze in task.mazes)
+        near = max(3, task.min_start_distance)
+        reach = round(linear(near, longest, min(self.progress / share, 1.0)))
+        radius = reach if reach < longest else -1
+        if task.num_goals:
+            self.simulator.configure(goal_radius=radius, goals_around="start")
+        if task.num_chasers and task.num_evaders:
+            self.simulator.configure(max_start_distance=radius)
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
         if self.stopped:
@@ -297,9 +295,7 @@ class Run:
         save_checkpoint(
             self.folder,
             {
-                "network": self.network.state_dict(),
-                "optimizer": self.learner.optimizer.state_dict(),
-                "frames": self.learner.frames,
+                "learner": self.learner.state_dict(),
                 "seconds": self.seconds,
                 "evaluations": self._evaluations,
                 "torch_rng": torch.get_rng_state(),
@@ -319,15 +315,9 @@ class Run:
     def results(self, episodes: int = 1000) -> dict[str, Any]:
         """Evaluate what was learned beside the baselines, and write `results.json`."""
         contest = contest_of(self.settings, episodes)
-        learned = contest.score("learned", self.policy)
-        drawn = LearnedPolicy(
-            self.network,
-            self.policy.task,
-            self.policy.agent,
-            self.policy.encoding,
-            greedy=False,
-        )
-        scores = [*contest.baselines(), learned, contest.score("learned, drawn", drawn)]
+        scores = [*contest.baselines(), contest.score("learned", self.policy)]
+        if self.learner.stochastic:
+            scores.append(contest.score("learned, drawn", self.learner.policy(greedy=False)))
         content = describe(self.settings, contest, scores) | {
             "frames": self.learner.frames,
             "seconds": round(self.seconds, 3),
@@ -338,7 +328,7 @@ class Run:
         return content
 
 
-def describe(settings: TrainSettings, contest: Contest, scores: list[Score]) -> dict[str, Any]:
+def describe(settings: TrainSettings[Any], contest: Contest, scores: list[Score]) -> dict[str, Any]:
     """The content of `results.json`, as far as evaluation goes."""
     by_name = {score.name: score for score in scores}
     learned, optimum = by_name["learned"], by_name.get("optimal")
@@ -362,9 +352,11 @@ def describe(settings: TrainSettings, contest: Contest, scores: list[Score]) -> 
             "pursuit": pursuit.__version__,
             "torch": torch.__version__,
             "python": platform.python_version(),
+            "commit": commit(),
         },
         "machine": {
-            "processor": platform.processor() or platform.machine(),
+            "processor": processor(),
+            "cores": os.cpu_count(),
             "threads": torch.get_num_threads(),
             "device": settings.device,
             "precision": "bfloat16" if uses_bfloat16(settings) else "float32",
@@ -372,7 +364,35 @@ def describe(settings: TrainSettings, contest: Contest, scores: list[Score]) -> 
     }
 
 
-def start_run(settings: TrainSettings, folder: Path) -> Run:
+@cache
+def commit() -> str | None:
+    """The commit of the source that runs, with "+" where it was changed since; None if unknown."""
+    here = Path(__file__).parent
+    git = ["git", "-C", str(here)]
+    try:
+        found = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True)
+        changed = subprocess.run(
+            [*git, "status", "--porcelain", "--", "..", ":!../runs"], capture_output=True, text=True
+        )
+    except OSError:
+        return None
+    name = found.stdout.strip()
+    if found.returncode or "site-packages" in here.parts:
+        return None
+    return name + ("+" if changed.stdout.strip() else "")
+
+
+@cache
+def processor() -> str:
+    """The processor's name."""
+    with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as file:
+        for line in file:
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    return platform.processor() or platform.machine()
+
+
+def start_run(settings: TrainSettings[Any], folder: Path) -> Run:
     """A new run in a new folder: settings are on disk before anything is learned."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -18,6 +18,7 @@ from typing import Any
 import torch
 
 from pursuit.maze import library_names
+from train.hyperparameters import check
 from train.settings import TrainSettings
 
 CONFIG, METRICS, RESULTS, CHECKPOINT = (
@@ -26,7 +27,8 @@ CONFIG, METRICS, RESULTS, CHECKPOINT = (
     "results.json",
     "checkpoint.pt",
 )
-FORMAT = 1
+FORMAT = 2
+"""Of `config.json` and `checkpoint.pt`; raised whenever older ones can no longer be read."""
 
 
 def write_beside(path: Path, write: Callable[[Path], object]) -> None:
@@ -78,13 +80,16 @@ def new_folder(path: Path) -> Path:
     return path
 
 
-def save_settings(folder: Path, settings: TrainSettings) -> None:
+def save_settings(folder: Path, settings: TrainSettings[Any]) -> None:
     """Write `config.json`: the settings, and the maze as text."""
     plain = settings.to_plain()
-    write_json(folder / CONFIG, {**plain, "maze_text": settings.task.build().mazes[0].to_text()})
+    write_json(
+        folder / CONFIG,
+        {"format": FORMAT, **plain, "maze_text": settings.task.build().mazes[0].to_text()},
+    )
 
 
-def load_settings(folder: Path) -> TrainSettings:
+def load_settings(folder: Path) -> TrainSettings[Any]:
     """What `save_settings` wrote; a maze that was a file is taken from its text.
 
     Raises:
@@ -95,6 +100,11 @@ def load_settings(folder: Path) -> TrainSettings:
     plain = read_json(folder / CONFIG)
     if not isinstance(plain, dict) or not isinstance(plain.get("task"), dict):
         raise ValueError(f"{folder / CONFIG}: damaged, not the settings of a run")
+    check(
+        plain.pop("format", None) == FORMAT,
+        f"{folder}: written by another version of pursuit (format {FORMAT} needed); use that "
+        "version, or a new folder",
+    )
     text = plain.pop("maze_text", None)
     if isinstance(text, str) and plain["task"].get("maze") not in library_names():
         plain["task"]["maze"] = text

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 from pursuit.maze import Maze, load_maze
 from pursuit.observations import ENCODINGS
 from pursuit.policy import Policy
 from pursuit.task import TASK_NAMES, Task, make_task
 from scripted_agents.environments import default_policies
+from train.hyperparameters import (
+    ALGORITHMS,
+    HYPERPARAMETERS,
+    Hyperparameters,
+    PPOSettings,
+    algorithm_of,
+    check,
+)
 
-ALGORITHMS = ("ppo",)
+H = TypeVar("H", bound=Hyperparameters, covariant=True)
 PRECISIONS = ("auto", "float32", "bfloat16")
 FIRST_LAYERS = ("auto", "bag", "dense")
-
-
-def check(condition: bool, message: str) -> None:
-    """Raise ValueError(message) unless `condition`."""
-    if not condition:
-        raise ValueError(message)
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,11 @@ class TaskSettings:
     """goal, completion, distance, zero_sum, or the task's own (default)."""
     opponent_epsilon: float = 0.2
     """Share of random moves of the scripted agents in all other seats, in [0, 1]."""
+    opponent: str | None = None
+    """Who plays the other side instead of the scripted agents: the folder of a run, or a saved
+    Stable-Baselines3 model (.zip)."""
+    start: str = "random"
+    """random, or marks: the S and G of the maze (fixed goals)."""
 
     def __post_init__(self) -> None:
         check(
@@ -94,73 +103,42 @@ class TaskSettings:
             stay_action=self.stay_action,
             move_order=self.move_order,
             min_start_distance=self.min_start_distance,
+            start=self.start,
             **given,
         )
 
     def opponents(self) -> dict[str, Policy]:
-        """The scripted policy of every role."""
-        return default_policies(self.build(), self.opponent_epsilon, own=self.agent)
+        """The policy of every role: scripted, and where there is one, `opponent` for its own.
+
+        Raises:
+            ValueError: no policy at `opponent`, or one that cannot play against the learner.
+        """
+        task = self.build()
+        policies = default_policies(task, self.opponent_epsilon, own=self.agent)
+        if self.opponent is not None:
+            from train.third_party import load_opponent
+
+            policy: Any = load_opponent(Path(self.opponent))
+            role = policy.task.seat_roles[policy.task.seat(policy.agent)]
+            seat = task.seat(self.agent)
+            others = [r for s, r in enumerate(task.seat_roles) if s != seat]
+            check(
+                role in others,
+                f"opponent={self.opponent!r} learned to be {role!r}; the other seats of task "
+                f"{task.name!r} are {', '.join(others) or 'none'}; give a policy of another role",
+            )
+            policies[role] = policy
+        return policies
 
 
 @dataclass(frozen=True)
-class PPOSettings:
-    """Proximal policy optimisation (Schulman et al., 2017), and the size of the network."""
-
-    num_games: int = 1024
-    """Games in lockstep."""
-    rollout_steps: int = 16
-    """Steps of every game between two updates."""
-    minibatch: int = 4096
-    """Frames of one gradient step."""
-    epochs: int = 2
-    """Passes over each rollout."""
-    learning_rate: float = 1e-2
-    """Of Adam, at the start; it is annealed in a straight line to 0."""
-    gamma: float = 0.95
-    """Discount."""
-    gae_lambda: float = 0.9
-    """Lambda of generalised advantage estimation."""
-    clip: float = 0.2
-    """Clipping of the probability ratio."""
-    entropy: float = 0.01
-    """Weight of the entropy bonus at the start; annealed to 0."""
-    value_weight: float = 0.5
-    """Weight of the value loss."""
-    max_grad_norm: float = 0.5
-    """Gradients are scaled down to this norm."""
-    width: int = 128
-    """Units of each of the two hidden layers."""
-    first_std: float = 0.06
-    """Standard deviation of the first layer's weights on index at the start."""
-    shared: bool = True
-    """Whether policy and value share their hidden layers."""
-
-    def __post_init__(self) -> None:
-        for name in ("num_games", "rollout_steps", "minibatch", "epochs", "width"):
-            check(getattr(self, name) >= 1, f"{name}={getattr(self, name)}; it is at least 1")
-        for name in ("learning_rate", "max_grad_norm", "clip", "first_std"):
-            check(getattr(self, name) > 0, f"{name}={getattr(self, name)}; it is above 0")
-        for name in ("gamma", "gae_lambda"):
-            value = getattr(self, name)
-            check(0.0 <= value <= 1.0, f"{name}={value}; it lies in [0, 1]")
-        for name in ("entropy", "value_weight"):
-            check(getattr(self, name) >= 0, f"{name}={getattr(self, name)}; it is at least 0")
-        frames = self.num_games * self.rollout_steps
-        check(
-            self.minibatch <= frames,
-            f"minibatch={self.minibatch} is more than a rollout of num_games × rollout_steps = "
-            f"{frames} frames; lower it",
-        )
-
-
-@dataclass(frozen=True)
-class TrainSettings:
+class TrainSettings(Generic[H]):
     """One training run, complete: what `config.json` holds."""
 
     task: TaskSettings = field(default_factory=TaskSettings)
-    ppo: PPOSettings = field(default_factory=PPOSettings)
+    hyper: H = field(default_factory=PPOSettings)  # type: ignore[assignment]
     algorithm: str = "ppo"
-    """The learner."""
+    """The learner: ppo, a2c, reinforce, dqn, cross_entropy or q_learning."""
     observation: str = "index"
     """What the network is given: index (the same network as one_hot, faster), one_hot, positions,
     cells, walls or planes (convolutions)."""
@@ -191,6 +169,10 @@ class TrainSettings:
             value = getattr(self, name)
             check(value in choices, f"unknown {name} {value!r}; one of {', '.join(choices)}")
         check(
+            algorithm_of(self.hyper) == self.algorithm,
+            f"algorithm={self.algorithm!r} with settings of {algorithm_of(self.hyper)!r}",
+        )
+        check(
             (self.seconds is None) != (self.frames is None),
             f"seconds={self.seconds} and frames={self.frames}; give one of the two as the budget",
         )
@@ -205,23 +187,94 @@ class TrainSettings:
             self.device == "cpu" or self.device.split(":")[0] == "cuda",
             f"unknown device {self.device!r}; cpu or cuda (or cuda:1, ...)",
         )
+        check(
+            not self.hyper.near_starts or self.task.start == "random",
+            f"near_starts={self.hyper.near_starts} needs random starts; set near_starts=0, or leave "
+            "out start='marks'",
+        )
+        if self.algorithm in ("q_learning", "cross_entropy"):
+            check(
+                self.device == "cpu",
+                f"device={self.device!r}; {self.algorithm} runs on the cpu only",
+            )
+        check(
+            self.algorithm != "q_learning" or self.observation == "index",
+            f"observation={self.observation!r}; q_learning has a table over states, not over "
+            "observations; leave it out",
+        )
 
     def to_plain(self) -> dict[str, Any]:
         """As nested dicts of plain values, for JSON."""
         return asdict(self)
 
     @classmethod
-    def from_plain(cls, plain: dict[str, Any]) -> TrainSettings:
+    def from_plain(cls, plain: dict[str, Any]) -> TrainSettings[Any]:
         """What `to_plain` gave.
 
         Raises:
             ValueError: missing or unknown settings, or values that are not allowed.
         """
         try:
-            inner = {
+            inner: dict[str, Any] = {
                 "task": TaskSettings(**plain["task"]),
-                "ppo": PPOSettings(**plain["ppo"]),
+                "hyper": HYPERPARAMETERS[plain["algorithm"]](**plain["hyper"]),
             }
             return cls(**{**plain, **inner})
         except (TypeError, KeyError) as error:
             raise ValueError(f"these are not the settings of a run: {error}") from None
+
+
+def settings_of(**flat: Any) -> TrainSettings[Any]:
+    """Settings by their names on the command line, with `preset` for what is left out.
+
+    `settings_of(algorithm="dqn", maze="7x7", task="maze", seconds=60, learning_rate=1e-3)`.
+
+    Raises:
+        ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
+    """
+    from train.presets import TUNED, hyperparameters, preset_algorithm
+
+    given = dict(flat)
+    preset = given.pop("preset", TUNED)
+    algorithm = given.get("algorithm", preset_algorithm(preset) or "ppo")
+    task_names = {field.name for field in fields(TaskSettings)}
+    task = TaskSettings(**_typed(TaskSettings, {k: v for k, v in given.items() if k in task_names}))
+    hyper = hyperparameters(algorithm, task, preset)
+    hyper_names = {field.name for field in fields(hyper)}
+    own_names = {field.name for field in fields(TrainSettings)} - {"task", "hyper"}
+    for name in given:
+        known = sorted({*task_names, *hyper_names, *own_names, "preset"})
+        close = get_close_matches(name, known, 1)
+        check(
+            name in known,
+            f"unknown setting {name!r} for algorithm {algorithm!r}"
+            + (f"; did you mean {close[0]!r}?" if close else f"; one of {', '.join(known)}"),
+        )
+    changed = _typed(type(hyper), {k: v for k, v in given.items() if k in hyper_names})
+    own = _typed(TrainSettings, {k: v for k, v in given.items() if k in own_names})
+    return TrainSettings(
+        **{
+            **own,
+            "algorithm": algorithm,
+            "task": task,
+            "hyper": type(hyper)(**{**asdict(hyper), **changed}),
+        }
+    )
+
+
+def _typed(form: type[Any], given: dict[str, Any]) -> dict[str, Any]:
+    """`given` with whole numbers made floats where a float is meant; ValueError for other types."""
+    wanted = {field.name: str(field.type) for field in fields(form)}
+    result = {}
+    for name, value in given.items():
+        kind = wanted[name]
+        if "float" in kind and type(value) is int:
+            value = float(value)
+        kinds = {"bool": bool, "int": int, "float": float, "str": str}
+        fits = any(word in kind and type(value) is known for word, known in kinds.items())
+        check(
+            fits or ("None" in kind and value is None),
+            f"{name}={value!r}; it is of type {kind.replace(' | None', '')}",
+        )
+        result[name] = value
+    return result

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import strftime
-from typing import Annotated, Any
+from typing import Annotated, Any, Generic, TypeVar
 
 import tyro
 from rich.console import Console
@@ -17,19 +17,28 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from train.command_line import parse
 from train.evaluation import Contest, Score
+from train.hyperparameters import Hyperparameters, check
 from train.pictures import draw_learning_curve, save_replay
-from train.presets import ppo_preset
-from train.run import Run, contest_of, describe, load_policy, resume_run, start_run
+from train.presets import TUNED, hyperparameters, preset_algorithm
+from train.run import DETERMINISTIC, Run, contest_of, describe, load_policy, resume_run, start_run
 from train.run_folder import load_settings, new_folder, write_json
-from train.settings import TaskSettings, TrainSettings, check
+from train.settings import TaskSettings, TrainSettings
 from train.world_commands import contest_line, print_scores
+
+H = TypeVar("H", bound=Hyperparameters, covariant=True)
 
 
 @dataclass(frozen=True)
-class TrainCommand:
-    """Train one agent against scripted ones, and say how far it is from the exact optimum."""
+class TrainCommand(Generic[H]):
+    """Train one agent against scripted ones, and say how far it is from the exact optimum.
 
-    settings: TrainSettings = field(default_factory=lambda: TrainSettings(seconds=60.0))
+    The options of the algorithm's settings are those of --algorithm (ppo if left out):
+    `pursuit train --algorithm dqn --help` shows DQN's.
+    """
+
+    settings: TrainSettings[H]
+    preset: str = TUNED
+    """Where the algorithm's settings come from: tuned, or thesis-ppo, thesis-a2c, thesis-dqn."""
     out: Path | None = None
     """A new folder for the run; runs/TASK-ROLE-MAZE-TIME if left out."""
     resume: Path | None = None
@@ -39,15 +48,19 @@ class TrainCommand:
 
 
 @dataclass(frozen=True)
-class _TaskOnly:
-    """Finds the task among the arguments, to choose the preset."""
+class _First:
+    """What is looked for first among the arguments: it decides what the other options are."""
 
     task: TaskSettings = field(default_factory=TaskSettings)
+    algorithm: str | None = None
+    preset: str = TUNED
 
 
 def train(arguments: Sequence[str]) -> None:
     """`pursuit train`."""
-    given = parse(TrainCommand, arguments, "train", _defaults(arguments))
+    default = _defaults(arguments)
+    form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
+    given: TrainCommand[Any] = parse(form, arguments, "train", default)
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     if given.resume is not None:
         check(given.resume.is_dir(), f"{given.resume}: no such folder")
@@ -64,25 +77,32 @@ def train(arguments: Sequence[str]) -> None:
     finish(run, given.episodes)
 
 
-def _defaults(arguments: Sequence[str]) -> TrainCommand:
-    """The preset of the task named in the arguments, so that --help shows it as well."""
+def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
+    """The preset of the algorithm and task in the arguments, so that --help shows it as well.
+
+    Raises:
+        ValueError: an unknown algorithm or preset, or two that do not go together.
+    """
     if any(argument in ("-h", "--help") for argument in arguments):
         arguments = [a for a in arguments if a not in ("-h", "--help")]
-    try:
-        with contextlib.redirect_stderr(io.StringIO()):  # errors are told when all is parsed
-            known, _ = tyro.cli(
-                _TaskOnly,
-                args=list(arguments),
-                return_unknown_args=True,
-                config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-            )
-        task = known.task
-    except (SystemExit, ValueError):
-        task = TaskSettings()
+    first = _First()
+    with (
+        contextlib.suppress(SystemExit, ValueError),
+        contextlib.redirect_stderr(io.StringIO()),  # errors are told when all is parsed
+    ):
+        first, _ = tyro.cli(
+            _First,
+            args=list(arguments),
+            return_unknown_args=True,
+            config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+        )
+    algorithm = first.algorithm or preset_algorithm(first.preset) or "ppo"
+    hyper = hyperparameters(algorithm, first.task, first.preset)
     budget: dict[str, Any] = {"seconds": 60.0}
     if any(a == "--frames" or a.startswith("--frames=") for a in arguments):
         budget = {"frames": 1}
-    return TrainCommand(TrainSettings(task, ppo_preset(task), **budget))
+    settings = TrainSettings(first.task, hyper, algorithm, **budget)
+    return TrainCommand(settings, first.preset)
 
 
 class Watch:
@@ -176,19 +196,19 @@ def evaluate(arguments: Sequence[str]) -> None:
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     check(given.out is None or not given.out.exists(), f"{given.out}: exists already")
     settings, policy, contest = _load(given.run, given.opponent_epsilon, given.episodes)
-    drawn = load_policy(given.run, greedy=False)
-    scores = [
-        *contest.baselines(),
-        contest.score("learned", policy),
-        contest.score("learned, drawn", drawn),
-    ]
+    scores = [*contest.baselines(), contest.score("learned", policy)]
+    if settings.algorithm not in DETERMINISTIC:
+        drawn = load_policy(given.run, greedy=False)
+        scores.append(contest.score("learned, drawn", drawn))
     print(contest_line(contest))
     print_scores(scores)
     if given.out is not None:
         write_json(given.out, describe(settings, contest, scores))
 
 
-def _load(folder: Path, epsilon: float | None, episodes: int) -> tuple[TrainSettings, Any, Contest]:
+def _load(
+    folder: Path, epsilon: float | None, episodes: int
+) -> tuple[TrainSettings[Any], Any, Contest]:
     check(folder.is_dir(), f"{folder}: no such folder")
     settings = load_settings(folder)
     if epsilon is not None:

@@ -18,7 +18,8 @@ from pursuit.task import ROLES
 from scripted_agents.tour import expected_tour_length, num_states
 from train.command_line import parse
 from train.evaluation import Contest, Score, optimality_gap
-from train.settings import TaskSettings, check
+from train.hyperparameters import check
+from train.settings import TaskSettings
 
 
 @dataclass(frozen=True)

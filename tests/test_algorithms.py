@@ -1,0 +1,493 @@
+"""Every learner: its loss against TorchRL's or a plain loop, its resumption, and that it learns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tensordict import TensorDict
+from tensordict.nn import TensorDictModule
+from torchrl.modules import QValueActor
+from torchrl.objectives import DQNLoss, KLPENPPOLoss
+
+from pursuit.simulator import Simulator
+from pursuit.task import make_task
+from scripted_agents import RandomAgent
+from train.algorithms import make_learner
+from train.algorithms.a2c import A2C, Reinforce, actor_of, critic_of
+from train.algorithms.dqn import DQN, dqn_loss
+from train.algorithms.ppo import PPO, ppo_loss
+from train.algorithms.prioritized import (
+    SegmentTree,
+    TorchPrioritizedSampler,
+    extension_loads,
+    prioritized_sampler,
+)
+from train.environment import SimulatorEnv
+from train.hyperparameters import (
+    A2CSettings,
+    DQNSettings,
+    PPOSettings,
+    ReinforceSettings,
+)
+from train.networks import ActorCritic, QNetwork
+from train.presets import THESIS
+from train.run import Run, load_policy, resume_run, start_run
+from train.run_folder import load_checkpoint, new_folder
+from train.settings import settings_of
+
+TASK = make_task("maze", maze="3x3", num_goals=2, max_steps=12)
+
+
+def make_env(games: int, seed: int = 0) -> SimulatorEnv:
+    return SimulatorEnv(Simulator(TASK, games, seed, auto_restart=False), 0, [None])
+
+
+def make_network(env: SimulatorEnv, form: Any = ActorCritic) -> Any:
+    torch.manual_seed(0)
+    return form(env.simulator.encoder("index"), 1, 4, 16)
+
+
+# -- losses ----------------------------------------------------------------------------------------
+
+
+def test_the_penalty_on_the_divergence_equals_torchrls() -> None:
+    env = make_env(256)
+    network = make_network(env)
+    with torch.no_grad():
+        network.policy_head.weight.mul_(100)
+    prepared = network.policy_trunk.prepare(env.reset()["observation"])
+    before = torch.randn(256, 4).log_softmax(-1)
+    action = torch.randint(4, (256,))
+    minibatch = TensorDict(
+        {
+            "prepared": prepared,
+            "action": action,
+            "log_probabilities": before,
+            "action_log_prob": before.gather(1, action[:, None]).squeeze(1),
+            "advantage": torch.randn(256, 1),
+            "value_target": torch.randn(256, 1),
+        },
+        batch_size=[256],
+    )
+    # No clipping, so that the objective is that of the penalised form alone.
+    ours = ppo_loss(network, minibatch, PPOSettings(clip=1e9, value_weight=1.0), 0.0, 0.7)[0]
+    loss = KLPENPPOLoss(
+        actor_of(network),
+        critic_of(network),
+        beta=0.7,
+        entropy_bonus=False,
+        loss_critic_type="l2",
+        normalize_advantage=True,
+    )
+    minibatch["policy_hidden"], minibatch["value_hidden"] = network.hidden(prepared)
+    minibatch["logits"] = before
+    losses = loss(minibatch)
+    penalty = ppo_loss(network, minibatch, PPOSettings(), 0.0, 0.7)[1]["kl"]
+    distributions = [
+        torch.distributions.Categorical(logits=logits)
+        for logits in (before, network.policy_head(minibatch["policy_hidden"]))
+    ]
+    torch.testing.assert_close(penalty, torch.distributions.kl_divergence(*distributions).mean())
+    theirs = losses["loss_objective"] + losses["loss_critic"]
+    torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
+
+
+def test_the_weight_of_the_divergence_follows_its_target() -> None:
+    env = make_env(16)
+    learner = PPO(PPOSettings(16, minibatch=64, kl_target=0.01), env, make_network(env), "cpu")
+    learner._adapt_kl_weight(0.021)
+    assert learner.kl_weight == pytest.approx(0.3)
+    learner._adapt_kl_weight(0.004)
+    assert learner.kl_weight == pytest.approx(0.15)
+    learner._adapt_kl_weight(0.01)
+    assert learner.kl_weight == pytest.approx(0.15)
+    assert {"kl", "loss_objective"} <= set(learner.iterate(0.0))
+    learner.close()
+
+
+@pytest.mark.parametrize("gae", [True, False])
+@pytest.mark.parametrize("critic", [True, False])
+def test_advantages_with_and_without_gae_and_critic_equal_a_plain_loop(
+    gae: bool, critic: bool
+) -> None:
+    env = make_env(16)
+    network = make_network(env)
+    chosen = A2CSettings(16, 0.9, rollout_steps=20, gae=gae, critic=critic, gae_lambda=0.8)
+    learner = A2C(chosen, env, network, "cpu")
+    rollout = next(learner._batches).clone()
+    learner._batches = iter([rollout])
+    frames = learner.collect()
+    learner.close()
+    with torch.no_grad():
+        values = network(rollout["observation"])[1].squeeze(-1).numpy() * critic
+        after = network(rollout["next", "observation"])[1].squeeze(-1).numpy() * critic
+    rewards, done, terminated = (
+        rollout["next", key].squeeze(-1).numpy() for key in ("reward", "done", "terminated")
+    )
+    expected = np.zeros_like(values)
+    for game in range(16):
+        if gae:
+            running = 0.0
+            for step in reversed(range(20)):
+                value = 0.0 if terminated[game, step] else after[game, step]
+                delta = rewards[game, step] + 0.9 * value - values[game, step]
+                running = delta + (0.0 if done[game, step] else 0.72 * running)
+                expected[game, step] = running
+        else:
+            for step in range(20):
+                total, discount = 0.0, 1.0
+                for later in range(step, 20):
+                    total += discount * rewards[game, later]
+                    discount *= 0.9
+                    if done[game, later] or later == 19:
+                        total += 0.0 if terminated[game, later] else discount * after[game, later]
+                        break
+                expected[game, step] = total - values[game, step]
+    np.testing.assert_allclose(frames["advantage"].reshape(16, 20), expected, rtol=1e-4, atol=1e-5)
+
+
+def test_reinforce_learns_from_whole_episodes_and_their_returns() -> None:
+    env = make_env(64)
+    learner = Reinforce(ReinforceSettings(64, 0.9), env, make_network(env), "cpu")
+    frames = learner.play()
+    lengths = np.concatenate(env.finished_lengths)
+    assert len(lengths) == 64 and len(frames) == lengths.sum()
+    assert (lengths == 12).any() and (lengths < 12).any()
+    # The first frames' targets are the discounted returns of the games' episodes.
+    again = make_env(64)
+    again.reset()
+    order = [np.arange(64)]
+    taken = 64
+    while taken < len(frames):  # which games were still running at each step
+        alive = [game for game in order[-1] if _length(env, game) > len(order)]
+        order.append(np.array(alive))
+        taken += len(alive)
+    observed = env.simulator.returns
+    for game in range(64):
+        rewards = []
+        assert not again.simulator.ended[:, game].any()
+        row = 0
+        for step, games in enumerate(order):
+            if game in games:
+                where = row + int(np.flatnonzero(games == game)[0])
+                target = float(frames["value_target"][where])
+                following = None
+                if step + 1 < len(order) and game in order[step + 1]:
+                    later = row + len(games) + int(np.flatnonzero(order[step + 1] == game)[0])
+                    following = float(frames["value_target"][later])
+                if following is not None:
+                    rewards.append(target - 0.9 * following)
+            row += len(games)
+        assert all(min(abs(r + 0.1), abs(r - 1.0)) < 1e-4 for r in rewards), rewards
+    assert observed.shape == (64, 1)
+
+
+def _length(env: SimulatorEnv, game: int) -> int:
+    return int(env.simulator.steps[game])
+
+
+@pytest.mark.parametrize("double", [True, False])
+@pytest.mark.parametrize("weighted", [True, False])
+def test_the_loss_of_dqn_and_its_gradients_equal_torchrls(double: bool, weighted: bool) -> None:
+    env = make_env(256)
+    network, target = make_network(env, QNetwork), make_network(env, QNetwork)
+    with torch.no_grad():
+        for weight in target.parameters():
+            weight.add_(0.1 * torch.randn_like(weight))
+    env.reset()
+    steps = torch.randint(1, 4, (256,))
+    batch = TensorDict(
+        {
+            "observation": env.reset()["observation"],
+            "action": torch.randint(4, (256,)),
+            "reward": torch.randn(256),
+            "next_observation": env.reset()["observation"],
+            "terminated": torch.rand(256) < 0.3,
+            "steps": steps,
+        },
+        batch_size=[256],
+    )
+    if weighted:
+        batch["priority_weight"] = torch.rand(256) + 0.1
+    ours, error = dqn_loss(network, target, batch, 0.9, double)
+    gradients = torch.autograd.grad(ours, list(network.parameters()))
+    actor = QValueActor(
+        module=TensorDictModule(network, ["observation"], ["action_value"]),
+        in_keys=["observation"],
+        action_space="categorical",
+    )
+    loss = DQNLoss(actor, action_space="categorical", double_dqn=double, delay_value=True)
+    loss.make_value_estimator(gamma=0.9)
+    parameters = dict(target.named_parameters())
+    for name, weights in loss.target_value_network_params.flatten_keys(".").items():
+        if name.replace("module.0.module.", "") in parameters:
+            weights.data.copy_(parameters[name.replace("module.0.module.", "")])
+    ended = batch["terminated"][:, None]
+    theirs_batch = TensorDict(
+        {
+            "observation": batch["observation"],
+            "action": batch["action"],
+            "steps_to_next_obs": steps[:, None],
+            "next": {
+                "observation": batch["next_observation"],
+                "reward": batch["reward"][:, None],
+                "terminated": ended,
+                "done": ended,
+            },
+        },
+        batch_size=[256],
+    )
+    if weighted:
+        theirs_batch["priority_weight"] = batch["priority_weight"]
+    theirs = loss(theirs_batch)["loss"]
+    torch.testing.assert_close(ours, theirs)
+    torch.testing.assert_close(error.square(), theirs_batch["td_error"].squeeze(-1))
+    for a, b in zip(
+        gradients, torch.autograd.grad(theirs, list(network.parameters())), strict=True
+    ):
+        torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("n_steps", [1, 3])
+def test_what_dqn_remembers_equals_a_plain_loop(n_steps: int) -> None:
+    env = make_env(16)
+    networks = make_network(env, QNetwork), make_network(env, QNetwork)
+    chosen = DQNSettings(16, 0.9, rollout_steps=20, n_steps=n_steps, buffer=1000, batch=8)
+    learner = DQN(chosen, env, *networks, "cpu", 0)
+    rollout = next(learner._batches).clone()
+    learner.remember(rollout)
+    learner.close()
+    remembered = learner.replay[:].reshape(16, 20)
+    after = rollout["next"]
+    assert after["terminated"].any() and after["truncated"].any()
+    for game in range(16):
+        for step in range(20):
+            total, last = 0.0, step
+            for count in range(n_steps):
+                last = step + count
+                total += 0.9**count * float(after["reward"][game, last])
+                if after["done"][game, last] or last == 19:
+                    break
+            row = remembered[game, step]
+            assert float(row["reward"]) == pytest.approx(total, abs=1e-5)
+            assert int(row["steps"]) == last - step + 1
+            assert bool(row["terminated"]) == bool(after["terminated"][game, last])
+            assert torch.equal(row["next_observation"], after["observation"][game, last])
+            assert torch.equal(row["observation"], rollout["observation"][game, step])
+
+
+# -- prioritised replay ----------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data(), capacity=st.integers(1, 40))
+def test_segment_trees_equal_plain_lists(data: st.DataObject, capacity: int) -> None:
+    priorities = [0.0] * capacity
+    sums, minima = SegmentTree(capacity), SegmentTree(capacity, minimum=True)
+    for _ in range(data.draw(st.integers(1, 4))):
+        indices = data.draw(st.lists(st.integers(0, capacity - 1), min_size=1, unique=True))
+        values = [data.draw(st.integers(1, 64)) / 8 for _ in indices]
+        for index, value in zip(indices, values, strict=True):
+            priorities[index] = value
+        for tree in (sums, minima):
+            tree[torch.tensor(indices)] = torch.tensor(values)
+    low = data.draw(st.integers(0, capacity - 1))
+    high = data.draw(st.integers(low + 1, capacity))
+    assert sums.query(low, high) == sum(priorities[low:high])
+    written = [value for value in priorities[low:high] if value]
+    assert minima.query(low, high) == min(written, default=float("inf"))
+    mass = data.draw(st.floats(0, sum(priorities), exclude_max=True))
+    expected = next(i for i in range(capacity) if sum(priorities[: i + 1]) > mass)
+    assert int(sums.scan_lower_bound(torch.tensor([mass], dtype=torch.float64))) == expected
+
+
+def test_prioritised_draws_follow_the_priorities_and_weights_undo_them() -> None:
+    sampler = TorchPrioritizedSampler(max_capacity=6, alpha=0.5, beta=1.0)
+    from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+
+    replay = TensorDictReplayBuffer(
+        storage=LazyTensorStorage(6), sampler=sampler, batch_size=60_000, priority_key="td_error"
+    )
+    replay.extend(TensorDict({"x": torch.arange(5)}, batch_size=[5]))
+    priority = torch.tensor([1.0, 4.0, 9.0, 16.0, 0.0])
+    replay.update_priority(torch.arange(5), priority)
+    batch = replay.sample()
+    share = torch.bincount(batch["x"], minlength=5) / 60_000
+    expected = (priority + 1e-8).sqrt() / (priority + 1e-8).sqrt().sum()
+    torch.testing.assert_close(share, expected, atol=0.01, rtol=0)
+    # (p_i / min p) ** -1 makes the weighted draws uniform over what has been drawn.
+    weights = torch.stack([batch["priority_weight"][batch["x"] == x][0] for x in range(4)])
+    torch.testing.assert_close(
+        weights * share[:4] / (weights * share[:4]).sum(), torch.full((4,), 0.25), atol=0.02, rtol=0
+    )
+
+
+def test_the_compiled_sampler_is_used_where_it_loads() -> None:
+    sampler = prioritized_sampler(8, 0.6, 0.4)
+    assert isinstance(sampler, TorchPrioritizedSampler) != extension_loads()
+
+
+# -- whole runs ------------------------------------------------------------------------------------
+
+EASY = {"task": "maze", "maze": "3x3", "num_goals": 2, "threads": 1}
+SMALL: dict[str, dict[str, Any]] = {
+    "ppo": {"num_games": 64, "minibatch": 256},
+    "a2c": {"num_games": 64},
+    "reinforce": {},
+    "dqn": {"num_games": 64, "batch": 256, "warm_up": 1000},
+}
+VARIANTS: dict[str, dict[str, Any]] = {
+    "ppo with a target for the divergence": {"algorithm": "ppo", "kl_target": 0.01},
+    "a2c": {"algorithm": "a2c"},
+    "a2c without generalised advantages": {"algorithm": "a2c", "gae": False},
+    "a2c without a critic": {"algorithm": "a2c", "critic": False, "rollout_steps": 32},
+    "reinforce": {"algorithm": "reinforce"},
+    "reinforce without a baseline": {"algorithm": "reinforce", "baseline": False},
+    "plain dqn": {"algorithm": "dqn", "double": False, "n_steps": 1},
+    "dqn with everything": {"algorithm": "dqn", "dueling": True, "prioritized": True},
+}
+
+
+def steps_of(run: Run) -> float:
+    """Mean steps of the greedy policy."""
+    return run.contest.score("learned", run.policy).mean_steps
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_every_learner_beats_random_by_far(name: str, tmp_path: Path) -> None:
+    chosen = VARIANTS[name]
+    flat = {**EASY, **SMALL[chosen["algorithm"]], **chosen}
+    run = start_run(settings_of(**flat, frames=150_000), tmp_path)
+    run.train()
+    random = run.contest.score("random", RandomAgent()).mean_steps
+    assert steps_of(run) < 0.35 * random
+
+
+@pytest.mark.parametrize("algorithm", ["a2c", "dqn", "ppo"])
+def test_chasers_and_evaders_learn_with_every_kind_of_learner(
+    algorithm: str, tmp_path: Path
+) -> None:
+    flat = {**SMALL[algorithm], "algorithm": algorithm, "threads": 1, "frames": 150_000}
+    chaser = start_run(settings_of(maze="3x3", **flat), new_folder(tmp_path / "chaser"))
+    chaser.train()
+    random = chaser.contest.score("random", RandomAgent()).mean_steps
+    assert steps_of(chaser) < 0.5 * random
+    evader = start_run(
+        settings_of(maze="4x4", role="evader", **flat), new_folder(tmp_path / "evader")
+    )
+    evader.train()
+    assert steps_of(evader) > 1.5 * evader.contest.score("random", RandomAgent()).mean_steps
+
+
+@pytest.mark.parametrize(
+    "flat",
+    [
+        {"algorithm": "a2c"},
+        {"algorithm": "reinforce", "num_games": 16},
+        {"algorithm": "dqn", "prioritized": True, "dueling": True, "buffer": 3000},
+        {"algorithm": "ppo", "kl_target": 0.01},
+    ],
+    ids=lambda flat: flat["algorithm"],
+)
+def test_a_resumed_learner_ends_bit_for_bit_where_an_uninterrupted_one_does(
+    flat: dict[str, Any], tmp_path: Path
+) -> None:
+    chosen = settings_of(**{**EASY, **SMALL[flat["algorithm"]], **flat}, frames=12_000)
+    whole = start_run(chosen, new_folder(tmp_path / "whole"))
+    whole.train()
+
+    def interrupt(run: Run, row: dict[str, float]) -> None:
+        if run.progress > 0.5:
+            run.stopped = True
+
+    halved = start_run(chosen, new_folder(tmp_path / "halved"))
+    halved.train(interrupt)
+    assert 0.4 < halved.progress < 0.9
+    resumed = resume_run(tmp_path / "halved")
+    resumed.train()
+    ends = [load_checkpoint(tmp_path / name)["learner"] for name in ("whole", "halved")]
+    assert ends[0]["frames"] == ends[1]["frames"]
+    for name, weights in ends[0]["network"].items():
+        assert torch.equal(weights, ends[1]["network"][name]), name
+
+
+@pytest.mark.parametrize("preset", THESIS)
+def test_the_presets_of_the_thesis_run(preset: str, tmp_path: Path) -> None:
+    run = start_run(settings_of(preset=preset, **EASY, frames=2500), tmp_path)
+    run.train()
+    assert run.learner.frames >= 2500
+    content = run.results(10)
+    assert content["algorithm"] == preset.removeprefix("thesis-")
+
+
+def test_the_thesis_tables_are_what_the_presets_hold() -> None:
+    ppo, a2c, dqn = (THESIS[f"thesis-{name}"]() for name in ("ppo", "a2c", "dqn"))
+    assert isinstance(ppo, PPOSettings) and isinstance(a2c, A2CSettings)
+    assert isinstance(dqn, DQNSettings)
+    assert (ppo.kl_target, ppo.clip, ppo.width) == (0.01, 0.5, 256)
+    assert (a2c.critic, a2c.gae, a2c.width) == (False, False, 256)
+    assert (dqn.dueling, dqn.prioritized, dqn.buffer, dqn.width) == (True, True, 50_000, 256)
+
+
+def test_a_policy_without_a_distribution_says_so(tmp_path: Path) -> None:
+    flat = {**EASY, **SMALL["dqn"], "algorithm": "dqn", "frames": 2000}
+    start_run(settings_of(**flat), tmp_path).train()
+    load_policy(tmp_path)
+    with pytest.raises(ValueError, match="no distribution"):
+        load_policy(tmp_path, greedy=False)
+
+
+def test_near_starts_grow_to_anywhere(tmp_path: Path) -> None:
+    flat = {"maze": "5x5", "num_games": 64, "minibatch": 256, "threads": 1}
+    chosen = settings_of(**flat, near_starts=0.5, frames=40_000)
+    run = start_run(chosen, tmp_path)
+    reach: list[tuple[float, int]] = []
+
+    def look(run: Run, row: dict[str, float]) -> None:
+        maze, positions = run.simulator.task.mazes[0], run.simulator.positions
+        fresh = run.simulator.steps == 0
+        if fresh.any():
+            apart = maze.distances[positions[fresh, 0], positions[fresh, 1]]
+            reach.append((run.progress, int(apart.max())))
+
+    run.train(look)
+    longest = run.simulator.task.mazes[0].longest_distance
+    assert max(far for progress, far in reach if progress < 0.1) <= 6
+    assert max(far for progress, far in reach if progress > 0.6) > 0.7 * longest
+    with pytest.raises(ValueError, match="near_starts"):
+        replace(chosen, task=replace(chosen.task, start="marks"))
+
+
+def test_what_a_learner_cannot_do_it_says_at_once() -> None:
+    for flat, message in (
+        ({"algorithm": "q_learning", "observation": "cells"}, "table over states"),
+        ({"algorithm": "q_learning", "device": "cuda"}, "cpu only"),
+        ({"algorithm": "dqn", "batch": 10, "buffer": 5}, "buffer"),
+        ({"algorithm": "dqn", "lerning_rate": 0.1}, "did you mean 'learning_rate'"),
+        ({"algorithm": "sarsa"}, "unknown algorithm"),
+        ({"preset": "thesis-ddpg"}, "unknown preset"),
+        ({"preset": "thesis-dqn", "algorithm": "ppo"}, "is for algorithm 'dqn'"),
+        ({"algorithm": "dqn", "clip": 0.2}, "unknown setting 'clip'"),
+        ({"width": 1.5}, "of type int"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            settings_of(**{"seconds": 1, **flat})
+
+
+def test_the_learners_are_made_of_their_settings() -> None:
+    for algorithm in SMALL:
+        chosen = settings_of(**{**EASY, **SMALL[algorithm]}, algorithm=algorithm, frames=100)
+        env = SimulatorEnv(
+            Simulator(chosen.task.build(), chosen.hyper.num_games, 0, auto_restart=False), 0, [None]
+        )
+        learner = make_learner(chosen, env)
+        learner.iterate(0.0)
+        assert learner.frames > 0
+        learner.close()

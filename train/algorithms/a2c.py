@@ -1,0 +1,174 @@
+"""Advantage actor-critic, and REINFORCE on whole episodes; both on TorchRL's losses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from tensordict import TensorDict
+from tensordict.nn import (
+    ProbabilisticTensorDictModule,
+    ProbabilisticTensorDictSequential,
+    TensorDictModule,
+)
+from torchrl.objectives import A2CLoss, ReinforceLoss
+
+from train.algorithms.learner import NetworkLearner
+from train.algorithms.rollouts import RolloutLearner, draw
+from train.environment import SimulatorEnv
+from train.hyperparameters import A2CSettings, ReinforceSettings
+from train.networks import ActorCritic
+
+
+def actor_of(network: ActorCritic) -> ProbabilisticTensorDictSequential:
+    """The policy head as TorchRL's losses want it, on "policy_hidden"."""
+    return ProbabilisticTensorDictSequential(
+        TensorDictModule(network.policy_head, ["policy_hidden"], ["logits"]),
+        ProbabilisticTensorDictModule(
+            in_keys=["logits"],
+            out_keys=["action"],
+            distribution_class=torch.distributions.Categorical,
+            return_log_prob=True,
+        ),
+    )
+
+
+def critic_of(network: ActorCritic) -> TensorDictModule:
+    """The value head, on "value_hidden"."""
+    return TensorDictModule(network.value_head, ["value_hidden"], ["state_value"])
+
+
+class A2C(RolloutLearner):
+    """Mnih et al. (2016), all games in step: one gradient step for each rollout.
+
+    Args:
+        settings: the hyperparameters; without `gae` the advantages are discounted returns less the
+            value (lambda is 1), without `critic` every value is 0.
+        env: the games.
+        network: policy and value.
+        device: where the network lives.
+    """
+
+    def __init__(
+        self, settings: A2CSettings, env: SimulatorEnv, network: ActorCritic, device: str
+    ) -> None:
+        gae_lambda = settings.gae_lambda if settings.gae else 1.0
+        super().__init__(settings, env, network, device, gae_lambda, settings.critic)
+        self.settings = settings
+        self.loss = A2CLoss(
+            actor_of(network),
+            critic_of(network),
+            entropy_coeff=settings.entropy,
+            critic_coeff=settings.value_weight,
+            loss_critic_type="l2",
+        )
+
+    def iterate(self, progress: float) -> dict[str, float]:
+        """Collect one rollout and take one gradient step."""
+        self.set_learning_rate(progress)
+        frames = self.collect()
+        advantage = frames["advantage"]
+        frames["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
+        frames["policy_hidden"], frames["value_hidden"] = self.network.hidden(frames["prepared"])
+        self.loss.entropy_coeff.fill_(self.annealed(self.settings.entropy, progress))
+        losses = self.loss(frames)
+        total = losses["loss_objective"] + losses["loss_entropy"]
+        if self.settings.critic:
+            total = total + losses["loss_critic"]
+        self.descend(total)
+        return {
+            name: float(losses[name].detach())
+            for name in ("loss_objective", "loss_critic", "entropy")
+            if name in losses.keys()  # noqa: SIM118 (a TensorDict's `in` wants .keys())
+        }
+
+
+class Reinforce(NetworkLearner):
+    """Williams (1992): every iteration plays one whole episode in every game.
+
+    An episode that runs out of time is bootstrapped by the value, where there is one; without,
+    its return is that of the steps played.
+
+    Args:
+        settings: the hyperparameters.
+        env: the games.
+        network: policy and value.
+        device: where the network lives.
+    """
+
+    network: ActorCritic
+
+    def __init__(
+        self, settings: ReinforceSettings, env: SimulatorEnv, network: ActorCritic, device: str
+    ) -> None:
+        super().__init__(settings, env, network, device)
+        self.settings = settings
+        self.loss = ReinforceLoss(actor_of(network), critic_of(network), loss_critic_type="l2")
+
+    def iterate(self, progress: float) -> dict[str, float]:
+        """Play the episodes and take one gradient step on all their frames."""
+        settings = self.settings
+        self.set_learning_rate(progress)
+        frames = self.play()
+        self.frames += len(frames)
+        advantage = frames["value_target"]
+        if settings.baseline:
+            advantage = advantage - frames["value"]
+        frames["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
+        frames["prepared"] = self.network.policy_trunk.prepare(frames["observation"])
+        frames["policy_hidden"], frames["value_hidden"] = self.network.hidden(frames["prepared"])
+        losses = self.loss(frames)
+        logarithms = self.network.policy_head(frames["policy_hidden"]).log_softmax(dim=-1)
+        entropy = -(logarithms.exp() * logarithms).sum(dim=-1).mean()
+        total = losses["loss_actor"] - self.annealed(settings.entropy, progress) * entropy
+        if settings.baseline:
+            total = total + settings.value_weight * losses["loss_value"]
+        self.descend(total)
+        return {
+            "loss_objective": float(losses["loss_actor"].detach()),
+            "loss_critic": float(losses["loss_value"].detach()),
+            "entropy": float(entropy.detach()),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take them back; the next episodes begin anew."""
+        super().load_state_dict(state)
+        self.env.resume = False
+
+    @torch.no_grad()
+    def play(self) -> TensorDict:
+        """One episode in every game; the frames of all of them in a row.
+
+        Returns:
+            "observation", "action", "value" [frames, 1] and "value_target" [frames, 1], the
+            discounted return from that frame on.
+        """
+        env, gamma = self.env, self.settings.gamma
+        now = env.reset()
+        running = torch.arange(env.simulator.num_games)
+        steps: list[tuple[torch.Tensor, ...]] = []
+        returns = torch.zeros(env.simulator.num_games, 1)
+        actions = torch.zeros(env.simulator.num_games, dtype=torch.int64)
+        while len(running):
+            observation = now["observation"][running].to(self.device)
+            logits, value = self.network(observation)
+            chosen = draw(logits.log_softmax(dim=-1))
+            actions[running] = chosen.cpu()
+            now = env.step_episodes(actions, running)
+            reward = now["reward"][running]
+            steps.append((running, observation, chosen, value, reward))
+            cut = running[now["truncated"][running, 0] & ~now["terminated"][running, 0]]
+            if len(cut) and self.settings.baseline:
+                returns[cut] = self.network(now["observation"][cut].to(self.device))[1].cpu()
+            running = running[~now["done"][running, 0]]
+        targets: list[torch.Tensor] = []
+        for games, _, _, _, reward in reversed(steps):
+            returns[games] = reward + gamma * returns[games]
+            targets.append(returns[games].to(self.device))
+        columns = ("observation", "action", "value")
+        stacked = {
+            name: torch.cat([step[number] for step in steps])
+            for number, name in enumerate(columns, start=1)
+        }
+        stacked["value_target"] = torch.cat(targets[::-1])
+        return TensorDict(stacked, batch_size=[len(stacked["action"])])

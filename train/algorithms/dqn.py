@@ -1,0 +1,243 @@
+"""Deep Q-learning on TorchRL's collector and replay buffer, each extension a switch."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any, ClassVar
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torchrl.collectors import Collector
+from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+from torchrl.data.postprocs import MultiStep
+
+from curricula import linear
+from train.algorithms.learner import NetworkLearner, means
+from train.algorithms.prioritized import prioritized_sampler
+from train.environment import SimulatorEnv
+from train.hyperparameters import DQNSettings
+from train.networks import QNetwork
+
+logging.getLogger("torchrl").setLevel(logging.WARNING)  # it tells of every storage it makes
+
+
+class EpsilonGreedy(TensorDictModuleBase):
+    """The action of the largest value, or with probability `epsilon` any."""
+
+    in_keys: ClassVar = ["observation"]
+    out_keys: ClassVar = ["action"]
+
+    def __init__(self, network: QNetwork) -> None:
+        super().__init__()
+        self.network, self.epsilon = network, 1.0
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the action."""
+        values = self.network(tensordict.get("observation"))
+        action = values.argmax(dim=-1)
+        anyhow = torch.rand(action.shape, device=action.device) < self.epsilon
+        drawn = torch.randint_like(action, values.shape[-1])
+        return tensordict.set("action", torch.where(anyhow, drawn, action))
+
+
+def dqn_loss(
+    network: QNetwork, target: QNetwork, batch: TensorDictBase, gamma: float, double: bool
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """The squared error of temporal differences, and its size for every transition.
+
+    Equal to TorchRL's `DQNLoss`, and tested against it; written out because all next observations
+    and the present ones then share one pass, and nothing is made functional at every step.
+
+    Args:
+        network: learns.
+        target: values the next action.
+        batch: "observation", "action", "reward", "next_observation", "terminated", "steps" (to the
+            next observation) and, with prioritised replay, "priority_weight".
+        gamma: discount of a step.
+        double: whether `network` chooses the next action.
+
+    Returns:
+        The loss, and |error| [batch], detached.
+    """
+    size = len(batch)
+    observations = batch["observation"]
+    with torch.no_grad():
+        next_values = target(batch["next_observation"])
+    if double:
+        both = network(torch.cat([observations, batch["next_observation"]]))
+        values, chooser = both[:size], both[size:].detach()
+    else:
+        values, chooser = network(observations), next_values
+    next_action = chooser.argmax(dim=-1, keepdim=True)
+    next_value = next_values.gather(-1, next_action).squeeze(-1)
+    discount = gamma ** batch["steps"] * ~batch["terminated"]
+    goal = batch["reward"] + discount * next_value
+    error = values.gather(-1, batch["action"][:, None]).squeeze(-1) - goal
+    squares = error.square()
+    if "priority_weight" in batch.keys():  # noqa: SIM118 (a TensorDict's `in` wants .keys())
+        # The mean over the batch by weight, as TorchRL reduces it.
+        weight = batch["priority_weight"]
+        return (weight * squares).sum() / weight.sum(), error.detach().abs()
+    return squares.mean(), error.detach().abs()
+
+
+class DQN(NetworkLearner):
+    """Mnih et al. (2015), with many games in step and several gradient steps for each rollout.
+
+    Args:
+        settings: the hyperparameters.
+        env: the games.
+        network: action values.
+        target: a second network of the same form.
+        device: where both live.
+        seed: of the draws from the replay buffer.
+    """
+
+    network: QNetwork
+    stochastic = False
+
+    def __init__(
+        self,
+        settings: DQNSettings,
+        env: SimulatorEnv,
+        network: QNetwork,
+        target: QNetwork,
+        device: str,
+        seed: int,
+    ) -> None:
+        super().__init__(settings, env, network, device)
+        self.settings, self.target, self.updates = settings, target, 0
+        self.target.load_state_dict(network.state_dict())
+        self.explorer = EpsilonGreedy(network)
+        self.multi_step = MultiStep(settings.gamma, settings.n_steps)
+        self.generator = torch.Generator().manual_seed(seed)
+        self.replay = TensorDictReplayBuffer(
+            storage=LazyTensorStorage(settings.buffer),
+            batch_size=settings.batch,
+            priority_key="td_error",
+            generator=self.generator,
+            **(
+                {
+                    "sampler": prioritized_sampler(
+                        settings.buffer, settings.priority_exponent, settings.importance_exponent
+                    )
+                }
+                if settings.prioritized
+                else {}
+            ),
+        )
+        self.collector = Collector(
+            env,
+            self.explorer,
+            frames_per_batch=settings.num_games * settings.rollout_steps,
+            total_frames=-1,
+            policy_device=device,
+            env_device="cpu",
+            storing_device="cpu",
+            track_traj_ids=False,
+            auto_register_policy_transforms=False,
+        )
+        self._batches = iter(self.collector)
+
+    def iterate(self, progress: float) -> dict[str, float]:
+        """Play one rollout into the buffer, and take `updates` gradient steps from it."""
+        settings = self.settings
+        self.set_learning_rate(progress)
+        explored = min(progress / max(settings.exploration_share, 1e-9), 1.0)
+        self.explorer.epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
+        self.remember(next(self._batches))
+        if self.frames < settings.warm_up or len(self.replay) < settings.batch:
+            return {"epsilon": self.explorer.epsilon}
+        logged: list[dict[str, torch.Tensor]] = []
+        for _ in range(settings.updates):
+            if self.updates % settings.target_period == 0:
+                self.target.load_state_dict(self.network.state_dict())
+            self.updates += 1
+            batch = self.replay.sample()
+            loss, error = dqn_loss(
+                self.network,
+                self.target,
+                batch.to(self.device),
+                settings.gamma,
+                settings.double,
+            )
+            self.descend(loss)
+            if settings.prioritized:
+                self.replay.update_priority(batch["index"], error.cpu())
+            logged.append({"loss": loss.detach(), "td_error": error.mean()})
+        return {"epsilon": self.explorer.epsilon, **means(logged)}
+
+    def remember(self, rollout: TensorDictBase) -> None:
+        """Put the transitions of a rollout [games, steps] into the buffer, n steps in one."""
+        self.frames += rollout.numel()
+        terminated = rollout["next", "terminated"].squeeze(-1)
+        steps = torch.ones(rollout.shape, dtype=torch.int64)
+        if self.settings.n_steps > 1:
+            rollout = self.multi_step(rollout)
+            steps = rollout["steps_to_next_obs"]
+            # MultiStep moves rewards and observations, but leaves the flags of the first step: an
+            # episode that ended at the second or third would be bootstrapped beyond its end.
+            terminated = terminated.gather(1, torch.arange(rollout.shape[1]) + steps - 1)
+        self.replay.extend(
+            TensorDict(
+                {
+                    "observation": rollout["observation"].flatten(0, 1),
+                    "action": rollout["action"].flatten(),
+                    "reward": rollout["next", "reward"].flatten(),
+                    "next_observation": rollout["next", "observation"].flatten(0, 1),
+                    "terminated": terminated.flatten(),
+                    "steps": steps.flatten(),
+                },
+                batch_size=[rollout.numel()],
+            )
+        )
+
+    def policy(self, greedy: bool = True) -> Any:
+        """The greedy policy; ValueError for another, as action values are no distribution."""
+        if not greedy:
+            raise ValueError("dqn learns no distribution over actions; take the greedy policy")
+        return super().policy()
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything, the replay buffer and its priorities included."""
+        replay, state = self.replay, super().state_dict()
+        state |= {
+            "target": self.target.state_dict(),
+            "updates": self.updates,
+            "replay": dict(replay[:].exclude("index").items()) if len(replay) else {},
+            "cursor": int(replay.writer._cursor),
+            "generator": self.generator.get_state(),
+        }
+        if self.settings.prioritized:
+            sampler = replay.sampler
+            indices = torch.arange(len(replay))
+            priority = sampler._max_priority[0]
+            state["priorities"] = {
+                "sum": sampler._sum_tree[indices],
+                "min": sampler._min_tree[indices],
+                "largest": None if priority is None else float(priority),
+            }
+        return state
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take it all back."""
+        super().load_state_dict(state)
+        self.target.load_state_dict(state["target"])
+        self.updates = state["updates"]
+        count = len(state["replay"].get("action", ()))
+        if count:
+            self.replay.extend(TensorDict(state["replay"], batch_size=[count]))
+            self.replay.writer._cursor = state["cursor"]
+        self.generator.set_state(state["generator"])
+        if self.settings.prioritized and count:
+            sampler, saved = self.replay.sampler, state["priorities"]
+            indices = torch.arange(count)
+            sampler._sum_tree[indices] = saved["sum"]
+            sampler._min_tree[indices] = saved["min"]
+            if saved["largest"] is not None:
+                sampler._max_priority = (torch.tensor(saved["largest"]), None)
+
+    def close(self) -> None:
+        """Stop collecting."""
+        self.collector.shutdown()

@@ -1,0 +1,127 @@
+"""Proximal policy optimisation: one iteration, top to bottom."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from tensordict import TensorDictBase
+
+from train.algorithms.learner import means
+from train.algorithms.rollouts import RolloutLearner
+from train.environment import SimulatorEnv
+from train.hyperparameters import PPOSettings
+from train.networks import ActorCritic
+
+
+def ppo_loss(
+    network: ActorCritic,
+    minibatch: TensorDictBase,
+    settings: PPOSettings,
+    entropy_weight: float,
+    kl_weight: float = 0.0,
+) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+    """The clipped surrogate objective with value loss and entropy bonus, to be minimised.
+
+    Equal to TorchRL's `ClipPPOLoss` with `normalize_advantage=True` and squared value errors, and
+    tested against it; its fixed cost held training of 128x128 networks to 0.7 of the speed. With
+    `kl_weight` the penalty of `KLPENPPOLoss` is added, as RLlib's PPO does.
+
+    Args:
+        network: policy and value.
+        minibatch: "prepared" (see `Trunk.prepare`), "action", "action_log_prob", "advantage" and
+            "value_target"; with `kl_weight` "log_probabilities".
+        settings: the hyperparameters.
+        entropy_weight: weight of the entropy bonus.
+        kl_weight: weight of the divergence KL(collecting policy, policy).
+
+    Returns:
+        The loss, and its parts for the log, detached.
+    """
+    hidden, value_hidden = network.hidden(minibatch["prepared"])
+    logarithms = network.policy_head(hidden).log_softmax(dim=-1)
+    advantage = minibatch["advantage"].squeeze(-1)
+    advantage = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
+    chosen = logarithms.gather(-1, minibatch["action"][:, None]).squeeze(-1)
+    change = chosen - minibatch["action_log_prob"]
+    ratio = change.exp()
+    clipped = ratio.clamp(1.0 - settings.clip, 1.0 + settings.clip)
+    objective = -torch.minimum(ratio * advantage, clipped * advantage).mean()
+    entropy = -(logarithms.exp() * logarithms).sum(dim=-1).mean()
+    error = (network.value_head(value_hidden) - minibatch["value_target"]).square().mean()
+    critic = settings.value_weight * error
+    parts = {
+        "loss_objective": objective,
+        "loss_critic": critic,
+        "entropy": entropy,
+        "clip_fraction": (ratio != clipped).float().mean(),
+        "kl_approx": -change.mean(),
+    }
+    total = objective + critic - entropy_weight * entropy
+    if kl_weight:
+        before = minibatch["log_probabilities"]
+        parts["kl"] = (before.exp() * (before - logarithms)).sum(dim=-1).mean()
+        total = total + kl_weight * parts["kl"]
+    return total, {name: value.detach() for name, value in parts.items()}
+
+
+class PPO(RolloutLearner):
+    """Schulman et al. (2017) with generalised advantages (Schulman et al., 2016).
+
+    Args:
+        settings: the hyperparameters.
+        env: the games.
+        network: policy and value.
+        device: where the network lives.
+
+    Attributes:
+        kl_weight: of the divergence penalty; adapted after each rollout where there is a target.
+    """
+
+    def __init__(
+        self, settings: PPOSettings, env: SimulatorEnv, network: ActorCritic, device: str
+    ) -> None:
+        penalised = settings.kl_target > 0
+        super().__init__(settings, env, network, device, settings.gae_lambda, keep_all=penalised)
+        self.settings = settings
+        self.kl_weight = settings.kl_weight if penalised else 0.0
+
+    def iterate(self, progress: float) -> dict[str, float]:
+        """Collect one rollout and learn from it; `progress` in [0, 1] through the budget.
+
+        Returns:
+            Means over the gradient steps: the losses, the entropy, the clipped share and so on.
+        """
+        settings = self.settings
+        self.set_learning_rate(progress)
+        entropy_weight = self.annealed(settings.entropy, progress)
+        frames = self.collect()
+        logged: list[dict[str, torch.Tensor]] = []
+        for _ in range(settings.epochs):
+            order = torch.randperm(len(frames), device=self.device)
+            for chosen in torch.split(order, settings.minibatch):
+                if len(chosen) == settings.minibatch:
+                    total, parts = ppo_loss(
+                        self.network, frames[chosen], settings, entropy_weight, self.kl_weight
+                    )
+                    self.descend(total)
+                    logged.append(parts)
+        if self.kl_weight:
+            self._adapt_kl_weight(float(logged[-1]["kl"]))
+        return means(logged)
+
+    def _adapt_kl_weight(self, divergence: float) -> None:
+        """Schulman et al. (2017), section 4, with the thresholds of RLlib."""
+        if divergence > 2.0 * self.settings.kl_target:
+            self.kl_weight *= 1.5
+        elif divergence < 0.5 * self.settings.kl_target:
+            self.kl_weight *= 0.5
+
+    def state_dict(self) -> dict[str, Any]:
+        """Weights, Adam's moments, the frames and the weight of the divergence."""
+        return {**super().state_dict(), "kl_weight": self.kl_weight}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take them back."""
+        super().load_state_dict(state)
+        self.kl_weight = state["kl_weight"]

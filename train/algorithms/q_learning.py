@@ -1,0 +1,338 @@
+"""Tabular Q-learning over the exact states of a game, compiled."""
+
+from __future__ import annotations
+
+from math import comb
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from curricula import linear
+from pursuit.compiled import compiled
+from pursuit.maze import Maze
+from pursuit.policy import GameView
+from pursuit.rules import next_below, next_uniform, seed_streams
+from pursuit.simulator import Simulator
+from pursuit.task import Task
+from train.environment import SimulatorEnv
+from train.hyperparameters import QLearningSettings
+
+MAX_STATES = 20_000_000
+"""More make no table: with four actions these are 320 MB, and as much for the visits."""
+
+STEPS_PER_ITERATION = 64
+
+
+@compiled
+def number_states(
+    rows: Any, agents: int, goals: int, cells: int, binomials: Any, sorted_goals: Any, states: Any
+) -> None:
+    """The state number of every game.
+
+    Agents are digits of base `cells` (+ 1 for a captured one, where there are several evaders); the
+    remaining goals are a set, numbered in the combinatorial number system: their order is nothing.
+
+    Args:
+        rows: [games, ...] int32, as the rule book lays them out.
+        agents, goals, cells: of the task.
+        binomials: [cells + 1, goals + 1] int64, n over k.
+        sorted_goals: [goals] int64, scratch.
+        states: [games] int64, out.
+    """
+    num_sets = np.int64(0)
+    for count in range(goals + 1):
+        num_sets += binomials[cells, count]
+    base = cells + 1 if agents > 2 else cells
+    for game in range(rows.shape[0]):
+        state = np.int64(0)
+        for agent in range(agents):
+            cell = rows[game, agent]
+            alive = rows[game, agents + agent] != 0
+            state = state * base + (cell if alive else base - 1)
+        left = 0
+        for goal in range(goals):
+            cell = np.int64(rows[game, 3 * agents + goal])
+            if cell >= 0:
+                place = left
+                while place > 0 and sorted_goals[place - 1] > cell:
+                    sorted_goals[place] = sorted_goals[place - 1]
+                    place -= 1
+                sorted_goals[place] = cell
+                left += 1
+        number = np.int64(0)
+        for count in range(left):  # sets with fewer goals come first
+            number += binomials[cells, count]
+        for place in range(left):
+            number += binomials[sorted_goals[place], place + 1]
+        states[game] = state * num_sets + number
+
+
+@compiled
+def choose_actions(
+    q_values: Any, states: Any, streams: Any, epsilon: float, actions: Any, seat: int
+) -> None:
+    """Epsilon-greedy actions of all games, into column `seat`; the lowest of equal actions."""
+    num_actions = q_values.shape[1]
+    for game in range(states.shape[0]):
+        if next_uniform(streams[game], 0) < epsilon:
+            actions[game, seat] = next_below(streams[game], 0, num_actions)
+        else:
+            best = 0
+            for action in range(1, num_actions):
+                if q_values[states[game], action] > q_values[states[game], best]:
+                    best = action
+            actions[game, seat] = best
+
+
+@compiled
+def learn(
+    q_values: Any,
+    visits: Any,
+    states: Any,
+    actions: Any,
+    seat: int,
+    rewards: Any,
+    terminated: Any,
+    next_states: Any,
+    gamma: float,
+    learning_rate: float,
+    power: float,
+) -> float:
+    """One update for each game, one after the other (Watkins, 1989); the mean |error|."""
+    num_actions = q_values.shape[1]
+    total = 0.0
+    for game in range(states.shape[0]):
+        state, action = states[game], actions[game, seat]
+        goal = np.float64(rewards[game, seat])
+        if not terminated[game]:
+            best = q_values[next_states[game], 0]
+            for other in range(1, num_actions):
+                best = max(best, q_values[next_states[game], other])
+            goal += gamma * best
+        visits[state, action] += 1
+        rate = learning_rate
+        if power > 0.0:
+            rate = learning_rate / np.float64(visits[state, action]) ** power
+        error = goal - q_values[state, action]
+        q_values[state, action] += rate * error
+        total += abs(error)
+    return total / states.shape[0]
+
+
+class StateNumbers:
+    """Numbers the states of a task's games.
+
+    Args:
+        task: one maze; any roles.
+
+    Raises:
+        ValueError: several mazes, or more than MAX_STATES states.
+
+    Attributes:
+        count: states, those that no game reaches included.
+    """
+
+    def __init__(self, task: Task) -> None:
+        if len(task.mazes) != 1:
+            raise ValueError(
+                f"q_learning has a table for one maze, and this task has {len(task.mazes)}; "
+                "take one maze, or a learner with a network"
+            )
+        self.task, self.cells = task, task.mazes[0].num_cells
+        goals, cells = task.num_goals, self.cells
+        base = cells + 1 if task.num_agents > 2 else cells
+        self.count = base**task.num_agents * sum(comb(cells, g) for g in range(goals + 1))
+        if self.count > MAX_STATES:
+            raise ValueError(
+                f"q_learning would need a table of {self.count:,} states, and {MAX_STATES:,} are "
+                "the most; take a smaller maze, fewer agents or goals, or a learner with a network"
+            )
+        self._binomials = np.array(
+            [[comb(n, k) for k in range(goals + 1)] for n in range(cells + 1)], dtype=np.int64
+        )
+        self._scratch = np.zeros(max(goals, 1), dtype=np.int64)
+
+    def __call__(self, rows: NDArray[np.int32], out: NDArray[np.int64] | None = None) -> Any:
+        """[games] int64, the state of every game in `rows`."""
+        states = np.empty(len(rows), dtype=np.int64) if out is None else out
+        task = self.task
+        number_states(
+            rows,
+            task.num_agents,
+            task.num_goals,
+            self.cells,
+            self._binomials,
+            self._scratch,
+            states,
+        )
+        return states
+
+
+class QTablePolicy:
+    """The greedy policy of a table, live: it follows the table as that changes.
+
+    Args:
+        task: the task that it was learned in.
+        agent: whose seat it fills, by name or role.
+        q_values: [states, actions] float64.
+    """
+
+    def __init__(self, task: Task, agent: str, q_values: NDArray[np.float64]) -> None:
+        self.task, self.agent, self.q_values = task, agent, q_values
+        self.numbers = StateNumbers(task)
+
+    def act(self, view: GameView) -> NDArray[np.int32]:
+        """[num_games] int32: the best action, the lowest of equal ones.
+
+        Raises:
+            ValueError: games of another task.
+        """
+        own, other = self.task, view.task
+        same = ("num_chasers", "num_evaders", "num_runners", "num_goals", "stay_action")
+        if own.mazes != other.mazes or any(getattr(own, n) != getattr(other, n) for n in same):
+            raise ValueError(
+                f"a table learned in task {own.name!r} on {own.mazes[0].name} fits no other mazes, "
+                "agents, goals or actions"
+            )
+        return self.q_values[self.numbers(view.rows)].argmax(axis=1).astype(np.int32)
+
+    def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
+        """[self cell, other cell, action] float64: 1 for the greedy action.
+
+        Raises:
+            ValueError: it was not learned one against one in this maze, or with other actions.
+        """
+        task = self.task
+        if not task.is_duel or task.mazes != (maze,) or task.stay_action != stay_action:
+            raise ValueError(
+                f"a table learned in task {task.name!r} on {task.mazes[0].name} with "
+                f"{task.num_actions} actions is none over pairs of cells of this maze; only one "
+                "chaser against one evader is"
+            )
+        size, seat = maze.num_cells, task.seat(self.agent)
+        rows = np.zeros((size * size, Simulator(task, 1).rows.shape[1]), dtype=np.int32)
+        own, other = np.divmod(np.arange(size * size, dtype=np.int32), size)
+        rows[:, seat], rows[:, 1 - seat], rows[:, 2:4] = own, other, 1
+        best = self.q_values[self.numbers(rows)].argmax(axis=1)
+        return np.eye(task.num_actions)[best].reshape(size, size, -1)
+
+
+class QLearning:
+    """Watkins (1989), many games in step over one table.
+
+    Args:
+        settings: the hyperparameters.
+        env: the games.
+        seed: of the exploration.
+
+    Raises:
+        ValueError: the task has too many states for a table.
+
+    Attributes:
+        q_values: [states, actions] float64.
+        visits: [states, actions] uint32.
+    """
+
+    stochastic = False
+
+    def __init__(self, settings: QLearningSettings, env: SimulatorEnv, seed: int) -> None:
+        self.settings, self.env, self.frames = settings, env, 0
+        simulator = env.simulator
+        self.numbers = StateNumbers(simulator.task)
+        shape = (self.numbers.count, simulator.task.num_actions)
+        self.q_values = np.zeros(shape)
+        self.visits = np.zeros(shape, dtype=np.uint32)
+        self._streams = np.zeros((simulator.num_games, 1), dtype=np.uint64)
+        seed_streams(self._streams, seed, 0)
+        self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
+        self._states = np.zeros(simulator.num_games, dtype=np.int64)
+        self._next = np.zeros_like(self._states)
+        self._begun = False
+
+    def iterate(self, progress: float) -> dict[str, float]:
+        """Play and learn STEPS_PER_ITERATION steps of every game."""
+        settings, env = self.settings, self.env
+        simulator, seat, actions = env.simulator, env.seat, self._actions
+        if not self._begun:
+            if not env.resume:
+                simulator.reset()
+            self._begun = True
+        explored = min(progress / max(settings.exploration_share, 1e-9), 1.0)
+        epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
+        several = simulator.task.num_evaders > 1
+        error = 0.0
+        self.numbers(simulator.rows, self._states)
+        for _ in range(STEPS_PER_ITERATION):
+            simulator.act(env.policies, actions)
+            choose_actions(self.q_values, self._states, self._streams, epsilon, actions, seat)
+            simulator.step(actions)
+            self.numbers(simulator.rows, self._next)
+            terminated, truncated = simulator.ended
+            if several:
+                terminated = terminated | (simulator.active[:, seat] == 0)
+            error += learn(
+                self.q_values,
+                self.visits,
+                self._states,
+                actions,
+                seat,
+                simulator.rewards,
+                terminated,
+                self._next,
+                settings.gamma,
+                settings.learning_rate,
+                settings.learning_rate_power,
+            )
+            done = terminated | truncated
+            if done.any():
+                env.finished_returns.append(simulator.returns[done, seat])
+                env.finished_lengths.append(simulator.steps[done].copy())
+                simulator.reset(games=done)
+                self.numbers(simulator.rows, self._next)
+            self._states, self._next = self._next, self._states
+        self.frames += STEPS_PER_ITERATION * simulator.num_games
+        return {"epsilon": epsilon, "td_error": error / STEPS_PER_ITERATION}
+
+    def policy(self, greedy: bool = True) -> QTablePolicy:
+        """The greedy policy; ValueError for another, as action values are no distribution."""
+        if not greedy:
+            raise ValueError(
+                "q_learning learns no distribution over actions; take the greedy policy"
+            )
+        task = self.env.simulator.task
+        return QTablePolicy(task, task.agent_names[self.env.seat], self.q_values)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The table, the visits, the random streams and the frames."""
+        return {
+            "q_values": torch.from_numpy(self.q_values),
+            "visits": torch.from_numpy(self.visits.view(np.int32)),
+            "streams": torch.from_numpy(self._streams.view(np.int64)),
+            "frames": self.frames,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take them back; RuntimeError where the table has another shape."""
+        if state["q_values"].shape != self.q_values.shape:
+            raise RuntimeError("a table of another shape")
+        self.q_values[:] = state["q_values"].numpy()
+        self.visits[:] = state["visits"].numpy().view(np.uint32)
+        self._streams[:] = state["streams"].numpy().view(np.uint64)
+        self.frames = state["frames"]
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+
+def policy_from_state(task: Task, agent: str, state: dict[str, Any]) -> QTablePolicy:
+    """The policy in what `QLearning.state_dict` gave.
+
+    Raises:
+        RuntimeError: a table of another shape.
+    """
+    policy = QTablePolicy(task, agent, state["q_values"].numpy())
+    if policy.q_values.shape != (policy.numbers.count, task.num_actions):
+        raise RuntimeError("a table of another shape")
+    return policy

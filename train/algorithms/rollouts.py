@@ -1,0 +1,138 @@
+"""Rollouts of fixed length with their advantages: what PPO and A2C learn from."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torchrl.collectors import Collector
+from torchrl.objectives.value import GAE
+
+from train.algorithms.learner import NetworkLearner
+from train.environment import SimulatorEnv
+from train.hyperparameters import RolloutSettings
+from train.networks import ActorCritic
+
+
+def draw(logarithms: torch.Tensor) -> torch.Tensor:
+    """[...] int64: an action from each of the log-probabilities [..., actions].
+
+    The Gumbel-max trick: argmax of log p - log(E), E exponential, is a draw from p.
+    """
+    return (logarithms - torch.empty_like(logarithms).exponential_().log()).argmax(dim=-1)
+
+
+class SamplingPolicy(TensorDictModuleBase):
+    """Draws actions and keeps what learning needs: their log-probabilities and the values.
+
+    The same as a `ProbabilisticActor` over `network`, without its fixed cost of a millisecond.
+
+    Args:
+        network: policy and value.
+        keep_all: keep the log-probabilities of all actions as well.
+    """
+
+    in_keys: ClassVar = ["observation"]
+
+    def __init__(self, network: ActorCritic, keep_all: bool = False) -> None:
+        super().__init__()
+        self.network, self.keep_all = network, keep_all
+        self.out_keys = ["action", "action_log_prob", "state_value"]
+        if keep_all:
+            self.out_keys.append("log_probabilities")
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the out_keys."""
+        logits, value = self.network(tensordict.get("observation"))
+        logarithms = logits.log_softmax(dim=-1)
+        action = draw(logarithms)
+        tensordict.set("action", action)
+        tensordict.set("action_log_prob", logarithms.gather(-1, action[..., None]).squeeze(-1))
+        tensordict.set("state_value", value)
+        if self.keep_all:
+            tensordict.set("log_probabilities", logarithms)
+        return tensordict
+
+
+class RolloutLearner(NetworkLearner):
+    """Collects rollouts with TorchRL's collector, and their advantages with its GAE.
+
+    Args:
+        settings: the hyperparameters.
+        env: the games.
+        network: policy and value.
+        device: where the network lives.
+        gae_lambda: of the advantages; 1 makes them discounted returns less the value.
+        critic: False takes every value as 0.
+        keep_all: keep the log-probabilities of all actions.
+    """
+
+    network: ActorCritic
+
+    def __init__(
+        self,
+        settings: RolloutSettings,
+        env: SimulatorEnv,
+        network: ActorCritic,
+        device: str,
+        gae_lambda: float,
+        critic: bool = True,
+        keep_all: bool = False,
+    ) -> None:
+        super().__init__(settings, env, network, device)
+        self.critic = critic
+        self.keys = ["action", "action_log_prob", "advantage", "value_target"]
+        if keep_all:
+            self.keys.append("log_probabilities")
+        self.collector = Collector(
+            env,
+            SamplingPolicy(network, keep_all),
+            frames_per_batch=settings.num_games * settings.rollout_steps,
+            total_frames=-1,
+            policy_device=device,
+            env_device="cpu",
+            storing_device=device,
+            track_traj_ids=False,
+            auto_register_policy_transforms=False,
+        )
+        self._batches = iter(self.collector)
+        self.gae = GAE(gamma=settings.gamma, lmbda=gae_lambda, value_network=None)
+
+    def collect(self) -> TensorDict:
+        """The frames of one rollout in a row: "prepared" (see `Trunk.prepare`) and `keys`."""
+        rollout = next(self._batches)
+        self.frames += rollout.numel()
+        if not self.critic:
+            rollout["state_value"] = torch.zeros_like(rollout["state_value"])
+        self._add_next_values(rollout)
+        self.gae(rollout)
+        frames = TensorDict(
+            {key: rollout[key].flatten(0, 1) for key in self.keys}, batch_size=[rollout.numel()]
+        )
+        observations = rollout["observation"].flatten(0, 1)
+        frames["prepared"] = self.network.policy_trunk.prepare(observations)
+        return frames
+
+    @torch.no_grad()
+    def _add_next_values(self, rollout: TensorDictBase) -> None:
+        """The values of the next observations: those of the following step, where it follows.
+
+        Only the last step of the rollout and those that end an episode are not followed by their
+        next observation; a terminated one is never bootstrapped, so its value is not needed.
+        """
+        values = rollout["state_value"]
+        after = torch.zeros_like(values)
+        after[:, :-1] = values[:, 1:]
+        apart = rollout["next", "truncated"].clone()
+        apart[:, -1] = ~rollout["next", "terminated"][:, -1]
+        games, steps, _ = apart.nonzero(as_tuple=True)
+        if len(games):
+            next_observations = rollout["next", "observation"][games, steps]
+            after[games, steps] = self.network(next_observations)[1] if self.critic else 0.0
+        rollout["next", "state_value"] = after
+
+    def close(self) -> None:
+        """Stop collecting."""
+        self.collector.shutdown()

@@ -1,0 +1,283 @@
+"""The settings of every algorithm: frozen dataclasses, checked at birth. No torch here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+ACTIVATIONS = ("relu", "tanh")
+
+
+def check(condition: bool, message: str) -> None:
+    """Raise ValueError(message) unless `condition`."""
+    if not condition:
+        raise ValueError(message)
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """What every algorithm has."""
+
+    COUNTS: ClassVar[frozenset[str]] = frozenset(
+        {
+            "num_games", "rollout_steps", "minibatch", "epochs", "width", "batch", "buffer",
+            "n_steps", "updates", "target_period", "population", "episodes_each",
+        }
+    )  # fmt: skip
+    POSITIVE: ClassVar[frozenset[str]] = frozenset(
+        {"learning_rate", "max_grad_norm", "clip", "first_std", "adam_epsilon", "initial_std"}
+    )
+    SHARES: ClassVar[frozenset[str]] = frozenset(
+        {
+            "gamma", "near_starts", "gae_lambda", "epsilon_start", "epsilon_end", "exploration_share",
+            "priority_exponent", "importance_exponent", "elite_share",
+        }
+    )  # fmt: skip
+
+    num_games: int = 1024
+    """Games in lockstep."""
+    gamma: float = 0.95
+    """Discount."""
+    near_starts: float = 0.0
+    """Share of the budget over which starts grow from near (goals about the runner, evaders about
+    the chaser) to anywhere; 0 for anywhere at once."""
+
+    def __post_init__(self) -> None:
+        for name in (field.name for field in fields(self)):
+            value = getattr(self, name)
+            if name in self.COUNTS:
+                check(value >= 1, f"{name}={value}; it is at least 1")
+            elif name in self.POSITIVE:
+                check(0 < value < float("inf"), f"{name}={value}; it is above 0")
+            elif name in self.SHARES:
+                check(0.0 <= value <= 1.0, f"{name}={value}; it lies in [0, 1]")
+            elif isinstance(value, float):
+                check(0.0 <= value < float("inf"), f"{name}={value}; it is at least 0")
+
+
+@dataclass(frozen=True)
+class NetworkSettings(Hyperparameters):
+    """The network, and how it descends."""
+
+    learning_rate: float = 1e-2
+    """Of Adam, at the start."""
+    anneal: bool = True
+    """Whether learning rate and entropy bonus are annealed in a straight line to 0."""
+    max_grad_norm: float = 0.5
+    """Gradients are scaled down to this norm."""
+    adam_epsilon: float = 1e-8
+    """Adam's epsilon."""
+    width: int = 128
+    """Units of each of the two hidden layers."""
+    activation: str = "relu"
+    """relu or tanh."""
+    first_std: float = 0.06
+    """Standard deviation of the first layer's weights on index at the start."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(
+            self.activation in ACTIVATIONS,
+            f"unknown activation {self.activation!r}; one of {', '.join(ACTIVATIONS)}",
+        )
+
+
+@dataclass(frozen=True)
+class ActorCriticSettings(NetworkSettings):
+    """Policy and value."""
+
+    entropy: float = 0.01
+    """Weight of the entropy bonus at the start."""
+    value_weight: float = 0.5
+    """Weight of the value loss."""
+    shared: bool = True
+    """Whether policy and value share their hidden layers."""
+
+
+@dataclass(frozen=True)
+class RolloutSettings(ActorCriticSettings):
+    """Learning from rollouts of fixed length."""
+
+    rollout_steps: int = 16
+    """Steps of every game between two updates."""
+    gae_lambda: float = 0.9
+    """Lambda of generalised advantage estimation."""
+
+
+@dataclass(frozen=True)
+class PPOSettings(RolloutSettings):
+    """Proximal policy optimisation (Schulman et al., 2017)."""
+
+    minibatch: int = 4096
+    """Frames of one gradient step."""
+    epochs: int = 2
+    """Passes over each rollout."""
+    clip: float = 0.2
+    """Clipping of the probability ratio."""
+    kl_target: float = 0.0
+    """Above 0 a penalty on the divergence from the policy that collected is added to the clipped
+    objective, and its weight adapted to keep the divergence near this target."""
+    kl_weight: float = 0.2
+    """Weight of that penalty at the start."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        frames = self.num_games * self.rollout_steps
+        check(
+            self.minibatch <= frames,
+            f"minibatch={self.minibatch} is more than a rollout of num_games × rollout_steps = "
+            f"{frames} frames; lower it",
+        )
+
+
+@dataclass(frozen=True)
+class A2CSettings(RolloutSettings):
+    """Advantage actor-critic (Mnih et al., 2016, synchronous)."""
+
+    num_games: int = 512
+    """Games in lockstep."""
+    rollout_steps: int = 4
+    """Steps of every game between two updates."""
+    learning_rate: float = 6e-3
+    """Of Adam, at the start."""
+    gae: bool = True
+    """Generalised advantages; without, discounted returns less the value."""
+    critic: bool = True
+    """Learn a value; without, returns end with the rollout and nothing is subtracted from them."""
+
+
+@dataclass(frozen=True)
+class ReinforceSettings(ActorCriticSettings):
+    """REINFORCE (Williams, 1992) on whole episodes."""
+
+    num_games: int = 64
+    """Episodes between two updates."""
+    learning_rate: float = 1e-2
+    """Of Adam, at the start."""
+    baseline: bool = True
+    """Subtract a learned value from the returns."""
+
+
+@dataclass(frozen=True)
+class DQNSettings(NetworkSettings):
+    """Deep Q-learning (Mnih et al., 2015) and its extensions, each to be switched on and off."""
+
+    num_games: int = 512
+    """Games in lockstep."""
+    learning_rate: float = 3e-3
+    """Of Adam, at the start."""
+    max_grad_norm: float = 10.0
+    """Gradients are scaled down to this norm."""
+    rollout_steps: int = 8
+    """Steps of every game between two rounds of gradient steps."""
+    updates: int = 8
+    """Gradient steps in a round."""
+    batch: int = 1024
+    """Transitions of one gradient step."""
+    buffer: int = 200_000
+    """Transitions that the replay buffer holds."""
+    warm_up: int = 10_000
+    """Frames before the first gradient step."""
+    target_period: int = 50
+    """Gradient steps between two copies to the target network."""
+    epsilon_start: float = 1.0
+    """Share of random actions at the start."""
+    epsilon_end: float = 0.05
+    """Share of random actions at the end."""
+    exploration_share: float = 0.3
+    """Share of the budget over which epsilon is annealed."""
+    double: bool = True
+    """The network chooses the next action, the target network values it (van Hasselt et al.,
+    2016)."""
+    dueling: bool = False
+    """A value and advantages instead of action values (Wang et al., 2016)."""
+    prioritized: bool = False
+    """Replay by the size of the error (Schaul et al., 2016)."""
+    priority_exponent: float = 0.6
+    """How much priorities count; 0 is uniform."""
+    importance_exponent: float = 0.4
+    """How much the weights undo that."""
+    n_steps: int = 3
+    """Rewards before bootstrapping; 1 is the original."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(
+            self.batch <= self.buffer,
+            f"batch={self.batch} is more than the buffer={self.buffer} holds; lower it",
+        )
+        check(self.warm_up >= 0, f"warm_up={self.warm_up}; it is at least 0")
+
+
+@dataclass(frozen=True)
+class CrossEntropySettings(Hyperparameters):
+    """The cross-entropy method on network weights (Rubinstein, 1999; Szita and Lőrincz, 2006)."""
+
+    num_games: int = 2048
+    """Games in lockstep, shared out among the population."""
+    population: int = 64
+    """Weight vectors in each generation."""
+    elite_share: float = 0.125
+    """Share of the population that the next distribution is fitted to."""
+    initial_std: float = 0.5
+    """Standard deviation of every weight at the start."""
+    extra_std: float = 0.2
+    """Added to the standard deviations, annealed to 0: it keeps the search from ending early."""
+    width: int = 16
+    """Units of each of the two hidden layers."""
+    activation: str = "tanh"
+    """relu or tanh."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(
+            self.activation in ACTIVATIONS,
+            f"unknown activation {self.activation!r}; one of {', '.join(ACTIVATIONS)}",
+        )
+        check(
+            self.num_games % self.population == 0,
+            f"num_games={self.num_games} cannot be shared out among population={self.population}; "
+            "give a multiple of it",
+        )
+        check(
+            round(self.population * self.elite_share) >= 2,
+            f"elite_share={self.elite_share} of population={self.population} is fewer than two; "
+            "raise one of them",
+        )
+
+
+@dataclass(frozen=True)
+class QLearningSettings(Hyperparameters):
+    """Tabular Q-learning (Watkins, 1989)."""
+
+    num_games: int = 256
+    """Games in lockstep."""
+    gamma: float = 1.0
+    """Discount."""
+    learning_rate: float = 1.0
+    """Step size at the first visit of a state and action; 1 is right where nothing is random."""
+    learning_rate_power: float = 0.0
+    """The step size is divided by the number of visits to this power; above 0.5 for tasks with
+    random opponents."""
+    epsilon_start: float = 1.0
+    """Share of random actions at the start."""
+    epsilon_end: float = 0.3
+    """Share of random actions at the end."""
+    exploration_share: float = 0.5
+    """Share of the budget over which epsilon is annealed."""
+
+
+HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
+    "ppo": PPOSettings,
+    "a2c": A2CSettings,
+    "reinforce": ReinforceSettings,
+    "dqn": DQNSettings,
+    "cross_entropy": CrossEntropySettings,
+    "q_learning": QLearningSettings,
+}
+ALGORITHMS = tuple(HYPERPARAMETERS)
+
+
+def algorithm_of(hyper: Hyperparameters) -> str:
+    """The name of the algorithm that `hyper` belongs to."""
+    return next(name for name, form in HYPERPARAMETERS.items() if type(hyper) is form)

@@ -1,0 +1,1 @@
+"""Third-party learners on our games: each a script to run, read and change."""

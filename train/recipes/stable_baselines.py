@@ -1,0 +1,129 @@
+"""Stable-Baselines3's PPO, A2C or DQN through the VecEnv, beside the exact optimum.
+
+    python -m train.recipes.stable_baselines --algorithm ppo --maze 5x5 --seconds 60 --out ppo.zip
+
+The saved model fills an opponent's seat: pursuit train --role evader --maze 5x5 --opponent ppo.zip
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from pursuit.single_agent import SingleAgentVectorEnv
+from pursuit.stable_baselines import StableBaselinesVecEnv
+from train.command_line import fail, parse
+from train.evaluation import Contest
+from train.hyperparameters import check
+from train.settings import TaskSettings
+from train.third_party import load_stable_baselines, save_stable_baselines
+from train.world_commands import contest_line, print_scores
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Train one agent by Stable-Baselines3, and compare it with the exact optimum."""
+
+    task: TaskSettings = field(default_factory=TaskSettings)
+    algorithm: str = "ppo"
+    """ppo, a2c or dqn."""
+    observation: str = "one_hot"
+    """What it observes; the index encoding needs an embedding, which MlpPolicy has not."""
+    seconds: float = 60.0
+    """Budget of training time."""
+    seed: int = 0
+    """Of the games and of the network."""
+    out: Path = Path("model.zip")
+    """A new .zip file for the model; its description goes beside it."""
+
+    def __post_init__(self) -> None:
+        check(
+            self.algorithm in ("ppo", "a2c", "dqn"),
+            f"unknown algorithm {self.algorithm!r}; ppo, a2c or dqn",
+        )
+        check(self.seconds > 0, f"seconds={self.seconds}; it is above 0")
+        check(self.observation != "index", "observation='index'; MlpPolicy needs one_hot, say")
+        check(self.out.suffix == ".zip", f"{self.out}: give a .zip file")
+        check(not self.out.exists(), f"{self.out}: exists already; give a new file")
+
+
+def make_model(recipe: Recipe, envs: Any) -> Any:
+    """The model, with settings that learn these games; small networks are best on the CPU."""
+    from stable_baselines3 import A2C, DQN, PPO
+
+    common: dict[str, Any] = {"seed": recipe.seed, "device": "cpu", "gamma": 0.95}
+    if recipe.algorithm == "dqn":
+        return DQN(
+            "MlpPolicy",
+            envs,
+            learning_rate=1e-3,
+            buffer_size=200_000,
+            learning_starts=5_000,
+            batch_size=512,
+            train_freq=1,
+            gradient_steps=1,
+            target_update_interval=2_000,
+            exploration_fraction=0.1,
+            policy_kwargs={"net_arch": [128, 128]},
+            **common,
+        )
+    arch = {"net_arch": [128, 128]}
+    if recipe.algorithm == "a2c":
+        return A2C("MlpPolicy", envs, n_steps=8, policy_kwargs=arch, **common)
+    return PPO(
+        "MlpPolicy",
+        envs,
+        n_steps=32,
+        batch_size=1024,
+        n_epochs=4,
+        learning_rate=2e-3,
+        ent_coef=0.01,
+        policy_kwargs=arch,
+        **common,
+    )
+
+
+def run(recipe: Recipe) -> None:
+    """Train, save, load the weights again, and compare."""
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    class Budget(BaseCallback):
+        """Ends the training when its time is over."""
+
+        began = perf_counter()
+
+        def _on_step(self) -> bool:
+            return perf_counter() - self.began < recipe.seconds
+
+    task = recipe.task.build()
+    games = 32 if recipe.algorithm == "dqn" else 64
+    envs = SingleAgentVectorEnv(
+        task, recipe.task.agent, recipe.task.opponents(), games, recipe.observation
+    )
+    vec_env = StableBaselinesVecEnv(envs)
+    vec_env.seed(recipe.seed)
+    model = make_model(recipe, vec_env)
+    model.learn(10**12, callback=Budget())
+    save_stable_baselines(model, recipe.out, recipe.algorithm, recipe.task, recipe.observation)
+    policy = load_stable_baselines(recipe.out)
+    contest = Contest(task, recipe.task.agent, recipe.task.opponents(), 1000)
+    print(contest_line(contest))
+    print(f"Stable-Baselines3 {recipe.algorithm}: {model.num_timesteps:,} frames")
+    print_scores([*contest.baselines(), contest.score("learned", policy)])
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command line; errors are one line and exit status 2."""
+    import sys
+
+    try:
+        run(parse(Recipe, sys.argv[1:] if arguments is None else arguments, "recipe"))
+    except (ValueError, OSError, ImportError) as error:
+        fail(str(error))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,131 @@
+"""Parameter sharing through PettingZoo, SuperSuit and Stable-Baselines3: two runners, one network.
+
+    python -m train.recipes.supersuit_sharing --maze 5x5 --seconds 60 --out runners.zip
+
+Every agent is one more environment to SuperSuit's vector environment, so one PPO learns from all of
+them: right where the agents have one role and observations that begin with themselves, as in a
+race. Limits of SuperSuit: it cannot be seeded, and hands truncation on as termination, so that
+values are not bootstrapped at the time limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from pursuit import race_v0
+from pursuit.policy import Policy
+from pursuit.simulator import Simulator
+from scripted_agents import NearestGoalRunner, RandomAgent
+from train.command_line import fail, parse
+from train.evaluation import EVALUATION_SEED
+from train.hyperparameters import check
+from train.settings import TaskSettings
+from train.third_party import load_stable_baselines, save_stable_baselines
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Train two runners that share one network, and compare them with scripted ones."""
+
+    maze: str = "5x5"
+    """A shipped maze, or the path of a maze file."""
+    num_goals: int = 3
+    """Goals that the two collect."""
+    games: int = 16
+    """Games that SuperSuit steps one after the other."""
+    seconds: float = 60.0
+    """Budget of training time."""
+    out: Path = Path("runners.zip")
+    """A new .zip file for the model; its description goes beside it."""
+
+    def __post_init__(self) -> None:
+        check(self.games >= 1, f"games={self.games}; at least 1")
+        check(self.seconds > 0, f"seconds={self.seconds}; it is above 0")
+        check(self.out.suffix == ".zip", f"{self.out}: give a .zip file")
+        check(not self.out.exists(), f"{self.out}: exists already; give a new file")
+
+    @property
+    def task(self) -> TaskSettings:
+        """The race."""
+        return TaskSettings("race", maze=self.maze, num_runners=2, num_goals=self.num_goals)
+
+
+def mean_length(task: TaskSettings, policy: Policy, episodes: int = 1000) -> float:
+    """Mean episode length with `policy` in every seat, on the starts of every evaluation."""
+    built = task.build()
+    simulator = Simulator(built, episodes, EVALUATION_SEED, auto_restart=False)
+    simulator.reset()
+    actions = np.zeros((episodes, built.num_agents), dtype=np.int32)
+    while not simulator.ended.any(axis=0).all():
+        simulator.act([policy] * built.num_agents, actions)
+        simulator.step(actions)
+    return float(simulator.steps.mean())
+
+
+def run(recipe: Recipe) -> None:
+    """Train, save, load the weights again, and compare."""
+    import supersuit
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    class Budget(BaseCallback):
+        """Ends the training when its time is over."""
+
+        began = perf_counter()
+
+        def _on_step(self) -> bool:
+            return perf_counter() - self.began < recipe.seconds
+
+    env = race_v0.parallel_env(
+        maze=recipe.task.build().mazes[0],
+        num_runners=2,
+        num_goals=recipe.num_goals,
+        observation="one_hot",
+    )
+    env = supersuit.pettingzoo_env_to_vec_env_v1(env)
+    envs: Any = supersuit.concat_vec_envs_v1(env, recipe.games, base_class="stable_baselines3")
+    model = PPO(
+        "MlpPolicy",
+        envs,
+        n_steps=64,
+        batch_size=512,
+        n_epochs=4,
+        learning_rate=2e-3,
+        gamma=0.95,
+        ent_coef=0.01,
+        policy_kwargs={"net_arch": [128, 128]},
+        # No seed: Stable-Baselines3 would seed the environments as well, which SuperSuit cannot.
+        device="cpu",
+    )
+    model.learn(10**12, callback=Budget())
+    save_stable_baselines(model, recipe.out, "ppo", recipe.task, "one_hot")
+    print(f"race on {recipe.maze}, 2 runners, {recipe.num_goals} goals; all seats play alike")
+    print(f"{model.num_timesteps:,} frames of single agents")
+    learned = load_stable_baselines(recipe.out, greedy=False)
+    policies: tuple[tuple[str, Policy], ...] = (
+        ("random", RandomAgent()),
+        ("nearest goal", NearestGoalRunner()),
+        ("learned, shared, drawn", learned),
+    )
+    for name, policy in policies:
+        print(f"{name:<26}{mean_length(recipe.task, policy):8.2f} steps")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command line; errors are one line and exit status 2."""
+    import sys
+
+    try:
+        run(parse(Recipe, sys.argv[1:] if arguments is None else arguments, "recipe"))
+    except (ValueError, OSError, ImportError) as error:
+        fail(str(error))
+
+
+if __name__ == "__main__":
+    main()
