@@ -29,8 +29,8 @@ class Hyperparameters:
     )
     SHARES: ClassVar[frozenset[str]] = frozenset(
         {
-            "gamma", "near_starts", "gae_lambda", "epsilon_start", "epsilon_end", "exploration_share",
-            "priority_exponent", "importance_exponent", "elite_share",
+            "gamma", "near_starts", "gae_lambda", "epsilon_start", "epsilon_end",
+            "exploration_share", "priority_exponent", "importance_exponent", "elite_share",
         }
     )  # fmt: skip
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 from train.hyperparameters import (
     HYPERPARAMETERS,
     A2CSettings,
-    ActorCriticSettings,
     DQNSettings,
     Hyperparameters,
     NetworkSettings,
     PPOSettings,
     QLearningSettings,
+    RolloutSettings,
     check,
 )
 from train.settings import TaskSettings
@@ -148,7 +148,9 @@ def tuned(algorithm: str, task: TaskSettings) -> Hyperparameters:
         return hyper
     if task.agent.startswith("chaser") and cells > 36:
         hyper = replace(hyper, gamma=0.98, near_starts=0.2)
-        return replace(hyper, entropy=0.03) if isinstance(hyper, ActorCriticSettings) else hyper
+        if isinstance(hyper, RolloutSettings):
+            return replace(hyper, entropy=0.06, gae_lambda=0.8)
+        return hyper
     if task.agent.startswith("runner") and cells > 60:
         return replace(hyper, near_starts=0.5, gamma=0.97)
     return hyper

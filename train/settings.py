@@ -189,8 +189,8 @@ class TrainSettings(Generic[H]):
         )
         check(
             not self.hyper.near_starts or self.task.start == "random",
-            f"near_starts={self.hyper.near_starts} needs random starts; set near_starts=0, or leave "
-            "out start='marks'",
+            f"near_starts={self.hyper.near_starts} needs random starts; set near_starts=0, or "
+            "leave out start='marks'",
         )
         if self.algorithm in ("q_learning", "cross_entropy"):
             check(

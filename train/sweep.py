@@ -143,8 +143,9 @@ def _multiply_out(content: dict[str, Any], stem: str) -> Sweep:
     check(scheduler in (None, "asha"), f"unknown scheduler {scheduler!r}; asha")
     drawn = draw_samples(search)
     varying = {*grid, *(name for variant in variants for name in variant), *drawn[0]} - {"name"}
+    has_runs = bool(common or grid or variants != [{}])
     runs: dict[str, SweepRun] = {}
-    for values in itertools.product(*grid.values()):
+    for values in itertools.product(*grid.values()) if has_runs else ():
         for variant, sample, seed in itertools.product(variants, drawn, seeds):
             label = dict(zip(grid, values, strict=True)) | variant | sample
             flat = common | {k: v for k, v in label.items() if k != "name"} | {"seed": seed}
@@ -160,7 +161,6 @@ def _multiply_out(content: dict[str, Any], stem: str) -> Sweep:
                 label["variant"] = label.pop("name")
             run = SweepRun(run_name(settings, label), settings, label)
             runs.setdefault(run.name.rsplit("-", 1)[1], run)  # a combination named twice runs once
-    has_runs = bool(common or grid or variants != [{}])
     exact = _table(content, "exact")
     check(has_runs or bool(exact), "nothing to do; give [settings] and [grid], or [exact]")
     episodes = content.get("episodes", 1000)
@@ -168,7 +168,7 @@ def _multiply_out(content: dict[str, Any], stem: str) -> Sweep:
     report = _report_hints(content, sorted(varying))
     return Sweep(
         content.get("title", stem),
-        tuple(runs.values()) if has_runs else (),
+        tuple(runs.values()),
         episodes,
         report,
         exact,
