@@ -491,3 +491,39 @@ def test_the_learners_are_made_of_their_settings() -> None:
         learner.iterate(0.0)
         assert learner.frames > 0
         learner.close()
+
+
+def test_the_cross_entropy_method_beats_random_by_far_and_resumes(tmp_path: Path) -> None:
+    flat = {"algorithm": "cross_entropy", "maze": "3x3", "threads": 1, "num_games": 512}
+    run = start_run(settings_of(**flat, frames=500_000), new_folder(tmp_path / "run"))
+    run.train()
+    random = run.contest.score("random", RandomAgent()).mean_steps
+    assert steps_of(run) < 0.5 * random
+    chosen = settings_of(**flat, frames=120_000)
+    ends = []
+    for name in ("whole", "halved"):
+        run = start_run(chosen, new_folder(tmp_path / name))
+
+        def interrupt(run: Run, row: dict[str, float], name: str = name) -> None:
+            run.stopped = run.stopped or (name == "halved" and run.progress > 0.5)
+
+        run.train(interrupt)
+        if name == "halved":
+            resume_run(tmp_path / name).train()
+        ends.append(load_checkpoint(tmp_path / name)["learner"])
+    assert ends[0]["frames"] == ends[1]["frames"]
+    assert torch.equal(ends[0]["mean"], ends[1]["mean"])
+    assert torch.equal(ends[0]["std"], ends[1]["std"])
+
+
+def test_candidates_of_one_generation_get_the_same_starts_and_their_own_weights() -> None:
+    chosen = settings_of(**{**EASY, "algorithm": "cross_entropy", "num_games": 64}, frames=1)
+    env = make_env(64)
+    learner: Any = make_learner(chosen, env)
+    candidates = torch.randn(64, len(learner.mean))
+    candidates[1] = candidates[0]
+    learner.play(candidates)
+    rows = env.simulator.rows
+    assert len(np.unique(env.simulator.goals, axis=0)) >= 1
+    env.reset()
+    assert (rows[:, :3] == rows[:1, :3]).all() and (rows[:, 3:5] == rows[:1, 3:5]).all()

@@ -91,6 +91,7 @@ def run_locally(sweep: Sweep, out: Path, workers: int, told: Told) -> dict[str, 
             (folders[name] / STOPPED).unlink(missing_ok=True)
         running: dict[str, subprocess.Popen[bytes]] = {}
         interrupted = False
+        told(statuses, {})
         try:
             while waiting or running:
                 while waiting and len(running) < workers:
@@ -180,6 +181,7 @@ def run_on_ray(sweep: Sweep, out: Path, address: str | None, told: Told) -> dict
         folders = dict((run.name, folder) for run, folder in prepare(sweep, out))
         statuses = {name: status_of(folder) for name, folder in folders.items()}
         todo = [run for run in sweep.runs if statuses[run.name] != "complete"]
+        told(statuses, {})
         started_here = not ray.is_initialized()
         if started_here:
             ray.init(address=address, log_to_driver=False, include_dashboard=False)

@@ -213,15 +213,15 @@ class DQNSettings(NetworkSettings):
 class CrossEntropySettings(Hyperparameters):
     """The cross-entropy method on network weights (Rubinstein, 1999; Szita and Lőrincz, 2006)."""
 
-    num_games: int = 2048
+    num_games: int = 1024
     """Games in lockstep, shared out among the population."""
     population: int = 64
     """Weight vectors in each generation."""
     elite_share: float = 0.125
     """Share of the population that the next distribution is fitted to."""
-    initial_std: float = 0.5
+    initial_std: float = 0.3
     """Standard deviation of every weight at the start."""
-    extra_std: float = 0.2
+    extra_std: float = 0.02
     """Added to the standard deviations, annealed to 0: it keeps the search from ending early."""
     width: int = 16
     """Units of each of the two hidden layers."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import torch
 from torch.func import functional_call, vmap
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
@@ -19,7 +21,8 @@ from train.networks import ActorCritic
 class CrossEntropy:
     """Rubinstein (1999); with noise that is annealed, Szita and Lőrincz (2006).
 
-    In each generation every candidate plays `num_games / population` episodes to their end, and a
+    In each generation every candidate plays `num_games / population` episodes to their end, all
+    from the same starts, and a
     normal distribution with independent weights is fitted to the best. Candidates draw their
     actions: nearly all greedy ones run in circles at first, with nothing to choose between them.
 
@@ -93,6 +96,8 @@ class CrossEntropy:
             return found
 
         batched = vmap(logits)
+        if not self.frames:
+            self._share_starts(population, each)
         now = env.reset()
         running = torch.ones(games, dtype=torch.bool)
         returns = torch.zeros(games)
@@ -106,6 +111,18 @@ class CrossEntropy:
             self.frames += len(alive)
             running &= ~now["done"][:, 0]
         return returns.reshape(population, each).mean(dim=1)
+
+    def _share_starts(self, population: int, each: int) -> None:
+        """Give every candidate's games the same random streams, so that all get the same starts."""
+        simulator = self.env.simulator
+        simulator.reset()
+        state = simulator.get_state()
+        shared = {
+            name: np.concatenate([array[:each]] * population)
+            for name, array in vars(state).items()
+            if name in ("rows", "streams")
+        }
+        simulator.set_state(replace(state, **shared))
 
     def policy(self, greedy: bool = True) -> LearnedPolicy:
         """That of the mean."""

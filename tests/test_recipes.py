@@ -1,0 +1,147 @@
+"""The recipes for third-party learners run, learn, and their models fill seats."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+pytest.importorskip("supersuit")
+
+from pursuit.simulator import Simulator
+from scripted_agents import NearestGoalRunner, RandomAgent
+from train.evaluation import Contest
+from train.recipes import stable_baselines, supersuit_sharing
+from train.settings import TaskSettings, settings_of
+from train.third_party import description_of, load_opponent, load_stable_baselines
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("models")
+    for algorithm in ("ppo", "dqn"):
+        arguments = ["--algorithm", algorithm, "--maze", "3x3", "--seconds", "6"]
+        stable_baselines.main([*arguments, "--out", str(folder / f"{algorithm}.zip")])
+    return {name: folder / f"{name}.zip" for name in ("ppo", "dqn")}
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "dqn"])
+def test_stable_baselines_learns_and_its_model_is_a_table(
+    algorithm: str, models: dict[str, Path]
+) -> None:
+    from stable_baselines3 import DQN, PPO
+
+    policy = load_stable_baselines(models[algorithm])
+    task = policy.task
+    contest = Contest(task, "chaser", TaskSettings(maze="3x3").opponents(), 100)
+    score = contest.score("learned", policy)
+    assert score.exact
+    assert score.mean_steps < 0.5 * contest.score("random", RandomAgent()).mean_steps
+    # What Stable-Baselines3 itself would choose for every pair of cells.
+    form: Any = {"ppo": PPO, "dqn": DQN}[algorithm]
+    model = form.load(models[algorithm])
+    table = policy.action_probabilities(task.mazes[0])
+    simulator = Simulator(task, 1)
+    for own in range(9):
+        for other in range(9):
+            if own != other:
+                simulator.place([own, other])
+                predicted, _ = model.predict(simulator.observe("one_hot", 0), deterministic=True)
+                assert table[own, other].argmax() == predicted[0]
+
+
+def test_a_saved_model_is_an_opponent(models: dict[str, Path], tmp_path: Path) -> None:
+    from train.run import start_run
+
+    flat = {"role": "evader", "maze": "3x3", "frames": 3000, "num_games": 16, "minibatch": 64}
+    chosen = settings_of(**flat, opponent=str(models["ppo"]))
+    run = start_run(chosen, tmp_path)
+    run.train()
+    assert run.optimum is not None and run.optimum.exact
+    policies = chosen.task.opponents()
+    assert policies["chaser"] is not None
+    with pytest.raises(ValueError, match="another role"):
+        settings_of(maze="3x3", frames=1, opponent=str(models["ppo"])).task.opponents()
+
+
+def test_runners_share_their_network_through_supersuit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "runners.zip"
+    arguments = ["--maze", "4x4", "--num-goals", "2", "--seconds", "8", "--out", str(out)]
+    supersuit_sharing.main(arguments)
+    steps = {
+        line[:26].strip(): float(line.split()[-2])
+        for line in capsys.readouterr().out.splitlines()
+        if line.endswith("steps")
+    }
+    assert steps["learned, shared, drawn"] < 0.6 * steps["random"]
+    assert steps["nearest goal"] < steps["random"]
+    task = TaskSettings("race", maze="4x4", num_runners=2, num_goals=2)
+    again = supersuit_sharing.mean_length(task, NearestGoalRunner())
+    assert abs(again - steps["nearest goal"]) < 0.01
+
+
+def test_damaged_and_foreign_models_are_refused(models: dict[str, Path], tmp_path: Path) -> None:
+    path = tmp_path / "model.zip"
+    with pytest.raises(ValueError, match="no such file"):
+        load_opponent(path)
+    path.write_bytes(models["ppo"].read_bytes())
+    with pytest.raises(ValueError, match="description"):
+        load_opponent(path)
+    description_of(path).write_text(description_of(models["dqn"]).read_text())
+    with pytest.raises(ValueError, match="another network"):
+        load_opponent(path)
+    description_of(path).write_text(description_of(models["ppo"]).read_text())
+    path.write_bytes(models["ppo"].read_bytes()[:500])
+    with pytest.raises(ValueError, match="damaged"):
+        load_opponent(path)
+    with pytest.raises(ValueError, match="folder of a run"):
+        load_opponent(tmp_path / "model.pt")
+    with pytest.raises(ValueError, match="no distribution"):
+        load_stable_baselines(models["dqn"], greedy=False)
+
+
+def test_no_code_in_a_model_is_run(models: dict[str, Path], tmp_path: Path) -> None:
+    import pickle
+
+    class Evil:
+        def __reduce__(self) -> Any:
+            return (Path.touch, (tmp_path / "owned",))
+
+    path = tmp_path / "model.zip"
+    description_of(path).write_text(description_of(models["ppo"]).read_text())
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("policy.pth", pickle.dumps(Evil()))
+        file.writestr("data", "{}")
+    with pytest.raises(ValueError, match="damaged"):
+        load_stable_baselines(path)
+    assert not (tmp_path / "owned").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--algorithm", "sac"],
+        ["--observation", "index"],
+        ["--seconds", "0"],
+        ["--out", "model.pt"],
+        ["--maze", "12x13"],
+    ],
+)
+def test_nonsense_is_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as exit_:
+        stable_baselines.main(arguments)
+    assert exit_.value.code == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_the_drawn_policy_follows_the_distribution(models: dict[str, Path]) -> None:
+    policy = load_stable_baselines(models["ppo"], greedy=False)
+    table = policy.action_probabilities(policy.task.mazes[0])
+    np.testing.assert_allclose(table.sum(axis=-1), 1.0, atol=1e-6)
+    assert ((table > 0) & (table < 1)).any()

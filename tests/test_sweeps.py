@@ -1,0 +1,453 @@
+"""Sweeps: files multiply out, nothing is lost or mixed, whoever runs them; reports are right."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars
+import pytest
+from scipy.stats import trim_mean
+
+from train.command_line import main
+from train.executors import only_one, progress_of, run_locally, run_on_ray
+from train.report import bootstrap_interval, interquartile_mean, report
+from train.results_table import CURVES, RUNS, collect
+from train.sweep import fingerprint, load_sweep, prepare, shipped, status_of
+from train.sweep_commands import SweepWatch
+
+TINY = """
+title = "Tiny"
+episodes = 20
+seeds = [0, 1]
+
+[settings]
+task = "maze"
+frames = 2000
+num_games = 32
+
+[grid]
+maze = ["2x2", "3x3"]
+algorithm = ["a2c", "q_learning"]
+
+[report]
+x = "maze"
+"""
+TABULAR = TINY.replace('"a2c", "q_learning"', '"q_learning"')
+
+
+def write(path: Path, text: str = TINY) -> str:
+    path.write_text(text)
+    return str(path)
+
+
+def silent(statuses: dict[str, str], progress: dict[str, float]) -> None:
+    pass
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a complete sweep."""
+    folder = tmp_path_factory.mktemp("swept")
+    main(["sweep", write(folder / "tiny.toml", TABULAR), "--out", str(folder / "out")])
+    return folder / "out"
+
+
+# -- files -----------------------------------------------------------------------------------------
+
+
+def test_a_file_is_multiplied_out(tmp_path: Path) -> None:
+    sweep = load_sweep(write(tmp_path / "tiny.toml"))
+    assert len(sweep.runs) == 2 * 2 * 2 == len({run.name for run in sweep.runs})
+    seen = {
+        (r.settings.task.maze, r.settings.algorithm, r.settings.seed, r.settings.threads)
+        for r in sweep.runs
+    }
+    assert seen == {
+        (maze, algorithm, seed, 1)
+        for maze in ("2x2", "3x3")
+        for algorithm in ("a2c", "q_learning")
+        for seed in (0, 1)
+    }
+    assert sweep.report == {"x": "maze", "group": ["algorithm"]}
+
+
+def test_combinations_that_are_named_twice_are_run_once(tmp_path: Path) -> None:
+    doubled = TINY.replace('["2x2", "3x3"]', '["2x2", "2x2"]').replace("[0, 1]", "[0, 0]")
+    assert len(load_sweep(write(tmp_path / "tiny.toml", doubled)).runs) == 2
+
+
+def test_the_fingerprint_knows_every_setting_and_the_maze_itself(tmp_path: Path) -> None:
+    base = load_sweep(write(tmp_path / "tiny.toml")).runs[0].settings
+    maze = tmp_path / "own.txt"
+    prints = {fingerprint(base)}
+    changes = ("stay_action = true", "gamma = 0.5", f'maze = "{maze}"', f'maze = "{maze}" # again')
+    for number, line in enumerate(changes):
+        middle = "+ + +" if number == 3 else "+-+ +"  # the same file name, another maze in it
+        maze.write_text(f"+-+-+\n|   |\n{middle}\n|   |\n+-+-+\n")
+        text = TINY.replace("num_games = 32", f"num_games = 32\n{line}")
+        if "maze" in line:
+            text = text.replace('maze = ["2x2", "3x3"]\n', "")
+        prints.add(fingerprint(load_sweep(write(tmp_path / "other.toml", text)).runs[0].settings))
+    assert len(prints) == 5
+
+
+def test_versions_lie_over_the_common_part(tmp_path: Path) -> None:
+    text = TINY.replace("seeds = [0, 1]\n", "") + (
+        "[short]\nseeds = [7]\n[full]\nseeds = [1, 2, 3]\nsettings = {frames = 9000}\n"
+    )
+    path = write(tmp_path / "tiny.toml", text)
+    short, full = load_sweep(path), load_sweep(path, "full")
+    assert {run.settings.seed for run in short.runs} == {7}
+    assert {run.settings.seed for run in full.runs} == {1, 2, 3}
+    assert {run.settings.frames for run in full.runs} == {9000}
+
+
+def test_a_random_search_is_drawn_once_and_in_its_ranges(tmp_path: Path) -> None:
+    text = TINY + (
+        "[search]\nsamples = 30\nseed = 3\n"
+        'learning_rate = {low = 1e-4, high = 1e-2, scale = "log"}\n'
+        "rollout_steps = {choices = [2, 4]}\nwidth = {low = 8, high = 64, whole = true}\n"
+    )
+    text = text.replace('["a2c", "q_learning"]', '["a2c"]').replace("seeds = [0, 1]\n", "")
+    path = write(tmp_path / "tiny.toml", text)
+    first, second = load_sweep(path), load_sweep(path)
+    assert [run.name for run in first.runs] == [run.name for run in second.runs]
+    rates = [run.settings.hyper.learning_rate for run in first.runs]
+    assert len(set(rates)) == 30 and 1e-4 <= min(rates) < 1e-3 < max(rates) <= 1e-2
+    assert {run.settings.hyper.rollout_steps for run in first.runs} == {2, 4}
+    assert all(8 <= run.settings.hyper.width <= 64 for run in first.runs)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[grid]", "[grids]", "unknown key 'grids'"),
+        ('["2x2", "3x3"]', "[]", "maze is an empty list"),
+        ("[0, 1]", "[]", "seeds is an empty list"),
+        ("num_games = 32", "num_gamse = 32", "did you mean 'num_games'"),
+        ('["2x2", "3x3"]', '["2x2", "12x3"]', "unknown maze '12x3'"),
+        ('["2x2", "3x3"]', '["2x2"]\nobservation = ["cells"]', "q_learning has a table"),
+        ('["2x2", "3x3"]', '["9x9"]\nnum_goals = [5]', "fewer agents or goals"),
+        ("num_games = 32", "num_games = 0", "num_games=0"),
+        ("num_games = 32", 'num_games = "many"', "of type int"),
+        ("frames = 2000", "frames = 2000\nseconds = 3", "one of the two"),
+        ('x = "maze"', 'y = "maze"', "unknown key 'y'"),
+        ("[report]", "[full]\nseed = [1]\n[report]", "unknown key 'seed' in \\[full\\]"),
+        ("[report]", "[[variants]]\ngamma = 0.5\n[report]", "a name each"),
+        ("[report]", "[search]\nsamples = 3\n[report]", "names no setting"),
+        ("[report]", "[search]\ngamma = {low = 1, high = 0}\n[report]", "not below"),
+        ("[report]", "[search]\nscheduler = 'best'\n[report]", "unknown scheduler"),
+        ("[grid]", "[grid", "not TOML"),
+    ],
+)
+def test_a_bad_file_is_one_clear_line_before_anything_runs(
+    old: str, new: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert old in TINY
+    path = write(tmp_path / "tiny.toml", TINY.replace(old, new))
+    with pytest.raises(ValueError, match=message):
+        load_sweep(path)
+    with pytest.raises(SystemExit) as exit_:
+        main(["sweep", path, "--out", str(tmp_path / "out")])
+    assert exit_.value.code == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_every_shipped_file_is_sound_in_both_versions(capsys: pytest.CaptureFixture[str]) -> None:
+    assert {"states", "tabular", "encodings", "rewards", "maze_by_size", "maze_by_goals"} <= set(
+        shipped()
+    )
+    assert {"chaser_by_size", "evader_by_size", "dqn_one_goal", "presets"} <= set(shipped())
+    for name in shipped():
+        short, full = load_sweep(name, "short"), load_sweep(name, "full")
+        assert len(short.runs) <= len(full.runs) and short.title
+    main(["sweep", "--list"])
+    assert "maze_by_size" in capsys.readouterr().out
+    with pytest.raises(ValueError, match="no such sweep file"):
+        load_sweep("chasers")
+
+
+def test_the_exact_table_needs_no_learning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["sweep", "states", "--out", str(tmp_path / "out")])
+    text = (tmp_path / "out" / "exact.md").read_text()
+    assert text.strip() in capsys.readouterr().out
+    rows = [line.split("|") for line in text.splitlines() if "x" in line[:6]]
+    assert [row[1].strip() for row in rows] == [f"{n}x{n}" for n in range(3, 10)]
+    assert rows[2][3].strip() == "600" and rows[2][4].strip() == "58,100"  # formula 3.2
+
+
+# -- running ---------------------------------------------------------------------------------------
+
+
+def test_a_sweep_runs_reports_and_is_not_done_again(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs, curves = collect(swept)
+    assert runs["status"].to_list() == ["complete"] * 4
+    before = {path: path.stat().st_mtime_ns for path in swept.glob("runs/*/results.json")}
+    main(["sweep", write(tmp_path / "tiny.toml", TABULAR), "--out", str(swept)])
+    assert "4 complete already" in capsys.readouterr().out
+    assert before == {path: path.stat().st_mtime_ns for path in before}
+    assert set(curves["run"].to_list()) == set(runs["run"].to_list())
+    assert (runs["frames"] >= 2000).all()
+
+
+def test_the_tables_are_the_same_to_polars_pandas_and_duckdb(swept: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    duckdb = pytest.importorskip("duckdb")
+    collect(swept)
+    path = swept / RUNS
+    ours = polars.read_parquet(path)
+    theirs = pandas.read_parquet(path)
+    query = f"select run, optimality_gap from '{path}' order by run"
+    third = dict(duckdb.sql(query).fetchall())
+    expected = {
+        folder.name: json.loads((folder / "results.json").read_text())["evaluation"][
+            "optimality_gap"
+        ]
+        for folder in swept.glob("runs/*")
+    }
+    assert dict(zip(ours["run"], ours["optimality_gap"], strict=True)) == expected
+    assert dict(zip(theirs["run"], theirs["optimality_gap"], strict=True)) == expected
+    assert third == expected
+    wanted = {"maze", "algorithm", "seed", "gamma", "frames", "seconds", "mean_steps", "status"}
+    assert wanted | {"torch_version", "commit", "machine", "error"} <= set(ours.columns)
+    assert len(polars.read_parquet(swept / CURVES)) > 4
+
+
+def test_a_folder_of_other_settings_or_another_version_is_refused(
+    swept: Path, tmp_path: Path
+) -> None:
+    sweep = load_sweep(write(tmp_path / "tiny.toml", TABULAR))
+    out = tmp_path / "out"
+    shutil.copytree(swept, out)
+    config = out / "runs" / sweep.runs[0].name / "config.json"
+    content = json.loads(config.read_text())
+    config.write_text(json.dumps(content | {"seed": 5}))
+    with pytest.raises(ValueError, match="other settings"):
+        run_locally(sweep, out, 1, silent)
+    config.write_text(json.dumps(content | {"format": 1}))
+    with pytest.raises(ValueError, match="another version"):
+        run_locally(sweep, out, 1, silent)
+    with pytest.raises(ValueError, match="another version"):
+        collect(out)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter.txt").write_text("dear")
+    with pytest.raises(ValueError, match="no sweep"):
+        prepare(sweep, tmp_path / "mine")
+
+
+def test_two_sweeps_cannot_share_a_folder_at_once(tmp_path: Path) -> None:
+    sweep = load_sweep(write(tmp_path / "tiny.toml"))
+    with only_one(tmp_path / "out"), pytest.raises(ValueError, match="another sweep"):
+        run_locally(sweep, tmp_path / "out", 1, silent)
+
+
+def test_a_run_that_dies_is_recorded_and_the_others_go_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = TINY.replace("frames = 2000", "frames = 60000").replace("[0, 1]", "[0]")
+    path = write(tmp_path / "tiny.toml", text.replace('"a2c", "q_learning"', '"a2c"'))
+    sweep, out = load_sweep(path), tmp_path / "out"
+    prepare(sweep, out)
+    broken = out / "runs" / sweep.runs[0].name
+    (broken / "checkpoint.pt").write_bytes(b"no checkpoint")  # it crashes on reading this
+    victim = out / "runs" / sweep.runs[1].name
+    killed: list[int] = []
+
+    def kill(statuses: dict[str, str], progress: dict[str, float]) -> None:
+        if not killed and progress_of(victim) > 0:
+            found = subprocess.run(["pgrep", "-f", victim.name], capture_output=True, text=True)
+            killed.extend(int(number) for number in found.stdout.split())
+            for number in killed:
+                os.kill(number, signal.SIGKILL)
+
+    statuses = run_locally(sweep, out, 2, kill)
+    assert killed and set(statuses.values()) == {"failed"}
+    assert "damaged" in (broken / "error.txt").read_text()
+    assert "signal 9 (SIGKILL)" in (victim / "error.txt").read_text()
+    runs, _ = collect(out)
+    assert runs["status"].to_list() == ["failed"] * 2
+    assert "SIGKILL" in "".join(runs["error"].to_list())
+    # Again: the killed one goes on from its checkpoint, the broken one still fails.
+    with pytest.raises(SystemExit) as exit_:
+        main(["sweep", path, "--out", str(out), "--workers", "2"])
+    assert exit_.value.code == 1
+    printed = capsys.readouterr()
+    assert "failed" in printed.err and str(broken / "error.txt") in printed.err
+    assert status_of(victim) == "complete" and not (victim / "error.txt").exists()
+    assert "1 complete, 1 failed" in printed.out
+
+
+def test_control_c_saves_and_the_sweep_goes_on(tmp_path: Path) -> None:
+    text = TINY.replace("frames = 2000", "frames = 400000").replace("[0, 1]", "[0]")
+    path = write(tmp_path / "tiny.toml", text.replace('"a2c", "q_learning"', '"a2c"'))
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "train.command_line", "sweep", path, "--out", str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and not list(out.glob("runs/*/checkpoint.pt")):
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130 and "Go on with: pursuit sweep" in errors
+    assert "Traceback" not in errors
+    states = [status_of(folder) for folder in out.glob("runs/*")]
+    assert "interrupted" in states and "failed" not in states
+
+
+def test_the_time_left_follows_budgets_and_progress(tmp_path: Path) -> None:
+    text = TINY.replace("frames = 2000", "seconds = 100")
+    watch = SweepWatch(load_sweep(write(tmp_path / "tiny.toml", text)), 2)
+    names = list(watch.budgets)
+    statuses = dict.fromkeys(names, "new") | {names[0]: "complete", names[1]: "running"}
+    assert watch.seconds_left(statuses, {names[1]: 0.5}) == pytest.approx(1.15 * 650 / 2)
+
+
+# -- Ray -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Any:
+    """A local Ray cluster of three nodes; the head has no cores for runs."""
+    pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+
+    found = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
+    for _ in range(2):
+        found.add_node(num_cpus=1)
+    yield found
+    found.shutdown()
+
+
+def test_ray_loses_nothing_and_counts_nothing_twice_when_a_node_dies(
+    cluster: Any, tmp_path: Path
+) -> None:
+    import ray
+
+    text = TINY.replace("frames = 2000", "frames = 20000").replace(', "q_learning"', "")
+    sweep, out = load_sweep(write(tmp_path / "tiny.toml", text)), tmp_path / "out"
+    ray.init(address=cluster.address, log_to_driver=False)
+    removed: list[Any] = []
+
+    def kill(statuses: dict[str, str], progress: dict[str, float]) -> None:
+        workers = [node for node in cluster.list_all_nodes() if node is not cluster.head_node]
+        if not removed and list(statuses.values()).count("complete") >= 1:
+            removed.append(workers[0])
+            cluster.remove_node(workers[0], allow_graceful=False)
+            cluster.add_node(num_cpus=1)
+
+    try:
+        statuses = run_on_ray(sweep, out, None, kill)
+    finally:
+        ray.shutdown()
+    assert removed
+    assert statuses == dict.fromkeys((run.name for run in sweep.runs), "complete")
+    runs, curves = collect(out)
+    assert len(runs) == 4 and runs["run"].n_unique() == 4
+    assert curves.select("run", "frames").is_unique().all()
+    # The same file gives the same results here: a budget of frames repeats exactly.
+    local = tmp_path / "local"
+    one = load_sweep(str(tmp_path / "tiny.toml"))
+    single = type(one)(one.title, one.runs[:1], one.episodes, one.report, {}, None)
+    run_locally(single, local, 1, silent)
+    name = one.runs[0].name
+    evaluations = [
+        json.loads((folder / "runs" / name / "results.json").read_text())["evaluation"]
+        for folder in (out, local)
+    ]
+    assert evaluations[0] == evaluations[1]
+
+
+@pytest.mark.slow
+def test_asha_stops_the_worst_early(cluster: Any, tmp_path: Path) -> None:
+    import ray
+
+    text = """
+    episodes = 20
+    [settings]
+    task = "maze"
+    maze = "3x3"
+    algorithm = "a2c"
+    frames = 150000
+    num_games = 32
+    [search]
+    samples = 6
+    scheduler = "asha"
+    learning_rate = {choices = [1e-6, 1e-2]}
+    """
+    path = write(tmp_path / "asha.toml", text)
+    with pytest.raises(SystemExit):
+        main(["sweep", path, "--out", str(tmp_path / "local")])
+    sweep, out = load_sweep(path), tmp_path / "out"
+    ray.init(address=cluster.address, log_to_driver=False)
+    try:
+        statuses = run_on_ray(sweep, out, None, silent)
+    finally:
+        ray.shutdown()
+    assert set(statuses.values()) <= {"complete", "stopped"} and "complete" in statuses.values()
+    runs, _ = collect(out)
+    assert runs["mean_steps"].null_count() == 0
+
+
+# -- reports ---------------------------------------------------------------------------------------
+
+
+def test_the_interquartile_mean_and_the_interval_are_right() -> None:
+    generator = np.random.default_rng(0)
+    for count in (4, 8, 20, 40):
+        values = generator.normal(size=count)
+        assert interquartile_mean(list(values)) == pytest.approx(trim_mean(values, 0.25))
+    assert interquartile_mean([3.0]) == 3.0
+    assert interquartile_mean([1.0, 2.0]) == pytest.approx(1.5)
+    assert interquartile_mean([0.0, 1.0, 100.0]) == pytest.approx((0.25 * 0 + 1 + 25.0) / 1.5)
+    covered = 0
+    for _ in range(200):
+        low, high = bootstrap_interval(list(generator.normal(size=30)))
+        covered += low <= 0.0 <= high
+    assert 180 <= covered <= 199  # of 95 %, a little fewer at 30 values
+    assert np.isnan(bootstrap_interval([1.0])).all()
+    assert bootstrap_interval([2.0, 2.0]) == (2.0, 2.0)
+
+
+def test_a_report_says_what_the_runs_found(swept: Path) -> None:
+    from PIL import Image
+
+    folder = report(swept)
+    text = (folder / "report.md").read_text()
+    assert text.startswith("# Tiny") and "4 runs, seeds 0, 1" in text
+    runs, _ = collect(swept)
+    table = polars.read_csv(folder / "table.csv")
+    assert len(table) == 2
+    for row in table.to_dicts():
+        chosen = runs.filter(
+            (polars.col("maze") == row["maze"]) & (polars.col("algorithm") == row["group"])
+        )
+        assert row["seeds"] == 2
+        assert row["gap"] == pytest.approx(100 * chosen["optimality_gap"].mean())
+    for name in ("final.png", "learning_curves_seconds.png", "learning_curves_frames.png"):
+        with Image.open(folder / name) as picture:
+            assert min(picture.size) > 300
+        assert f"({name})" in text
+
+
+def test_a_report_of_nothing_is_an_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for folder in (tmp_path, tmp_path / "none"):
+        with pytest.raises(SystemExit) as exit_:
+            main(["report", str(folder)])
+        assert exit_.value.code == 2
+        assert len(capsys.readouterr().err.strip().splitlines()) == 1
