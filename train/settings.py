@@ -137,6 +137,7 @@ class TrainSettings(Generic[H]):
 
     task: TaskSettings = field(default_factory=TaskSettings)
     hyper: H = field(default_factory=PPOSettings)  # type: ignore[assignment]
+    """The settings of the algorithm."""
     algorithm: str = "ppo"
     """The learner: ppo, a2c, reinforce, dqn, cross_entropy or q_learning."""
     observation: str = "index"

@@ -1,6 +1,6 @@
 """Speed of learning: forms of the first layer, frames per second and time to a gap against SB3.
 
-python tests/benchmarks/bench_learning.py [--parts layers speed gap] [--seconds 10] [--limit 240]
+python tests/benchmarks/bench_learning.py [--parts layers speed products gap] [--seconds 10]
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import tempfile
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 
@@ -20,11 +21,12 @@ from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents.environments import make_vector_env
 from train.evaluation import Contest, optimality_gap
+from train.hyperparameters import DQNSettings, PPOSettings
 from train.networks import ActorCritic
-from train.presets import ppo_preset
+from train.presets import tuned
 from train.run import Run, start_run
 from train.run_folder import new_folder
-from train.settings import PPOSettings, TaskSettings, TrainSettings
+from train.settings import TaskSettings, TrainSettings, settings_of
 
 MAZE = TaskSettings(task="maze", maze="5x5", num_goals=3)
 SAME = PPOSettings(num_games=512, rollout_steps=16, minibatch=2048, epochs=3, shared=False)
@@ -141,7 +143,7 @@ def gap(limit: float, target: float = 0.02) -> None:
     budgets = [b for b in (10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 90.0, 120.0, 240.0) if b <= limit]
     found: dict[str, float] = {}
     for budget in budgets:
-        run = our_run(TrainSettings(MAZE, ppo_preset(MAZE), seconds=budget))
+        run = our_run(TrainSettings(MAZE, tuned("ppo", MAZE), seconds=budget))
         run.train()
         reached = run.metrics.rows[-1]["optimality_gap"]
         print(f"  ours {budget:5.0f} s: gap {100 * reached:.2f} %", flush=True)
@@ -194,10 +196,75 @@ def sb3_gap(settings: PPOSettings, budget: float, contest: Contest, optimum: obj
     return result
 
 
+def product_seconds(batch: int, rows: int, width: int, outputs: int, backward: bool) -> float:
+    """Seconds of the matrix products of one pass over `batch` samples, the median of 31.
+
+    Forward: observation to hidden, hidden to hidden, hidden to outputs; backward: the gradients of
+    the three weight matrices and of the two hidden layers. Everything lies ready in memory.
+    """
+    sizes = [rows, width, width, outputs]
+    pairs: list[tuple[torch.Tensor, torch.Tensor]] = []
+    for layer, (before, after) in enumerate(pairwise(sizes)):
+        inputs, weight = torch.randn(batch, before), torch.randn(before, after)
+        pairs.append((inputs, weight))
+        if backward:
+            gradient = torch.randn(batch, after)
+            pairs.append((inputs.T, gradient))
+            if layer:
+                pairs.append((gradient, weight.T))
+    outs = [torch.empty(a.shape[0], b.shape[1]) for a, b in pairs]
+    spent = []
+    for _ in range(31):
+        began = perf_counter()
+        for (a, b), out in zip(pairs, outs, strict=True):
+            torch.mm(a, b, out=out)
+        spent.append(perf_counter() - began)
+    return sorted(spent)[15]
+
+
+def products(seconds: float) -> None:
+    """Frames a second of training, against those of its matrix products alone, in turns."""
+    print("\nshare of the speed of the matrix products alone (maze 5x5, 3 goals, one thread)")
+    torch.set_num_threads(1)
+    variants = {"PPO": {"algorithm": "ppo"}, "PPO, width 256": {"algorithm": "ppo", "width": 256}}
+    variants |= {"DQN": {"algorithm": "dqn"}, "DQN, width 256": {"algorithm": "dqn", "width": 256}}
+    for name, flat in variants.items():
+        settings = settings_of(
+            task="maze", maze="5x5", num_goals=3, frames=10**12, threads=1, **flat
+        )
+        run, hyper = our_run(settings), settings.hyper
+        while run.learner.frames < 30_000:  # past DQN's warm-up
+            run.learner.iterate(0.0)
+        rows, width, outputs = 50, hyper.width, 4
+        shares, rates = [], []
+        for _ in range(5):
+            frames, began = run.learner.frames, perf_counter()
+            while perf_counter() - began < seconds / 5:
+                run.learner.iterate(0.0)
+            rate = (run.learner.frames - frames) / (perf_counter() - began)
+            play = product_seconds(hyper.num_games, rows, width, outputs, False) / hyper.num_games
+            if isinstance(hyper, PPOSettings):
+                update = product_seconds(hyper.minibatch, rows, width, outputs + 1, True)
+                learn = hyper.epochs * update / hyper.minibatch
+            else:
+                assert isinstance(hyper, DQNSettings)
+                batch = hyper.batch  # online on both observations, target on the next
+                update = product_seconds(batch, rows, width, outputs, True)
+                update += 2 * product_seconds(batch, rows, width, outputs, False)
+                learn = hyper.updates * update / (hyper.num_games * hyper.rollout_steps)
+            rates.append(rate)
+            shares.append(rate * (play + learn))
+        print(
+            f"{name:<18}{max(rates):>10,.0f} frames/s  {100 * sorted(shares)[2]:.0f} % of the "
+            "products alone (median of 5)",
+            flush=True,
+        )
+
+
 def main() -> None:
     """Print the parts asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--parts", nargs="+", default=["layers", "speed", "gap"])
+    parser.add_argument("--parts", nargs="+", default=["layers", "speed", "products", "gap"])
     parser.add_argument("--seconds", type=float, default=10.0, help="time of each measurement")
     parser.add_argument("--limit", type=float, default=120.0, help="longest budget tried")
     given = parser.parse_args()
@@ -207,6 +274,8 @@ def main() -> None:
         layers(given.seconds)
     if "speed" in given.parts:
         speed(given.seconds)
+    if "products" in given.parts:
+        products(given.seconds)
     if "gap" in given.parts:
         gap(given.limit)
 

@@ -46,8 +46,8 @@ def dqn_loss(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The squared error of temporal differences, and its size for every transition.
 
-    Equal to TorchRL's `DQNLoss`, and tested against it; written out because all next observations
-    and the present ones then share one pass, and nothing is made functional at every step.
+    Equal to TorchRL's `DQNLoss`, and tested against it; written out because nothing is made
+    functional at every step then, and the next observations are prepared once for both networks.
 
     Args:
         network: learns.
@@ -60,15 +60,12 @@ def dqn_loss(
     Returns:
         The loss, and |error| [batch], detached.
     """
-    size = len(batch)
-    observations = batch["observation"]
+    trunk = network.policy_trunk
     with torch.no_grad():
-        next_values = target(batch["next_observation"])
-    if double:
-        both = network(torch.cat([observations, batch["next_observation"]]))
-        values, chooser = both[:size], both[size:].detach()
-    else:
-        values, chooser = network(observations), next_values
+        following = trunk.prepare(batch["next_observation"])
+        next_values = target.policy_head(target.policy_trunk(following))
+        chooser = network.policy_head(trunk(following)) if double else next_values
+    values = network(batch["observation"])
     next_action = chooser.argmax(dim=-1, keepdim=True)
     next_value = next_values.gather(-1, next_action).squeeze(-1)
     discount = gamma ** batch["steps"] * ~batch["terminated"]
