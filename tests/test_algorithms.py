@@ -341,7 +341,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "ppo": {"num_games": 64, "minibatch": 256},
     "a2c": {"num_games": 64},
     "reinforce": {},
-    "dqn": {"num_games": 64, "batch": 256, "warm_up": 1000},
+    "dqn": {"num_games": 64, "batch": 128, "warm_up": 1000},
 }
 VARIANTS: dict[str, dict[str, Any]] = {
     "ppo with a target for the divergence": {"algorithm": "ppo", "kl_target": 0.01},
@@ -364,7 +364,7 @@ def steps_of(run: Run) -> float:
 def test_every_learner_beats_random_by_far(name: str, tmp_path: Path) -> None:
     chosen = VARIANTS[name]
     flat = {**EASY, **SMALL[chosen["algorithm"]], **chosen}
-    run = start_run(settings_of(**flat, frames=150_000), tmp_path)
+    run = start_run(settings_of(**flat, frames=100_000), tmp_path)
     run.train()
     random = run.contest.score("random", RandomAgent()).mean_steps
     assert steps_of(run) < 0.35 * random
@@ -420,9 +420,9 @@ def test_a_resumed_learner_ends_bit_for_bit_where_an_uninterrupted_one_does(
 
 @pytest.mark.parametrize("preset", THESIS)
 def test_the_presets_of_the_thesis_run(preset: str, tmp_path: Path) -> None:
-    run = start_run(settings_of(preset=preset, **EASY, frames=2500), tmp_path)
+    run = start_run(settings_of(preset=preset, **EASY, frames=1300), tmp_path)
     run.train()
-    assert run.learner.frames >= 2500
+    assert run.learner.frames >= 1300
     content = run.results(10)
     assert content["algorithm"] == preset.removeprefix("thesis-")
 

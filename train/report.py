@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from train.hyperparameters import check
 from train.results_table import collect
 from train.run_folder import read_json, write_beside
+from train.sweep import HINTS
 
 # Okabe and Ito's palette: distinct for colour-blind readers, and in print.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#000000")
@@ -58,7 +59,7 @@ def report(out: Path) -> Path:
         ValueError: no sweep in `out`, or none of its runs has results.
     """
     runs, curves = collect(out)
-    hints = read_json(out / "sweep.json") if (out / "sweep.json").exists() else {}
+    hints = read_json(out / HINTS) if (out / HINTS).exists() else {}
     rows = [row for row in runs.to_dicts() if row["status"] == "complete"]
     check(bool(rows), f"{out}: no run is complete yet; `pursuit sweep` goes on with it")
     x = hints.get("x") if hints.get("x") in runs.columns else None
@@ -168,10 +169,12 @@ def markdown(
         for name in names:
             value = line[name]
             text = f"{value:.2f}" if isinstance(value, float) else str(value)
+            text = text.replace("-0.00", "0.00")
             if name in ("success", "seconds"):
                 text = f"{value:.0f}"
             if name == unit and not np.isnan(line[f"{unit}_low"]):
-                text += f" [{line[f'{unit}_low']:.2f}, {line[f'{unit}_high']:.2f}]"
+                ends = f" [{line[f'{unit}_low']:.2f}, {line[f'{unit}_high']:.2f}]"
+                text += ends.replace("-0.00", "0.00")
             cells.append(text)
         lines.append("| " + " | ".join(cells) + " |")
     machines = sorted({f"{row['machine']}" for row in rows})

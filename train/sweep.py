@@ -32,7 +32,8 @@ KEYS = frozenset(
     {"title", "settings", "grid", "variants", "seeds", "search", "report", "exact", "episodes"}
 )
 OVERRIDES = frozenset({"settings", "grid", "seeds", "episodes", "search", "exact"})
-LABEL, ERROR, PROGRESS, STOPPED = "run.json", "error.txt", "progress.txt", "stopped_early.json"
+HINTS, LABEL = "sweep.json", "run.json"
+ERROR, PROGRESS, STOPPED = "error.txt", "progress.txt", "stopped_early.json"
 
 
 @dataclass(frozen=True)
@@ -299,6 +300,7 @@ def prepare(sweep: Sweep, out: Path) -> list[tuple[SweepRun, Path]]:
         if not (folder / CONFIG).exists():
             save_settings(folder, run.settings)
         write_json(folder / LABEL, run.label)
+    write_json(out / HINTS, {"title": sweep.title, **sweep.report})
     return folders
 
 
@@ -315,15 +317,9 @@ def status_of(folder: Path) -> str:
 
 def perform(folder: Path, episodes: int) -> None:
     """Do the run in `folder`, or go on with it, to its results; in a process of its own."""
-    from train.run import Run, resume_run
+    from train.run import Run
 
-    if (folder / CHECKPOINT).exists():
-        settings = load_settings(folder)
-        run = Run(settings, folder, resume=True)
-        if run.progress < 1.0:
-            run = resume_run(folder)
-    else:
-        run = Run(load_settings(folder), folder)
+    run = Run(load_settings(folder), folder, resume=(folder / CHECKPOINT).exists())
 
     def report(run: Any, row: dict[str, float]) -> None:
         if row:

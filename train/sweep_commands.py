@@ -15,7 +15,7 @@ import tyro
 from train.command_line import parse
 from train.executors import run_locally, run_on_ray
 from train.hyperparameters import check
-from train.run_folder import write_beside, write_json
+from train.run_folder import write_beside
 from train.sweep import Sweep, load_sweep, shipped, status_of
 
 
@@ -82,7 +82,6 @@ def sweep(arguments: Sequence[str]) -> None:
         again = f"pursuit sweep {' '.join(arguments)}"
         print(f"\ninterrupted; checkpoints are saved. Go on with: {again}", file=sys.stderr)
         sys.exit(130)
-    write_json(out / "sweep.json", {"title": plan.title, **plan.report})
     counts = {status: list(statuses.values()).count(status) for status in statuses.values()}
     print(", ".join(f"{number} {status}" for status, number in sorted(counts.items())))
     if "complete" in counts:
