@@ -8,14 +8,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pursuit.maze import Maze
 from pursuit.simulator import Simulator
+from pursuit.single_agent import fill_seats
 from pursuit.task import make_task
 from scripted_agents import best_response, mean_over_starts, tour_length
-from train.algorithms.q_learning import QLearning, QTablePolicy, StateNumbers
+from scripted_agents.environments import default_policies
+from train.algorithms.q_learning import (
+    STEPS_PER_ITERATION,
+    QLearning,
+    QTablePolicy,
+    StateNumbers,
+    choose_actions,
+    learn,
+)
 from train.environment import SimulatorEnv
 from train.evaluation import Contest
 from train.hyperparameters import QLearningSettings
@@ -28,7 +38,7 @@ FIXED = Maze.from_text("+-+-+-+\n|S    |\n+ +-+ +\n|  G  |\n+ + +-+\n|    G|\n+-
 
 
 def learned(task: Any, frames: int, **flat: Any) -> tuple[QLearning, QTablePolicy]:
-    chosen = QLearningSettings(**flat)
+    chosen = QLearningSettings(**{"num_games": 256, **flat})
     env = SimulatorEnv(Simulator(task, chosen.num_games, 0, auto_restart=False), 0, [None])
     learner = QLearning(chosen, env, 0)
     while learner.frames < frames:
@@ -85,7 +95,7 @@ def test_random_goals_are_collected_by_the_shortest_tour_from_every_start(
 @pytest.mark.slow
 def test_three_random_goals_on_5x5_are_collected_by_the_shortest_tour_from_every_start() -> None:
     task = make_task("maze", maze="5x5", num_goals=3)
-    _, policy = learned(task, 120_000_000)
+    _, policy = learned(task, 30_000_000, num_games=1024)
     check_all_placements(task, policy, 3)
 
 
@@ -126,7 +136,7 @@ def test_fixed_goals_are_collected_by_the_shortest_tour() -> None:
 def test_the_values_are_those_of_value_iteration() -> None:
     maze = Maze.from_text("+-+-+-+\n|     |\n+ +-+ +\n|     |\n+-+-+-+\n")
     task = make_task("maze", maze=maze, num_goals=1, max_steps=1000)
-    learner, _ = learned(task, 200_000, gamma=0.9)
+    learner, _ = learned(task, 200_000, gamma=0.9, epsilon_start=1.0, epsilon_end=1.0)
     numbers = learner.numbers
     for goal in range(maze.num_cells):
         values = np.zeros(maze.num_cells)
@@ -140,6 +150,89 @@ def test_the_values_are_those_of_value_iteration() -> None:
         own = learner.q_values[numbers(rows)]
         others = np.arange(maze.num_cells) != goal
         np.testing.assert_allclose(own[others], q_values[others], atol=1e-6)
+
+
+def test_optimistic_values_fall_and_never_below_the_truth() -> None:
+    task = make_task("maze", maze="3x3", num_goals=1)
+    maze = task.mazes[0]
+    learner, _ = learned(task, 0)
+    rows = np.zeros((81, Simulator(task, 1).rows.shape[1]), dtype=np.int32)
+    rows[:, 1], (rows[:, 0], rows[:, 3]) = 1, np.divmod(np.arange(81), 9)
+    states = learner.numbers(rows)
+    cell, goal = rows[:, 0], rows[:, 3]
+    left = maze.distances[maze.neighbors[cell, :4], goal[:, None]].astype(float)
+    truth = np.where(left == 0, 1.0, -0.1 + 1.0 - 0.1 * (left - 1))[cell != goal]
+    before = learner.q_values[states]
+    assert (before == 1.0).all()  # one goal is left in each
+    for _ in range(6):
+        learner.iterate(0.0)
+        after = learner.q_values[states]
+        assert (after <= before).all() and (
+            after[cell != goal] >= truth - 1e-6
+        ).all()  # float32 rewards
+        before = after.copy()
+    np.testing.assert_allclose(before[cell != goal].max(axis=1), truth.max(axis=1), atol=1e-6)
+
+
+@pytest.mark.parametrize(("agent", "evaders"), [("chaser_0", 1), ("evader_0", 2)])
+def test_episodes_end_as_those_of_the_environment_do(agent: str, evaders: int) -> None:
+    task = make_task("chase", maze="3x3", num_evaders=evaders, max_steps=12)
+    seat, policies = fill_seats(task, agent, default_policies(task, 0.2, own=agent))
+    own, other = (
+        SimulatorEnv(Simulator(task, 32, 5, auto_restart=False), seat, policies) for _ in range(2)
+    )
+    # Actions at random depend on the learner's streams alone.
+    chosen = QLearningSettings(num_games=32, epsilon_start=1.0, epsilon_end=1.0)
+    learner = QLearning(chosen, own, 7)
+    streams = learner._streams.copy()
+    learner.iterate(0.0)
+    actions, now = np.zeros((32, task.num_agents), dtype=np.int32), other.reset()
+    for _ in range(STEPS_PER_ITERATION):
+        zeros = np.zeros(32, dtype=np.int64)
+        choose_actions(np.zeros((1, 4)), zeros, streams, 1.0, actions, seat)
+        now["action"] = torch.from_numpy(actions[:, seat].astype(np.int64))
+        _, now = other.step_and_maybe_reset(now)
+    for name in ("finished_returns", "finished_lengths"):
+        mine, theirs = (np.concatenate(getattr(env, name)) for env in (own, other))
+        np.testing.assert_array_equal(mine, theirs)
+    assert (own.simulator.rows == other.simulator.rows).all()
+    lengths = np.concatenate(own.finished_lengths)
+    assert (lengths == 12).any() and (lengths < 12).any()
+
+
+@pytest.mark.parametrize("kind", ["terminated", "truncated", "captured"])
+def test_only_truncation_is_bootstrapped_and_steps_shrink_with_visits(kind: str) -> None:
+    task = make_task("chase", maze="2x2", num_evaders=2)
+    numbers = StateNumbers(task)
+    rows = np.zeros((1, Simulator(task, 1).rows.shape[1]), dtype=np.int32)
+    rows[0, :3], rows[0, 3:6] = [0, 1, 2], [1, kind != "captured", 1]
+    q_values, visits = np.full((numbers.count, 4), 5.0), np.zeros((numbers.count, 4), np.uint32)
+    before = int(numbers(rows)[0]) ^ 1
+    ended = np.array([[kind == "terminated"], [kind == "truncated"]])
+    done = np.zeros(1, dtype=bool)
+    target, expected = 2.0 + (0.5 * 5.0 if kind == "truncated" else 0.0), 5.0
+    for visit in (1, 2, 3):
+        learn(
+            q_values, visits, rows, numbers.for_kernels, np.array([before]),
+            np.array([[0, 3, 0]], dtype=np.int32), 1, np.array([[0, 2, 0]], dtype=np.float32),
+            ended, done, 0.5, 0.8, 0.7,
+        )  # fmt: skip
+        expected += 0.8 / visit**0.7 * (target - expected)
+        assert q_values[before, 3] == pytest.approx(expected) and done.all()
+    assert visits.sum() == visits[before, 3] == 3
+    assert (np.delete(q_values.ravel(), 4 * before + 3) == 5.0).all()
+
+
+@pytest.mark.slow
+def test_a_chaser_on_5x5_comes_within_a_per_cent_of_the_exact_best_response(tmp_path: Path) -> None:
+    chosen = settings_of(algorithm="q_learning", maze="5x5", frames=30_000_000)
+    run = start_run(chosen, tmp_path)
+    run.train()
+    task = chosen.task.build()
+    contest = Contest(task, "chaser", chosen.task.opponents(), 100)
+    best = best_response("chaser", task.mazes[0], contest._opponent_table(), horizon=200)
+    optimum = mean_over_starts(best.values, task.mazes[0])
+    assert optimum <= contest.score("learned", run.policy).mean_steps < 1.01 * optimum
 
 
 def test_a_chaser_comes_within_a_per_cent_of_the_exact_best_response(tmp_path: Path) -> None:

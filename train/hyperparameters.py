@@ -250,7 +250,7 @@ class CrossEntropySettings(Hyperparameters):
 class QLearningSettings(Hyperparameters):
     """Tabular Q-learning (Watkins, 1989)."""
 
-    num_games: int = 256
+    num_games: int = 1024
     """Games in lockstep."""
     gamma: float = 1.0
     """Discount."""
@@ -259,9 +259,12 @@ class QLearningSettings(Hyperparameters):
     learning_rate_power: float = 0.0
     """The step size is divided by the number of visits to this power; above 0.5 for tasks with
     random opponents."""
-    epsilon_start: float = 1.0
+    optimism: float = 1.0
+    """Every action's value at the start, for each goal that is left (without goals, once). At least
+    the best that can be had, it makes the greedy action the one that is known least."""
+    epsilon_start: float = 0.05
     """Share of random actions at the start."""
-    epsilon_end: float = 0.3
+    epsilon_end: float = 0.05
     """Share of random actions at the end."""
     exploration_share: float = 0.5
     """Share of the budget over which epsilon is annealed."""

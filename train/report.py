@@ -308,8 +308,9 @@ def draw_final(
     column, scale = ("optimality_gap", 100.0) if gap else ("mean_steps", 1.0)
     values = sorted({row["_x"] for row in rows}, key=_size)
     figure, axis = pyplot.subplots(figsize=(6.4, 4), layout="constrained")
+    side_by_side = len({(row["_x"], row["_group"]) for row in rows}) > len(values)
     for number, (name, color) in enumerate(colors.items()):
-        shift = 0.09 * (number - (len(colors) - 1) / 2)
+        shift = 0.09 * (number - (len(colors) - 1) / 2) * side_by_side
         places, means, lows, highs = [], [], [], []
         for place, value in enumerate(values):
             final = [
@@ -343,7 +344,8 @@ def draw_final(
         finals = [100.0 * row["optimality_gap"] for row in rows]
         axis.set_ylim(1.6 * min(*finals, 0.0) - 0.2, 1.6 * max(*finals, 0.0) + 0.2)
     axis.set_title(title, fontsize=11, loc="left")
-    axis.legend(frameon=False, fontsize=9)
+    if side_by_side:
+        axis.legend(frameon=False, fontsize=9)
     _tidy(axis)
     write_beside(path, lambda beside: figure.savefig(beside, dpi=130, format="png"))
     pyplot.close(figure)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -71,6 +72,8 @@ def sweep(arguments: Sequence[str]) -> None:
         print(write_exact(plan, out))
     if not plan.runs:
         return
+    for number in (signal.SIGINT, signal.SIGTERM):  # a background job begins with Ctrl-C ignored
+        signal.signal(number, signal.default_int_handler)
     watch = SweepWatch(plan, given.workers or os.cpu_count() or 1)
     print(f"{plan.title}: {len(plan.runs)} runs into {out}")
     try:

@@ -2,29 +2,182 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
+from torch import nn
 from torch.func import functional_call, vmap
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from curricula import linear
-from train.algorithms.rollouts import draw
+from pursuit.compiled import compiled
+from pursuit.rules import draw_uniform, next_uniform, seed_streams
 from train.environment import SimulatorEnv
 from train.hyperparameters import CrossEntropySettings
 from train.learned_policy import LearnedPolicy
-from train.networks import ActorCritic
+from train.networks import ActorCritic, Convolutions, Flat, IndexLayer
+
+
+@compiled
+def act_on_index(
+    observed: Any, table: Any, layers: Any, tanh: bool, streams: Any, running: Any, actions: Any,
+    seat: int, hidden: Any,
+) -> None:  # fmt: skip
+    """Drawn actions of the running games on "index", each by its own candidate's network.
+
+    Args:
+        observed: [games, entities + 1], the observation.
+        table: [numbers] int64, the row of the first layer that each number of an observation names;
+            the last one is no row.
+        layers: weights [population, inputs, outputs] and biases [population, outputs] of the three
+            layers in turn.
+        tanh: or ReLU.
+        streams: [games, 1] uint64.
+        running: [games] bool; the actions of the others stay as they are.
+        actions, seat: [games, agents] int32, out, and its column.
+        hidden: [2, width] float32, scratch.
+    """
+    first, first_bias, second, second_bias, last, last_bias = layers
+    each = running.shape[0] // first.shape[0]
+    width, nothing = hidden.shape[1], table[table.shape[0] - 1]
+    for game in range(running.shape[0]):
+        if not running[game]:
+            continue
+        own = game // each
+        for unit in range(width):
+            hidden[0, unit] = first_bias[own, unit]
+            hidden[1, unit] = second_bias[own, unit]
+        for entity in range(observed.shape[1]):
+            row = table[observed[game, entity]]
+            if row != nothing:
+                for unit in range(width):
+                    hidden[0, unit] += first[own, row, unit]
+        for inner in range(width):
+            value = hidden[0, inner]
+            value = np.tanh(value) if tanh else max(value, np.float32(0.0))
+            for unit in range(width):
+                hidden[1, unit] += value * second[own, inner, unit]
+        for unit in range(width):
+            value = hidden[1, unit]
+            hidden[1, unit] = np.tanh(value) if tanh else max(value, np.float32(0.0))
+        best, most = 0, -np.inf
+        for action in range(last.shape[2]):
+            logit = np.float64(last_bias[own, action])
+            for unit in range(width):
+                logit += hidden[1, unit] * last[own, unit, action]
+            # The largest logit less log E, E exponential, is a draw from the softmax.
+            logit -= np.log(-np.log1p(-next_uniform(streams[game], 0)))
+            if logit > most:
+                best, most = action, logit
+        actions[game, seat] = best
+
+
+class Candidates:
+    """Many policies of one architecture, as batched matrix products.
+
+    `vmap` does the same at several times the cost on networks of this size; it is kept for the
+    convolutions, the only first layer that is no matrix product.
+
+    Args:
+        network: the architecture.
+        named: its policy's weights by name, in the order in which `flat` lists them.
+        flat: [population, weights] float32.
+    """
+
+    def __init__(
+        self, network: ActorCritic, named: Mapping[str, torch.Tensor], flat: torch.Tensor
+    ) -> None:
+        self.trunk, self.population = network.policy_trunk, len(flat)
+        weights, taken = {}, 0
+        for name, weight in named.items():
+            size = weight.numel()
+            weights[name] = flat[:, taken : taken + size].reshape(self.population, *weight.shape)
+            taken += size
+        first = "policy_trunk.first."
+        self._first = {
+            name.removeprefix(first): weight
+            for name, weight in weights.items()
+            if name.startswith(first)
+        }
+        if isinstance(self.trunk.first, IndexLayer):
+            matrix = self._first["weight"][:, : self.trunk.first.num_rows]
+            self._matrix, self._bias = matrix, self._first["bias"][:, None]
+        elif isinstance(self.trunk.first, Flat):
+            self._matrix = self._first["linear.weight"].mT
+            self._bias = self._first["linear.bias"][:, None]
+        self._layers = [
+            (weights[f"{name}.weight"].mT, weights[f"{name}.bias"][:, None])
+            for name in ("policy_trunk.rest.1", "policy_head")
+        ]
+        self._tanh = isinstance(self.trunk.rest[0], nn.Tanh)
+        if isinstance(self.trunk.first, IndexLayer):
+            self._table = self.trunk.first.rows.numpy()
+            self._for_kernel = tuple(
+                np.ascontiguousarray(part.numpy())
+                for matrix, bias in ((self._matrix, self._bias), *self._layers)
+                for part in (matrix, bias[:, 0])
+            )
+            self._hidden = np.zeros((2, self._bias.shape[-1]), dtype=np.float32)
+
+    def act(
+        self,
+        observation: NDArray[Any],
+        streams: NDArray[np.uint64],
+        running: NDArray[np.bool_],
+        actions: NDArray[np.int32],
+        seat: int,
+    ) -> None:
+        """Draw actions for the `running` games [games] into column `seat` of `actions`.
+
+        Only where the observation is an index does it pay to leave out the games that have ended.
+        """
+        if isinstance(self.trunk.first, IndexLayer):
+            act_on_index(
+                observation,
+                self._table,
+                self._for_kernel,
+                self._tanh,
+                streams,
+                running,
+                actions,
+                seat,
+                self._hidden,
+            )
+            return
+        logits = self.logits(torch.from_numpy(observation)).numpy()
+        uniform = np.empty(logits.shape)
+        for action in range(logits.shape[1]):
+            draw_uniform(streams, 0, uniform[:, action])
+        actions[:, seat] = (logits - np.log(-np.log1p(-uniform))).argmax(axis=1)
+
+    def logits(self, observation: torch.Tensor) -> torch.Tensor:
+        """[games, actions] from [games, ...]; the games are shared out among the population."""
+        prepared = self.trunk.prepare(observation)
+        batch = prepared.reshape(self.population, -1, *prepared.shape[1:])
+        if isinstance(self.trunk.first, Convolutions):
+            first = self.trunk.first
+            hidden = vmap(lambda weights, x: functional_call(first, weights, (x,)))(
+                self._first, batch
+            )
+        else:
+            hidden = torch.baddbmm(self._bias, batch, self._matrix)
+        activation = self.trunk.rest[0]
+        for matrix, bias in self._layers:
+            hidden = torch.baddbmm(bias, activation(hidden), matrix)
+        return hidden.flatten(0, 1)
 
 
 class CrossEntropy:
     """Rubinstein (1999); with noise that is annealed, Szita and Lőrincz (2006).
 
     In each generation every candidate plays `num_games / population` episodes to their end, all
-    from the same starts, and a
-    normal distribution with independent weights is fitted to the best. Candidates draw their
-    actions: nearly all greedy ones run in circles at first, with nothing to choose between them.
+    from the same starts, and a normal distribution with independent weights is fitted to the best.
+    Candidates draw their actions: nearly all greedy ones run in circles at first, with nothing to
+    choose between them. The greedy policy of the mean is good only once the search has narrowed.
 
     Args:
         settings: the hyperparameters.
@@ -51,6 +204,10 @@ class CrossEntropy:
         self.mean = torch.zeros_like(parameters_to_vector(self._named.values()).detach())
         self.std = torch.full_like(self.mean, settings.initial_std)
         self._write_mean()
+        simulator = env.simulator
+        self._streams = np.zeros((simulator.num_games, 1), dtype=np.uint64)
+        seed_streams(self._streams, seed, 0)
+        self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
 
     def _write_mean(self) -> None:
         with torch.no_grad():
@@ -76,41 +233,36 @@ class CrossEntropy:
     @torch.no_grad()
     def play(self, candidates: torch.Tensor) -> torch.Tensor:
         """[population] float32: the mean episode return of each of [population, weights]."""
-        env, population = self.env, len(candidates)
-        games = env.simulator.num_games
-        each = games // population
-        weights, taken = {}, 0
-        for name, weight in self._named.items():
-            size = weight.numel()
-            weights[name] = candidates[:, taken : taken + size].reshape(population, *weight.shape)
-            taken += size
-        trunk, head = self.network.policy_trunk, self.network.policy_head
-
-        def logits(weights: dict[str, torch.Tensor], prepared: torch.Tensor) -> torch.Tensor:
-            of = {
-                part: {n[len(part) + 1 :]: w for n, w in weights.items() if n.startswith(part)}
-                for part in ("policy_trunk", "policy_head")
-            }
-            hidden = functional_call(trunk, of["policy_trunk"], (prepared,))
-            found: torch.Tensor = functional_call(head, of["policy_head"], (hidden,))
-            return found
-
-        batched = vmap(logits)
+        env, simulator = self.env, self.env.simulator
+        population, games = len(candidates), simulator.num_games
+        network = Candidates(self.network, self._named, candidates)
         if not self.frames:
-            self._share_starts(population, each)
-        now = env.reset()
-        running = torch.ones(games, dtype=torch.bool)
-        returns = torch.zeros(games)
+            self._share_starts(population, games // population)
+        simulator.reset()
+        running = np.ones(games, dtype=bool)
+        several = simulator.task.num_evaders > 1
+        returns = np.zeros(games, dtype=np.float32)
         while running.any():
-            prepared = trunk.prepare(now["observation"])
-            found = batched(weights, prepared.reshape(population, each, *prepared.shape[1:]))
-            actions = draw(found.log_softmax(dim=-1))
-            alive = running.nonzero().squeeze(-1)
-            now = env.step_episodes(actions.reshape(games), alive)
-            returns[running] += now["reward"][running, 0]
-            self.frames += len(alive)
-            running &= ~now["done"][:, 0]
-        return returns.reshape(population, each).mean(dim=1)
+            simulator.act(env.policies, self._actions)
+            network.act(
+                simulator.observe(env.encoding, env.seat),
+                self._streams,
+                running,
+                self._actions,
+                env.seat,
+            )
+            simulator.step(self._actions)
+            self.frames += int(running.sum())
+            done = simulator.ended[0] | simulator.ended[1]
+            if several:
+                done |= simulator.active[:, env.seat] == 0
+            ending = running & done
+            if ending.any():
+                returns[ending] = simulator.returns[ending, env.seat]
+                env.finished_returns.append(simulator.returns[ending, env.seat])
+                env.finished_lengths.append(simulator.steps[ending].copy())
+                running &= ~ending
+        return torch.from_numpy(returns).reshape(population, -1).mean(dim=1)
 
     def _share_starts(self, population: int, each: int) -> None:
         """Give every candidate's games the same random streams, so that all get the same starts."""
@@ -136,6 +288,7 @@ class CrossEntropy:
             "mean": self.mean,
             "std": self.std,
             "generator": self.generator.get_state(),
+            "streams": torch.from_numpy(self._streams.view(np.int64)),
             "frames": self.frames,
         }
 
@@ -144,6 +297,7 @@ class CrossEntropy:
         self.network.load_state_dict(state["network"])
         self.mean, self.std = state["mean"], state["std"]
         self.generator.set_state(state["generator"])
+        self._streams[:] = state["streams"].numpy().view(np.uint64)
         self.frames = state["frames"]
         self.env.resume = False
 

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from curricula import linear
-from pursuit.compiled import compiled
+from pursuit.compiled import compiled, inlined
 from pursuit.maze import Maze
 from pursuit.policy import GameView
 from pursuit.rules import next_below, next_uniform, seed_streams
@@ -25,11 +25,37 @@ MAX_STATES = 20_000_000
 STEPS_PER_ITERATION = 64
 
 
+@inlined
+def number_state(rows: Any, game: int, agents: int, goals: int, cells: int, binomials: Any) -> Any:
+    """The state number of one game; see `number_states`."""
+    base = cells + 1 if agents > 2 else cells
+    state = np.int64(0)
+    for agent in range(agents):
+        alive = rows[game, agents + agent] != 0
+        state = state * base + (rows[game, agent] if alive else base - 1)
+    if goals == 0:
+        return state
+    number = np.int64(0)
+    left = 0
+    for goal in range(goals):
+        cell = rows[game, 3 * agents + goal]
+        if cell >= 0:
+            # A goal's rank is counted instead of sorted for: no branch depends on the order.
+            rank = 1
+            for other in range(goals):
+                beside = rows[game, 3 * agents + other]
+                rank += (beside >= 0) & (beside < cell)
+            number += binomials[cell, rank]
+            number += binomials[cells, left]  # sets with fewer goals come first
+            left += 1
+    return state * binomials[cells + 1, 0] + number
+
+
 @compiled
 def number_states(
-    rows: Any, agents: int, goals: int, cells: int, binomials: Any, sorted_goals: Any, states: Any
+    rows: Any, agents: int, goals: int, cells: int, binomials: Any, chosen: Any, states: Any
 ) -> None:
-    """The state number of every game.
+    """The state number of every game that is `chosen`.
 
     Agents are digits of base `cells` (+ 1 for a captured one, where there are several evaders); the
     remaining goals are a set, numbered in the combinatorial number system: their order is nothing.
@@ -37,36 +63,13 @@ def number_states(
     Args:
         rows: [games, ...] int32, as the rule book lays them out.
         agents, goals, cells: of the task.
-        binomials: [cells + 1, goals + 1] int64, n over k.
-        sorted_goals: [goals] int64, scratch.
+        binomials: [cells + 2, goals + 1] int64, n over k; in the last row the number of sets.
+        chosen: [games] bool; the states of others stay as they are.
         states: [games] int64, out.
     """
-    num_sets = np.int64(0)
-    for count in range(goals + 1):
-        num_sets += binomials[cells, count]
-    base = cells + 1 if agents > 2 else cells
     for game in range(rows.shape[0]):
-        state = np.int64(0)
-        for agent in range(agents):
-            cell = rows[game, agent]
-            alive = rows[game, agents + agent] != 0
-            state = state * base + (cell if alive else base - 1)
-        left = 0
-        for goal in range(goals):
-            cell = np.int64(rows[game, 3 * agents + goal])
-            if cell >= 0:
-                place = left
-                while place > 0 and sorted_goals[place - 1] > cell:
-                    sorted_goals[place] = sorted_goals[place - 1]
-                    place -= 1
-                sorted_goals[place] = cell
-                left += 1
-        number = np.int64(0)
-        for count in range(left):  # sets with fewer goals come first
-            number += binomials[cells, count]
-        for place in range(left):
-            number += binomials[sorted_goals[place], place + 1]
-        states[game] = state * num_sets + number
+        if chosen[game]:
+            states[game] = number_state(rows, game, agents, goals, cells, binomials)
 
 
 @compiled
@@ -76,13 +79,15 @@ def choose_actions(
     """Epsilon-greedy actions of all games, into column `seat`; the lowest of equal actions."""
     num_actions = q_values.shape[1]
     for game in range(states.shape[0]):
-        if next_uniform(streams[game], 0) < epsilon:
+        if epsilon > 0.0 and next_uniform(streams[game], 0) < epsilon:
             actions[game, seat] = next_below(streams[game], 0, num_actions)
         else:
-            best = 0
+            state = states[game]
+            best, most = 0, q_values[state, 0]
             for action in range(1, num_actions):
-                if q_values[states[game], action] > q_values[states[game], best]:
-                    best = action
+                value = q_values[state, action]
+                if value > most:
+                    best, most = action, value
             actions[game, seat] = best
 
 
@@ -90,35 +95,57 @@ def choose_actions(
 def learn(
     q_values: Any,
     visits: Any,
+    rows: Any,
+    numbering: Any,
     states: Any,
     actions: Any,
     seat: int,
     rewards: Any,
-    terminated: Any,
-    next_states: Any,
+    ended: Any,
+    done: Any,
     gamma: float,
     learning_rate: float,
     power: float,
-) -> float:
-    """One update for each game, one after the other (Watkins, 1989); the mean |error|."""
+) -> tuple[float, int]:
+    """One update for each game, one after the other (Watkins, 1989).
+
+    Args:
+        q_values, visits: [states, actions].
+        rows: [games, ...], after the step.
+        numbering: agents, goals, cells and binomials, as `number_states` takes them.
+        states: [games] int64, before the step; the ones after it are written in their place.
+        actions, seat, rewards: what the learner did and earned.
+        ended: [2, games] bool, terminated and truncated; truncated games are bootstrapped.
+        done: [games] bool, out: whose episode is over, for the game or for a captured learner.
+        gamma, learning_rate, power: the step size is learning_rate / visits ** power.
+
+    Returns:
+        The mean |error|, and the number of games that are done.
+    """
+    agents, goals, cells, binomials = numbering
     num_actions = q_values.shape[1]
-    total = 0.0
+    total, count = 0.0, 0
     for game in range(states.shape[0]):
         state, action = states[game], actions[game, seat]
-        goal = np.float64(rewards[game, seat])
-        if not terminated[game]:
-            best = q_values[next_states[game], 0]
+        after = number_state(rows, game, agents, goals, cells, binomials)
+        terminated = ended[0, game] or rows[game, agents + seat] == 0
+        target = np.float64(rewards[game, seat])
+        if not terminated:
+            best = q_values[after, 0]
             for other in range(1, num_actions):
-                best = max(best, q_values[next_states[game], other])
-            goal += gamma * best
+                best = max(best, q_values[after, other])
+            target += gamma * best
         visits[state, action] += 1
         rate = learning_rate
         if power > 0.0:
             rate = learning_rate / np.float64(visits[state, action]) ** power
-        error = goal - q_values[state, action]
+        error = target - q_values[state, action]
         q_values[state, action] += rate * error
         total += abs(error)
-    return total / states.shape[0]
+        done[game] = terminated or ended[1, game]
+        count += done[game]
+        states[game] = after
+    return total / states.shape[0], count
 
 
 class StateNumbers:
@@ -132,6 +159,7 @@ class StateNumbers:
 
     Attributes:
         count: states, those that no game reaches included.
+        goal_sets: number of sets with 0, 1, ... remaining goals, in the order of their numbers.
     """
 
     def __init__(self, task: Task) -> None:
@@ -149,25 +177,34 @@ class StateNumbers:
                 f"q_learning would need a table of {self.count:,} states, and {MAX_STATES:,} are "
                 "the most; take a smaller maze, fewer agents or goals, or a learner with a network"
             )
-        self._binomials = np.array(
-            [[comb(n, k) for k in range(goals + 1)] for n in range(cells + 1)], dtype=np.int64
+        self.goal_sets = [comb(cells, k) for k in range(goals + 1)]
+        binomials = np.array(
+            [[comb(n, k) for k in range(goals + 1)] for n in range(cells + 2)], dtype=np.int64
         )
-        self._scratch = np.zeros(max(goals, 1), dtype=np.int64)
+        binomials[cells + 1] = sum(self.goal_sets)
+        self.for_kernels = (task.num_agents, goals, cells, binomials)
 
-    def __call__(self, rows: NDArray[np.int32], out: NDArray[np.int64] | None = None) -> Any:
+    def __call__(self, rows: NDArray[np.int32]) -> NDArray[np.int64]:
         """[games] int64, the state of every game in `rows`."""
-        states = np.empty(len(rows), dtype=np.int64) if out is None else out
-        task = self.task
-        number_states(
-            rows,
-            task.num_agents,
-            task.num_goals,
-            self.cells,
-            self._binomials,
-            self._scratch,
-            states,
-        )
+        states = np.empty(len(rows), dtype=np.int64)
+        self.renumber(rows, np.ones(len(rows), dtype=bool), states)
         return states
+
+    def renumber(
+        self, rows: NDArray[np.int32], chosen: NDArray[np.bool_], states: NDArray[np.int64]
+    ) -> None:
+        """Write the states of the `chosen` games into `states` [games]."""
+        number_states(rows, *self.for_kernels, chosen, states)
+
+
+def initial_values(numbers: StateNumbers, optimism: float) -> NDArray[np.float64]:
+    """[states, actions] float64: `optimism` for every goal that is left; without goals, once."""
+    task = numbers.task
+    if task.num_goals == 0:
+        return np.full((numbers.count, task.num_actions), optimism)
+    left = np.repeat(np.arange(task.num_goals + 1), numbers.goal_sets)
+    placements = numbers.count // len(left)
+    return np.repeat(np.tile(optimism * left, placements)[:, None], task.num_actions, axis=1)
 
 
 class QTablePolicy:
@@ -242,13 +279,13 @@ class QLearning:
         simulator = env.simulator
         self.numbers = StateNumbers(simulator.task)
         shape = (self.numbers.count, simulator.task.num_actions)
-        self.q_values = np.zeros(shape)
+        self.q_values = initial_values(self.numbers, settings.optimism)
         self.visits = np.zeros(shape, dtype=np.uint32)
         self._streams = np.zeros((simulator.num_games, 1), dtype=np.uint64)
         seed_streams(self._streams, seed, 0)
         self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
         self._states = np.zeros(simulator.num_games, dtype=np.int64)
-        self._next = np.zeros_like(self._states)
+        self._done = np.zeros(simulator.num_games, dtype=bool)
         self._begun = False
 
     def iterate(self, progress: float) -> dict[str, float]:
@@ -261,37 +298,34 @@ class QLearning:
             self._begun = True
         explored = min(progress / max(settings.exploration_share, 1e-9), 1.0)
         epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
-        several = simulator.task.num_evaders > 1
-        error = 0.0
-        self.numbers(simulator.rows, self._states)
+        error, states, done = 0.0, self._states, self._done
+        done[:] = True
+        self.numbers.renumber(simulator.rows, done, states)
         for _ in range(STEPS_PER_ITERATION):
             simulator.act(env.policies, actions)
-            choose_actions(self.q_values, self._states, self._streams, epsilon, actions, seat)
+            choose_actions(self.q_values, states, self._streams, epsilon, actions, seat)
             simulator.step(actions)
-            self.numbers(simulator.rows, self._next)
-            terminated, truncated = simulator.ended
-            if several:
-                terminated = terminated | (simulator.active[:, seat] == 0)
-            error += learn(
+            size, count = learn(
                 self.q_values,
                 self.visits,
-                self._states,
+                simulator.rows,
+                self.numbers.for_kernels,
+                states,
                 actions,
                 seat,
                 simulator.rewards,
-                terminated,
-                self._next,
+                simulator.ended,
+                done,
                 settings.gamma,
                 settings.learning_rate,
                 settings.learning_rate_power,
             )
-            done = terminated | truncated
-            if done.any():
+            error += size
+            if count:
                 env.finished_returns.append(simulator.returns[done, seat])
                 env.finished_lengths.append(simulator.steps[done].copy())
                 simulator.reset(games=done)
-                self.numbers(simulator.rows, self._next)
-            self._states, self._next = self._next, self._states
+                self.numbers.renumber(simulator.rows, done, states)
         self.frames += STEPS_PER_ITERATION * simulator.num_games
         return {"epsilon": epsilon, "td_error": error / STEPS_PER_ITERATION}
 
