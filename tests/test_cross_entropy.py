@@ -58,7 +58,7 @@ def test_every_candidate_computes_what_the_network_with_its_weights_does(
         games = slice(4 * number, 4 * number + 4)
         with torch.no_grad():
             alone = learner.network.logits(observed[games])
-        torch.testing.assert_close(batched[games], alone, rtol=1e-4, atol=1e-4)
+        torch.testing.assert_close(batched[games], alone, rtol=1e-3, atol=1e-3)
     assert np.isfinite(learner.iterate(0.5)["return_mean"])
 
 
