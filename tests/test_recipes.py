@@ -24,7 +24,7 @@ from train.third_party import description_of, load_opponent, load_stable_baselin
 def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("models")
     for algorithm in ("ppo", "dqn"):
-        arguments = ["--algorithm", algorithm, "--maze", "3x3", "--seconds", "6"]
+        arguments = ["--algorithm", algorithm, "--maze", "3x3", "--frames", "30000"]
         stable_baselines.main([*arguments, "--out", str(folder / f"{algorithm}.zip")])
     return {name: folder / f"{name}.zip" for name in ("ppo", "dqn")}
 
@@ -72,7 +72,7 @@ def test_runners_share_their_network_through_supersuit(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "runners.zip"
-    arguments = ["--maze", "4x4", "--num-goals", "2", "--seconds", "8", "--out", str(out)]
+    arguments = ["--maze", "3x3", "--num-goals", "2", "--frames", "30000", "--out", str(out)]
     supersuit_sharing.main(arguments)
     steps = {
         line[:26].strip(): float(line.split()[-2])
@@ -81,7 +81,7 @@ def test_runners_share_their_network_through_supersuit(
     }
     assert steps["learned, shared, drawn"] < 0.6 * steps["random"]
     assert steps["nearest goal"] < steps["random"]
-    task = TaskSettings("race", maze="4x4", num_runners=2, num_goals=2)
+    task = TaskSettings("race", maze="3x3", num_runners=2, num_goals=2)
     again = supersuit_sharing.mean_length(task, NearestGoalRunner())
     assert abs(again - steps["nearest goal"]) < 0.01
 

@@ -34,6 +34,8 @@ class Recipe:
     """What it observes; the index encoding needs an embedding, which MlpPolicy has not."""
     seconds: float = 60.0
     """Budget of training time."""
+    frames: int | None = None
+    """Budget in frames instead, which repeats better than seconds."""
     seed: int = 0
     """Of the games and of the network."""
     out: Path = Path("model.zip")
@@ -45,6 +47,7 @@ class Recipe:
             f"unknown algorithm {self.algorithm!r}; ppo, a2c or dqn",
         )
         check(self.seconds > 0, f"seconds={self.seconds}; it is above 0")
+        check(self.frames is None or self.frames > 0, f"frames={self.frames}; it is above 0")
         check(self.observation != "index", "observation='index'; MlpPolicy needs one_hot, say")
         check(self.out.suffix == ".zip", f"{self.out}: give a .zip file")
         check(not self.out.exists(), f"{self.out}: exists already; give a new file")
@@ -96,7 +99,7 @@ def run(recipe: Recipe) -> None:
         began = perf_counter()
 
         def _on_step(self) -> bool:
-            return perf_counter() - self.began < recipe.seconds
+            return bool(recipe.frames) or perf_counter() - self.began < recipe.seconds
 
     task = recipe.task.build()
     games = 32 if recipe.algorithm == "dqn" else 64
@@ -106,7 +109,7 @@ def run(recipe: Recipe) -> None:
     vec_env = StableBaselinesVecEnv(envs)
     vec_env.seed(recipe.seed)
     model = make_model(recipe, vec_env)
-    model.learn(10**12, callback=Budget())
+    model.learn(recipe.frames or 10**12, callback=Budget())
     save_stable_baselines(model, recipe.out, recipe.algorithm, recipe.task, recipe.observation)
     policy = load_stable_baselines(recipe.out)
     contest = Contest(task, recipe.task.agent, recipe.task.opponents(), 1000)

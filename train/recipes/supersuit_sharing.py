@@ -41,12 +41,15 @@ class Recipe:
     """Games that SuperSuit steps one after the other."""
     seconds: float = 60.0
     """Budget of training time."""
+    frames: int | None = None
+    """Budget in frames instead, which repeats better than seconds."""
     out: Path = Path("runners.zip")
     """A new .zip file for the model; its description goes beside it."""
 
     def __post_init__(self) -> None:
         check(self.games >= 1, f"games={self.games}; at least 1")
         check(self.seconds > 0, f"seconds={self.seconds}; it is above 0")
+        check(self.frames is None or self.frames > 0, f"frames={self.frames}; it is above 0")
         check(self.out.suffix == ".zip", f"{self.out}: give a .zip file")
         check(not self.out.exists(), f"{self.out}: exists already; give a new file")
 
@@ -80,7 +83,7 @@ def run(recipe: Recipe) -> None:
         began = perf_counter()
 
         def _on_step(self) -> bool:
-            return perf_counter() - self.began < recipe.seconds
+            return bool(recipe.frames) or perf_counter() - self.began < recipe.seconds
 
     env = race_v0.parallel_env(
         maze=recipe.task.build().mazes[0],
@@ -103,7 +106,7 @@ def run(recipe: Recipe) -> None:
         # No seed: Stable-Baselines3 would seed the environments as well, which SuperSuit cannot.
         device="cpu",
     )
-    model.learn(10**12, callback=Budget())
+    model.learn(recipe.frames or 10**12, callback=Budget())
     save_stable_baselines(model, recipe.out, "ppo", recipe.task, "one_hot")
     print(f"race on {recipe.maze}, 2 runners, {recipe.num_goals} goals; all seats play alike")
     print(f"{model.num_timesteps:,} frames of single agents")
