@@ -1,5 +1,35 @@
-"""What the learner is given next. Deals in numbers: imports nothing of the world."""
+"""What the learner is given next. Deals in numbers: imports nothing of the world, and no torch."""
 
-from curricula.schedules import linear
+from curricula.levels import LevelReplay
+from curricula.protocol import Change, Curriculum, Outcomes
+from curricula.schedules import (
+    Progress,
+    Schedule,
+    constant,
+    cosine,
+    exponential,
+    linear,
+    piecewise,
+    step,
+)
+from curricula.stages import LearningProgress, Scheduled, Shuffled, SuccessGated, Uniform
 
-__all__ = ["linear"]
+__all__ = [
+    "Change",
+    "Curriculum",
+    "LearningProgress",
+    "LevelReplay",
+    "Outcomes",
+    "Progress",
+    "Schedule",
+    "Scheduled",
+    "Shuffled",
+    "SuccessGated",
+    "Uniform",
+    "constant",
+    "cosine",
+    "exponential",
+    "linear",
+    "piecewise",
+    "step",
+]

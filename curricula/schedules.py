@@ -1,9 +1,155 @@
-"""Schedules: a value as a function of progress in [0, 1]. Numbers only."""
+"""Schedules: a value as a function of how far a run is. Pure functions, and numbers only."""
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import cos, floor, inf, isfinite, pi
 
-def linear(start: float, end: float, progress: float) -> float:
-    """From `start` at progress 0 to `end` at progress 1, in a straight line; clipped outside."""
-    share = min(max(progress, 0.0), 1.0)
-    return start + (end - start) * share
+SHAPES = ("constant", "linear", "cosine", "step", "exponential", "piecewise")
+UNITS = ("share", "frames", "episodes", "seconds")
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is.
+
+    Attributes:
+        share: of the budget, in [0, 1].
+        frames, episodes, seconds: since its beginning, all games counted.
+    """
+
+    share: float = 0.0
+    frames: float = 0.0
+    episodes: float = 0.0
+    seconds: float = 0.0
+
+
+def _share(progress: float, length: float) -> float:
+    """`progress / length`, kept in [0, 1]; a length of 0 is over at once."""
+    if not 0.0 <= length < inf:
+        raise ValueError(f"length={length}; the length of a schedule is finite and at least 0")
+    return min(max(progress / length, 0.0), 1.0) if length else 1.0
+
+
+def constant(value: float, progress: float = 0.0) -> float:
+    """`value`, whatever the progress."""
+    return value
+
+
+def linear(start: float, end: float, progress: float, length: float = 1.0) -> float:
+    """From `start` at progress 0 to `end` at progress `length`, in a straight line.
+
+    Outside it stays at `start` or `end`. ValueError for a negative length.
+    """
+    share = _share(progress, length)
+    return (1.0 - share) * start + share * end  # exactly `end` in the end
+
+
+def cosine(start: float, end: float, progress: float, length: float = 1.0) -> float:
+    """From `start` to `end` along half a period: slow, fast, slow (Loshchilov and Hutter, 2017).
+
+    ValueError for a negative length.
+    """
+    return end + (start - end) * 0.5 * (1.0 + cos(pi * _share(progress, length)))
+
+
+def step(start: float, end: float, progress: float, every: float, size: float = 1.0) -> float:
+    """`size` nearer to `end` after each `every` of progress, until it is there.
+
+    Raises:
+        ValueError: `every` or `size` is not above 0.
+    """
+    _check_positive(every=every, size=size)
+    moved = min(floor(max(progress, 0.0) / every) * size, abs(end - start))
+    return start + moved if end >= start else start - moved
+
+
+def exponential(start: float, floor_: float, progress: float, every: float, factor: float) -> float:
+    """`start` times `factor` for each whole `every` of progress, not below `floor_`.
+
+    The thesis annealed epsilon like this: times 0.99 every n episodes, down to 0.2.
+
+    Raises:
+        ValueError: a floor above the start, a factor outside (0, 1), or `every` not above 0.
+    """
+    _check_positive(every=every)
+    if not 0.0 < factor < 1.0:
+        raise ValueError(f"factor={factor}; a factor lies between 0 and 1")
+    if floor_ > start:
+        raise ValueError(f"the floor {floor_} lies above the start {start}; swap them")
+    return max(start * factor ** floor(max(progress, 0.0) / every), floor_)
+
+
+def piecewise(points: Sequence[tuple[float, float]], progress: float) -> float:
+    """Straight lines through (progress, value) points; constant before the first, after the last.
+
+    Raises:
+        ValueError: no points, or progress values that do not increase.
+    """
+    places = [place for place, _ in points]
+    if not points or any(a >= b for a, b in pairwise(places)) or places[0] < 0:
+        raise ValueError(f"points={list(points)}; give (progress, value) with progress increasing")
+    after = bisect_right(places, progress)
+    if after == 0 or after == len(points):
+        return points[max(after - 1, 0)][1]
+    (left, before), (right, value) = points[after - 1], points[after]
+    return linear(before, value, progress - left, right - left)
+
+
+def _check_positive(**named: float) -> None:
+    for name, value in named.items():
+        if not 0.0 < value < inf:
+            raise ValueError(f"{name}={value}; it is finite and above 0")
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """A schedule as plain values; callable with a `Progress`.
+
+    Args:
+        shape: one of SHAPES.
+        start, end: the values at the beginning and in the end (the floor, where exponential).
+        unit: what progress is measured in: "share" of the budget, "frames", "episodes" or
+            "seconds".
+        length: of linear and cosine, in `unit`.
+        every, factor: of step (`every`) and exponential (both).
+        points: of piecewise: (progress, value) with progress increasing.
+
+    Raises:
+        ValueError: a value that is not allowed; at birth, not at the first call.
+    """
+
+    shape: str = "linear"
+    start: float = 0.0
+    end: float = 1.0
+    unit: str = "share"
+    length: float = 1.0
+    every: float = 1.0
+    factor: float = 0.99
+    points: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        for name, value, choices in (("schedule", self.shape, SHAPES), ("unit", self.unit, UNITS)):
+            if value not in choices:
+                raise ValueError(f"unknown {name} {value!r}; one of {', '.join(choices)}")
+        if not (isfinite(self.start) and isfinite(self.end)):
+            raise ValueError(f"a schedule from {self.start} to {self.end}; both are finite")
+        self(Progress())
+
+    def __call__(self, progress: Progress) -> float:
+        """The value now."""
+        now = float(getattr(progress, self.unit))
+        if self.shape == "constant":
+            return constant(self.end, now)
+        if self.shape == "linear":
+            return linear(self.start, self.end, now, self.length)
+        if self.shape == "cosine":
+            return cosine(self.start, self.end, now, self.length)
+        if self.shape == "step":
+            return step(self.start, self.end, now, self.every)
+        if self.shape == "exponential":
+            return exponential(self.start, self.end, now, self.every, self.factor)
+        return piecewise(self.points, now)

@@ -109,6 +109,13 @@ def seed_streams(streams: Any, seed: int, first_game: int) -> None:
             streams[game, stream] = mix(key + mix(np.uint64(stream + 1)))
 
 
+@compiled
+def seed_starts(streams: Any, games: Any, seeds: Any) -> None:
+    """Give the stream of starts (the first) of each of `games` the state that belongs to a seed."""
+    for i in range(games.shape[0]):
+        streams[games[i], 0] = mix(mix(seeds[i]) + np.uint64(1))
+
+
 # -- distances -------------------------------------------------------------------------------------
 
 

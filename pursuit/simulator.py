@@ -333,6 +333,27 @@ class Simulator:
         if goals_around is not None:
             self._settings[chosen, rules.GOALS_AROUND_MARKS] = goals_around == "marks"
 
+    def seed_starts(self, games: ArrayLike | None, seeds: ArrayLike) -> None:
+        """Make levels repeat: the next start of each game is that of its seed alone.
+
+        Two games of one task that are given the same seed here (and the same settings) begin their
+        next episode alike; later episodes follow from there. Other random numbers stay as they
+        were.
+
+        Args:
+            games: a bool mask or index list; None for all.
+            seeds: one whole number from 0 to 2**63 - 1 for all of them, or for each.
+
+        Raises:
+            ValueError: a seed out of range, or a wrong number of them.
+        """
+        chosen = self._slots(games)
+        array = np.asarray(seeds)
+        if array.dtype.kind not in "iu" or (array.size and not 0 <= array.min() <= array.max()):
+            raise ValueError(f"seeds={seeds!r}; whole numbers from 0 to 2**63 - 1")
+        each = np.broadcast_to(array, chosen.shape).astype(np.uint64)  # or ValueError
+        rules.seed_starts(self._streams, chosen, each)
+
     # -- copies ----------------------------------------------------------------------------------
 
     def get_state(self, games: ArrayLike | None = None) -> SimulatorState:

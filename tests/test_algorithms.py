@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -442,27 +441,6 @@ def test_a_policy_without_a_distribution_says_so(tmp_path: Path) -> None:
     load_policy(tmp_path)
     with pytest.raises(ValueError, match="no distribution"):
         load_policy(tmp_path, greedy=False)
-
-
-def test_near_starts_grow_to_anywhere(tmp_path: Path) -> None:
-    flat = {"maze": "5x5", "num_games": 64, "minibatch": 256, "threads": 1}
-    chosen = settings_of(**flat, near_starts=0.5, frames=40_000)
-    run = start_run(chosen, tmp_path)
-    reach: list[tuple[float, int]] = []
-
-    def look(run: Run, row: dict[str, float]) -> None:
-        maze, positions = run.simulator.task.mazes[0], run.simulator.positions
-        fresh = run.simulator.steps == 0
-        if fresh.any():
-            apart = maze.distances[positions[fresh, 0], positions[fresh, 1]]
-            reach.append((run.progress, int(apart.max())))
-
-    run.train(look)
-    longest = run.simulator.task.mazes[0].longest_distance
-    assert max(far for progress, far in reach if progress < 0.1) <= 6
-    assert max(far for progress, far in reach if progress > 0.6) > 0.7 * longest
-    with pytest.raises(ValueError, match="near_starts"):
-        replace(chosen, task=replace(chosen.task, start="marks"))
 
 
 def test_what_a_learner_cannot_do_it_says_at_once() -> None:

@@ -19,8 +19,9 @@ from scipy.stats import trim_mean
 
 from train.command_line import main
 from train.executors import only_one, progress_of, run_locally, run_on_ray
-from train.report import bootstrap_interval, interquartile_mean, report
+from train.report import report
 from train.results_table import CURVES, RUNS, collect
+from train.statistics import bootstrap_interval, interquartile_mean
 from train.sweep import fingerprint, load_sweep, prepare, shipped, status_of
 from train.sweep_commands import SweepWatch
 

@@ -16,6 +16,8 @@ COMMANDS = {
     "evaluate": "evaluate a trained run again, on as many episodes as you like",
     "sweep": "all runs of a sweep file, on this machine or on a Ray cluster",
     "report": "figures and tables of a sweep",
+    "ablate": "curricula against each other: equal budgets, the same final difficulty",
+    "levels": "the levels that a replaying curriculum kept",
     "baseline": "random, scripted and optimal agents on a task",
     "maze": "show, check or generate a maze",
     "render": "a replay of a run, or of the scripted agents, as GIF or MP4",
@@ -70,14 +72,19 @@ def fail(message: str) -> None:
 
 def command(name: str) -> Callable[[Sequence[str]], None]:
     """The function of a subcommand, imported only when it is called: torch takes seconds."""
-    if name in ("train", "evaluate", "render"):
+    if name in ("train", "evaluate", "render", "levels"):
         from train import training_commands
 
         return {
             "train": training_commands.train,
             "evaluate": training_commands.evaluate,
             "render": training_commands.render,
+            "levels": training_commands.levels,
         }[name]
+    if name == "ablate":
+        from train import ablation
+
+        return ablation.ablate
     if name in ("sweep", "report"):
         from train import sweep_commands
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from pursuit.policy import Policy
 from pursuit.simulator import Simulator
+
+if TYPE_CHECKING:
+    from train.teacher import Teacher
 
 
 class SimulatorEnv(EnvBase):
@@ -32,6 +36,7 @@ class SimulatorEnv(EnvBase):
     Attributes:
         finished_returns, finished_lengths: of the episodes that ended since they were last cleared.
         resume: set it to have the next full reset go on with the games as they stand.
+        teacher: gives every episode its lesson; None where there is no curriculum.
     """
 
     def __init__(
@@ -51,6 +56,7 @@ class SimulatorEnv(EnvBase):
         self.finished_returns: list[np.ndarray[Any, Any]] = []
         self.finished_lengths: list[np.ndarray[Any, Any]] = []
         self.resume = False
+        self.teacher: Teacher | None = None
         self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
         games, space = simulator.num_games, simulator.encoder(encoding).space
         dtype = torch.from_numpy(np.zeros(1, dtype=space.dtype)).dtype
@@ -72,14 +78,28 @@ class SimulatorEnv(EnvBase):
             shape=(games,),
         )
 
+    def restart(self, games: NDArray[np.bool_] | None = None) -> None:
+        """Begin new episodes in the games of the mask, or in all, as the teacher says."""
+        if self.teacher is not None:
+            self.teacher.restart(games)
+        else:
+            self.simulator.reset(games=games)
+
+    def finish(self, games: NDArray[np.bool_]) -> None:
+        """Note the games of the mask, whose episodes have just ended, before they restart."""
+        self.finished_returns.append(self.simulator.returns[games, self.seat])
+        self.finished_lengths.append(self.simulator.steps[games].copy())
+        if self.teacher is not None:
+            self.teacher.finish(games)
+
     def _observe(self) -> torch.Tensor:
         return torch.from_numpy(self.simulator.observe(self.encoding, self.seat))
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
         if tensordict is not None and tensordict.get("_reset", None) is not None:
-            self.simulator.reset(games=tensordict["_reset"].view(-1).numpy())
+            self.restart(tensordict["_reset"].view(-1).numpy())
         elif not self.resume:
-            self.simulator.reset()
+            self.restart()
         self.resume = False
         return TensorDict(
             {"observation": self._observe()}, batch_size=self.batch_size, device=self.device
@@ -99,9 +119,7 @@ class SimulatorEnv(EnvBase):
         done = terminated | truncated
         ending = done if alive is None else done & alive
         if ending.any():
-            ended = ending.numpy()
-            self.finished_returns.append(simulator.returns[ended, self.seat])
-            self.finished_lengths.append(simulator.steps[ended].copy())
+            self.finish(ending.numpy())
         return TensorDict(
             {
                 "observation": self._observe(),
@@ -141,7 +159,7 @@ class SimulatorEnv(EnvBase):
         done = after["done"]
         observation = after["observation"]
         if done.any():
-            self.simulator.reset(games=done.view(-1).numpy())
+            self.restart(done.view(-1).numpy())
             observation = self._observe()
         running = torch.zeros_like(done)
         following = TensorDict(

@@ -29,7 +29,7 @@ class Hyperparameters:
     )
     SHARES: ClassVar[frozenset[str]] = frozenset(
         {
-            "gamma", "near_starts", "gae_lambda", "epsilon_start", "epsilon_end",
+            "gamma", "gae_lambda", "epsilon_start", "epsilon_end",
             "exploration_share", "priority_exponent", "importance_exponent", "elite_share",
         }
     )  # fmt: skip
@@ -38,9 +38,6 @@ class Hyperparameters:
     """Games in lockstep."""
     gamma: float = 0.95
     """Discount."""
-    near_starts: float = 0.0
-    """Share of the budget over which starts grow from near (goals about the runner, evaders about
-    the chaser) to anywhere; 0 for anywhere at once."""
 
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):

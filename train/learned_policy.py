@@ -90,7 +90,7 @@ class LearnedPolicy:
             ValueError: it was not trained one against one in this maze, or with other actions.
         """
         task = self.task
-        if not task.is_duel or task.mazes != (maze,) or task.stay_action != stay_action:
+        if not task.is_duel or maze not in task.mazes or task.stay_action != stay_action:
             raise ValueError(
                 f"a policy trained in task {task.name!r} on "
                 f"{', '.join(maze.name for maze in task.mazes)} with {task.num_actions} actions is "
@@ -101,5 +101,6 @@ class LearnedPolicy:
         rows = np.zeros((size * size, simulator.rows.shape[1]), dtype=np.int32)
         own, other = np.divmod(np.arange(size * size, dtype=np.int32), size)
         rows[:, seat], rows[:, 1 - seat], rows[:, 2:4] = own, other, 1
+        rows[:, -1] = task.mazes.index(maze)
         observed = simulator.encoder(self.encoding).encode(rows, slice(seat, seat + 1))[:, 0]
         return self.probabilities(observed).reshape(size, size, task.num_actions)

@@ -25,15 +25,22 @@ COLORS = {
 
 
 def draw_learning_curve(
-    path: Path, rows: list[dict[str, float]], scores: list[dict[str, Any]], title: str
+    path: Path,
+    rows: list[dict[str, float]],
+    scores: list[dict[str, Any]],
+    title: str,
+    lessons: list[dict[str, Any]] | None = None,
+    taught: str = "",
 ) -> None:
-    """Mean steps over frames, with the baselines as lines, and the gap to the optimum below.
+    """Mean steps over frames with the baselines as lines; the gap and the curriculum below.
 
     Args:
         path: a .png file, written atomically.
         rows: of `metrics.csv`.
         scores: of `results.json`.
         title: of the figure.
+        lessons: of `curriculum.csv`; none where there is no curriculum.
+        taught: what those lessons are.
     """
     import matplotlib
 
@@ -44,13 +51,14 @@ def draw_learning_curve(
     steps = np.array([row["mean_steps"] for row in rows])
     by_name = {score["name"]: score for score in scores}
     has_gap = "optimal" in by_name and any("optimality_gap" in row for row in rows)
+    heights = [3.0] + [2.0] * has_gap + [1.3] * bool(lessons)
     figure, axes = pyplot.subplots(
-        2 if has_gap else 1,
+        len(heights),
         1,
-        figsize=(7, 6.4 if has_gap else 4),
+        figsize=(7, 0.7 + 1.15 * sum(heights)),
         sharex=True,
         squeeze=False,
-        height_ratios=(3, 2) if has_gap else None,
+        height_ratios=heights,
         layout="constrained",
     )
     upper = axes[0, 0]
@@ -77,12 +85,26 @@ def draw_learning_curve(
         lower.set_ylim(1.5 * low - 0.3, 1.5 * high + 0.3)
         lower.yaxis.set_major_formatter(matplotlib.ticker.FormatStrFormatter("%g"))
         lower.set_ylabel("gap to the optimum (%)")
+    if lessons:
+        draw_lessons(axes[-1, 0], lessons, frames[-1], taught)
     axes[-1, 0].set_xlabel("frames (millions)")
     for axis in axes[:, 0]:
         axis.spines[["top", "right"]].set_visible(False)
         axis.grid(alpha=0.25, lw=0.6)
     write_beside(path, lambda beside: figure.savefig(beside, dpi=150, format="png"))
     pyplot.close(figure)
+
+
+def draw_lessons(axis: Any, lessons: list[dict[str, Any]], end: float, taught: str) -> None:
+    """What the curriculum gave: the mean as a step line, the range as a band; to `end` million."""
+    places = np.array([*(row["frames"] / 1e6 for row in lessons), end])
+    mean, low, high = (
+        np.array([row[name] for row in [*lessons, lessons[-1]]]) for name in ("mean", "low", "high")
+    )
+    axis.plot(places, mean, color="#CC79A7", lw=1.6, drawstyle="steps-post")
+    if (high > low).any():
+        axis.fill_between(places, low, high, color="#CC79A7", alpha=0.18, lw=0, step="post")
+    axis.set_ylabel(taught.replace("-", "\n", 1).replace("-", " "))
 
 
 def replay(contest: Contest, policy: Policy, episodes: int = 3) -> list[Scene]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from train.curriculum_settings import CurriculumSettings, ScheduleSettings, curriculum_form
 from train.hyperparameters import (
     HYPERPARAMETERS,
     A2CSettings,
@@ -137,7 +138,7 @@ def tuned(algorithm: str, task: TaskSettings) -> Hyperparameters:
     """Our own settings: the defaults of each form, and what differs by task.
 
     The defaults were tuned on maze 5x5 with 3 goals. On larger mazes rewards are farther off: the
-    discount is weaker there, chance is kept for longer, and episodes begin near their end at first.
+    discount is weaker there, and chance is kept for longer. See `lessons_for` for the curriculum.
     """
     hyper = HYPERPARAMETERS[algorithm]()
     if isinstance(hyper, QLearningSettings):
@@ -147,10 +148,33 @@ def tuned(algorithm: str, task: TaskSettings) -> Hyperparameters:
     if not isinstance(hyper, NetworkSettings) or task.start != "random":
         return hyper
     if task.agent.startswith("chaser") and cells > 36:
-        hyper = replace(hyper, gamma=0.98, near_starts=0.2)
+        hyper = replace(hyper, gamma=0.98)
         if isinstance(hyper, RolloutSettings):
             return replace(hyper, entropy=0.06, gae_lambda=0.8)
         return hyper
     if task.agent.startswith("runner") and cells > 60:
-        return replace(hyper, near_starts=0.5, gamma=0.97)
+        return replace(hyper, gamma=0.97)
     return hyper
+
+
+def lessons_for(
+    algorithm: str, task: TaskSettings, preset: str = TUNED, curriculum: str | None = None
+) -> tuple[str, CurriculumSettings]:
+    """A curriculum and its settings: the one named, or else that of the preset.
+
+    Ours have episodes begin near their end at first, where mazes are too large to find the goal or
+    the evader by chance.
+
+    Raises:
+        ValueError: an unknown curriculum.
+    """
+    if curriculum is not None:
+        return curriculum, curriculum_form(curriculum)()
+    hyper = HYPERPARAMETERS[algorithm]
+    if preset == TUNED and issubclass(hyper, NetworkSettings) and task.start == "random":
+        cells = task.build().max_cells
+        if task.agent.startswith("chaser") and cells > 36 and task.task == "chase":
+            return "start-distance", ScheduleSettings(schedule_length=0.2)
+        if task.agent.startswith("runner") and cells > 60:
+            return "goal-spread-start", ScheduleSettings(schedule_length=0.5)
+    return "none", CurriculumSettings()

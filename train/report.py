@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from train.hyperparameters import check
 from train.results_table import collect
 from train.run_folder import read_json, write_beside
+from train.statistics import bootstrap_interval, interquartile_mean
 from train.sweep import HINTS
 
 # Okabe and Ito's palette: distinct for colour-blind readers, and in print.
@@ -20,37 +20,8 @@ GRID = 60
 """Points of a curve."""
 
 
-def interquartile_mean(values: Sequence[float]) -> float:
-    """The mean of the middle half (Agarwal et al., 2021); needs at least one value.
-
-    Values at the quartiles count with the share of them that lies inside.
-    """
-    ordered = np.sort(np.asarray(values, dtype=np.float64))
-    count = len(ordered)
-    edges = np.arange(count + 1)
-    inside = np.clip(
-        np.minimum(edges[1:], 0.75 * count) - np.maximum(edges[:-1], 0.25 * count), 0, 1
-    )
-    return float((ordered * inside).sum() / inside.sum())
-
-
-def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
-    """The 95 % bootstrap interval of the mean (percentiles; SciPy); (nan, nan) below two values."""
-    from scipy.stats import bootstrap
-
-    array = np.asarray(values, dtype=np.float64)
-    if len(array) < 2:
-        return float("nan"), float("nan")
-    if np.ptp(array) == 0:
-        return float(array[0]), float(array[0])
-    interval = bootstrap(
-        (array,), np.mean, method="percentile", n_resamples=2000, rng=np.random.default_rng(0)
-    ).confidence_interval
-    return float(interval.low), float(interval.high)
-
-
 def report(out: Path) -> Path:
-    """Collect the runs of a sweep, draw its figures and write its tables.
+    """Collect the runs of a sweep (or an ablation), draw its figures and write its tables.
 
     Returns:
         The folder: `report.md`, `table.csv`, and the figures as .png.
@@ -58,8 +29,12 @@ def report(out: Path) -> Path:
     Raises:
         ValueError: no sweep in `out`, or none of its runs has results.
     """
-    runs, curves = collect(out)
     hints = read_json(out / HINTS) if (out / HINTS).exists() else {}
+    if "control" in hints:
+        from train.ablation_report import ablation_report
+
+        return ablation_report(out)
+    runs, curves = collect(out)
     rows = [row for row in runs.to_dicts() if row["status"] == "complete"]
     check(bool(rows), f"{out}: no run is complete yet; `pursuit sweep` goes on with it")
     x = hints.get("x") if hints.get("x") in runs.columns else None

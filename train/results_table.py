@@ -57,12 +57,12 @@ def row_of(folder: Path) -> dict[str, Any]:
     """One run as a flat row."""
     settings = load_settings(folder)
     plain = asdict(settings)
-    task, hyper = plain.pop("task"), plain.pop("hyper")
+    task, hyper, lessons = (plain.pop(name) for name in ("task", "hyper", "lessons"))
     task["maze"] = settings.task.build().mazes[0].name
     task["role"] = settings.task.agent
     label = read_json(folder / LABEL) if (folder / LABEL).exists() else {}
     row: dict[str, Any] = {"run": folder.name, "status": status_of(folder)}
-    row |= {"variant": label.get("variant"), **task, **plain, **hyper}
+    row |= {"variant": label.get("variant"), **task, **plain, **hyper, **lessons}
     # What a sweep names is kept as it says it, so that reports can group by `preset`, say.
     row |= {name: value for name, value in label.items() if name not in row}
     row["budget_seconds"], row["budget_frames"] = row.pop("seconds"), row.pop("frames")

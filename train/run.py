@@ -22,7 +22,6 @@ import numpy as np
 import torch
 
 import pursuit
-from curricula import linear
 from pursuit.policy import Policy
 from pursuit.simulator import Simulator, SimulatorState
 from pursuit.single_agent import fill_seats
@@ -39,6 +38,7 @@ from train.run_folder import (
     write_json,
 )
 from train.settings import TrainSettings
+from train.teacher import Teacher, training_task
 
 EVALUATIONS = 20
 """How often a run is evaluated, and its checkpoint saved, over its budget."""
@@ -175,15 +175,22 @@ class Run:
         keep_freed_memory()
         torch.set_num_threads(settings.threads or os.cpu_count() or 1)
         torch.manual_seed(settings.seed)
-        task, games = settings.task.build(), settings.hyper.num_games
+        task, games = training_task(settings), settings.hyper.num_games
         self.simulator = Simulator(task, games, settings.seed, auto_restart=False)
         seat, policies = fill_seats(task, settings.task.agent, settings.task.opponents())
         self.env = SimulatorEnv(self.simulator, seat, policies, settings.observation)
+        if settings.curriculum != "none":
+            self.env.teacher = Teacher(settings, self.simulator, seat)
         self.seconds = 0.0
         self._evaluations = 0
         state = load_checkpoint(folder) if resume else None
         if state is not None:
             self._restore_games(state["simulator"])
+            if self.env.teacher is not None:
+                try:
+                    self.env.teacher.load_state_dict(state["teacher"])
+                except MISFITS:
+                    raise ValueError(_MISFIT.format(folder=folder)) from None
             self.env.resume = True
         self.learner = make_learner(settings, self.env, uses_bfloat16(settings))
         self.policy = self.learner.policy()
@@ -218,7 +225,7 @@ class Run:
         from torchrl.record.loggers import TensorboardLogger
 
         board = TensorboardLogger("tensorboard", str(self.folder))
-        settings = self.settings
+        settings, teacher = self.settings, self.env.teacher
         # A change of threads changes the last bits, so runs that must repeat exactly keep theirs.
         choice = None
         if settings.seconds is not None and settings.threads == 0 and (os.cpu_count() or 1) > 1:
@@ -227,8 +234,9 @@ class Run:
             while self.progress < 1.0 and not self.stopped:
                 if choice is not None:
                     choice.choose()
-                self._set_starts()
                 began = perf_counter()
+                if teacher is not None:
+                    teacher.update(self.progress, self.learner.frames, self.seconds)
                 losses = self.learner.iterate(self.progress)
                 spent = perf_counter() - began
                 self.seconds += spent
@@ -249,20 +257,6 @@ class Run:
                 signal.signal(number, handler)
             board.experiment.close()
             self.learner.close()
-
-    def _set_starts(self) -> None:
-        """Let starts grow from near to anywhere over the share `near_starts` of the budget."""
-        share, task = self.settings.hyper.near_starts, self.simulator.task
-        if not share:
-            return
-        longest = max(maze.longest_distance for maze in task.mazes)
-        near = max(3, task.min_start_distance)
-        reach = round(linear(near, longest, min(self.progress / share, 1.0)))
-        radius = reach if reach < longest else -1
-        if task.num_goals:
-            self.simulator.configure(goal_radius=radius, goals_around="start")
-        if task.num_chasers and task.num_evaders:
-            self.simulator.configure(max_start_distance=radius)
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
         if self.stopped:
@@ -287,15 +281,20 @@ class Run:
             row["episode_length"] = float(np.concatenate(lengths).mean())
         returns.clear()
         lengths.clear()
+        if self.env.teacher is not None:
+            row |= self.env.teacher.figures()
         return {**row, **losses}
 
     def save(self) -> None:
         """Write the checkpoint: whatever a resumed run needs to go on exactly."""
-        games = self.simulator.get_state()
+        games, teacher = self.simulator.get_state(), self.env.teacher
+        if teacher is not None:
+            teacher.write_log(self.folder)
         save_checkpoint(
             self.folder,
             {
                 "learner": self.learner.state_dict(),
+                "teacher": None if teacher is None else teacher.state_dict(),
                 "seconds": self.seconds,
                 "evaluations": self._evaluations,
                 "torch_rng": torch.get_rng_state(),
@@ -337,6 +336,7 @@ def describe(settings: TrainSettings[Any], contest: Contest, scores: list[Score]
         "role": contest.role,
         "maze": contest.task.mazes[0].name,
         "algorithm": settings.algorithm,
+        "curriculum": settings.curriculum,
         "seed": settings.seed,
         "evaluation": {
             "episodes": learned.episodes,

@@ -12,6 +12,7 @@ from pursuit.observations import ENCODINGS
 from pursuit.policy import Policy
 from pursuit.task import TASK_NAMES, Task, make_task
 from scripted_agents.environments import default_policies
+from train.curriculum_settings import CURRICULA, CurriculumSettings, curriculum_form
 from train.hyperparameters import (
     ALGORITHMS,
     HYPERPARAMETERS,
@@ -138,8 +139,14 @@ class TrainSettings(Generic[H]):
     task: TaskSettings = field(default_factory=TaskSettings)
     hyper: H = field(default_factory=PPOSettings)  # type: ignore[assignment]
     """The settings of the algorithm."""
+    lessons: CurriculumSettings = field(default_factory=CurriculumSettings)
+    """The settings of the curriculum."""
     algorithm: str = "ppo"
     """The learner: ppo, a2c, reinforce, dqn, cross_entropy or q_learning."""
+    curriculum: str = "none"
+    """What is taught when. Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start,
+    start-distance, num-goals, maze-size, loops. Adaptive: success-gated, learning-progress,
+    level-replay, learnability. Controls: none, uniform, reversed, shuffled."""
     observation: str = "index"
     """What the network is given: index (the same network as one_hot, faster), one_hot, positions,
     cells, walls or planes (convolutions)."""
@@ -189,9 +196,8 @@ class TrainSettings(Generic[H]):
             f"unknown device {self.device!r}; cpu or cuda (or cuda:1, ...)",
         )
         check(
-            not self.hyper.near_starts or self.task.start == "random",
-            f"near_starts={self.hyper.near_starts} needs random starts; set near_starts=0, or "
-            "leave out start='marks'",
+            type(self.lessons) is curriculum_form(self.curriculum),
+            f"curriculum={self.curriculum!r} with settings of {type(self.lessons).__name__}",
         )
         if self.algorithm in ("q_learning", "cross_entropy"):
             check(
@@ -203,6 +209,10 @@ class TrainSettings(Generic[H]):
             f"observation={self.observation!r}; q_learning has a table over states, not over "
             "observations; leave it out",
         )
+        if self.curriculum != "none":
+            from train.teacher import check_curriculum
+
+            check_curriculum(self)
 
     def to_plain(self) -> dict[str, Any]:
         """As nested dicts of plain values, for JSON."""
@@ -219,6 +229,7 @@ class TrainSettings(Generic[H]):
             inner: dict[str, Any] = {
                 "task": TaskSettings(**plain["task"]),
                 "hyper": HYPERPARAMETERS[plain["algorithm"]](**plain["hyper"]),
+                "lessons": CURRICULA[plain["curriculum"]](**plain["lessons"]),
             }
             return cls(**{**plain, **inner})
         except (TypeError, KeyError) as error:
@@ -233,7 +244,7 @@ def settings_of(**flat: Any) -> TrainSettings[Any]:
     Raises:
         ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
     """
-    from train.presets import TUNED, hyperparameters, preset_algorithm
+    from train.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
 
     given = dict(flat)
     preset = given.pop("preset", TUNED)
@@ -241,17 +252,20 @@ def settings_of(**flat: Any) -> TrainSettings[Any]:
     task_names = {field.name for field in fields(TaskSettings)}
     task = TaskSettings(**_typed(TaskSettings, {k: v for k, v in given.items() if k in task_names}))
     hyper = hyperparameters(algorithm, task, preset)
+    curriculum, lessons = lessons_for(algorithm, task, preset, given.get("curriculum"))
     hyper_names = {field.name for field in fields(hyper)}
-    own_names = {field.name for field in fields(TrainSettings)} - {"task", "hyper"}
+    lesson_names = {field.name for field in fields(lessons)}
+    own_names = {field.name for field in fields(TrainSettings)} - {"task", "hyper", "lessons"}
     for name in given:
-        known = sorted({*task_names, *hyper_names, *own_names, "preset"})
+        known = sorted({*task_names, *hyper_names, *lesson_names, *own_names, "preset"})
         close = get_close_matches(name, known, 1)
         check(
             name in known,
-            f"unknown setting {name!r} for algorithm {algorithm!r}"
+            f"unknown setting {name!r} for algorithm {algorithm!r} and curriculum {curriculum!r}"
             + (f"; did you mean {close[0]!r}?" if close else f"; one of {', '.join(known)}"),
         )
     changed = _typed(type(hyper), {k: v for k, v in given.items() if k in hyper_names})
+    taught = _typed(type(lessons), {k: v for k, v in given.items() if k in lesson_names})
     own = _typed(TrainSettings, {k: v for k, v in given.items() if k in own_names})
     return TrainSettings(
         **{
@@ -259,6 +273,8 @@ def settings_of(**flat: Any) -> TrainSettings[Any]:
             "algorithm": algorithm,
             "task": task,
             "hyper": type(hyper)(**{**asdict(hyper), **changed}),
+            "curriculum": curriculum,
+            "lessons": type(lessons)(**{**asdict(lessons), **taught}),
         }
     )
 

@@ -72,9 +72,9 @@ class Sweep:
     scheduler: str | None
 
 
-def shipped() -> list[str]:
-    """The names of the shipped sweep files."""
-    return sorted(path.stem for path in EXPERIMENTS.glob("*.toml"))
+def shipped(folder: Path = EXPERIMENTS) -> list[str]:
+    """The names of the shipped files."""
+    return sorted(path.stem for path in folder.glob("*.toml"))
 
 
 def load_sweep(name: str, version: str | None = None) -> Sweep:
@@ -88,21 +88,30 @@ def load_sweep(name: str, version: str | None = None) -> Sweep:
         ValueError: no such file, no TOML, an unknown key, an empty list, a version that the file
             does not have, or a combination that cannot run.
     """
-    path = Path(name)
-    if not path.exists() and name in shipped():
-        path = EXPERIMENTS / f"{name}.toml"
-    check(path.is_file(), f"{name}: no such sweep file; shipped are {', '.join(shipped())}")
+    path, content = read_file(name, EXPERIMENTS, "sweep")
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not TOML: {error}") from None
-    try:
-        return _multiply_out(_version(content, version), path.stem)
+        return multiply_out(choose_version(content, version), path.stem)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _version(content: dict[str, Any], version: str | None) -> dict[str, Any]:
+def read_file(name: str, folder: Path, kind: str) -> tuple[Path, dict[str, Any]]:
+    """The path and the content of a TOML file, or of the one of that name in `folder`.
+
+    Raises:
+        ValueError: no such file, or no TOML.
+    """
+    path, names = Path(name), shipped(folder)
+    if not path.exists() and name in names:
+        path = folder / f"{name}.toml"
+    check(path.is_file(), f"{name}: no such {kind} file; shipped are {', '.join(names)}")
+    try:
+        return path, tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not TOML: {error}") from None
+
+
+def choose_version(content: dict[str, Any], version: str | None) -> dict[str, Any]:
     """The content with the chosen version laid over it."""
     for name in content:
         check(
@@ -125,7 +134,7 @@ def _version(content: dict[str, Any], version: str | None) -> dict[str, Any]:
     return result
 
 
-def _multiply_out(content: dict[str, Any], stem: str) -> Sweep:
+def multiply_out(content: dict[str, Any], stem: str) -> Sweep:
     """All combinations as checked settings."""
     common = _table(content, "settings")
     grid = _table(content, "grid")

@@ -53,9 +53,20 @@ def sweep(arguments: Sequence[str]) -> None:
             print(f"{name:<28}{load_sweep(name).title}")
         return
     check(given.file is not None, "give a sweep file, or --list")
+    plan = load_sweep(str(given.file), given.version)
+    carry_out(plan, given, f"pursuit sweep {' '.join(arguments)}")
+
+
+def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
+    """Do the runs of `plan` as the options say, watch them, and report.
+
+    Exits with 1 where runs failed, and with 130 after Ctrl-C; `again` says how to go on.
+
+    Raises:
+        ValueError: options that make no sense.
+    """
     check(given.executor in ("local", "ray"), f"unknown executor {given.executor!r}; local or ray")
     check(given.workers >= 0, f"workers={given.workers}; at least 0")
-    plan = load_sweep(str(given.file), given.version)
     check(
         plan.scheduler is None or given.executor == "ray",
         f"scheduler={plan.scheduler!r} needs --executor ray; or leave it out of [search]",
@@ -82,7 +93,6 @@ def sweep(arguments: Sequence[str]) -> None:
         else:
             statuses = run_on_ray(plan, out, given.address, watch)
     except KeyboardInterrupt:
-        again = f"pursuit sweep {' '.join(arguments)}"
         print(f"\ninterrupted; checkpoints are saved. Go on with: {again}", file=sys.stderr)
         sys.exit(130)
     counts = {status: list(statuses.values()).count(status) for status in statuses.values()}

@@ -19,10 +19,11 @@ from train.command_line import parse
 from train.evaluation import Contest, Score
 from train.hyperparameters import Hyperparameters, check
 from train.pictures import draw_learning_curve, save_replay
-from train.presets import TUNED, hyperparameters, preset_algorithm
+from train.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
 from train.run import DETERMINISTIC, Run, contest_of, describe, load_policy, resume_run, start_run
-from train.run_folder import load_settings, new_folder, write_json
+from train.run_folder import load_checkpoint, load_settings, new_folder, write_json
 from train.settings import TaskSettings, TrainSettings
+from train.teacher import axis_of_run, make_curriculum
 from train.world_commands import contest_line, print_scores
 
 H = TypeVar("H", bound=Hyperparameters, covariant=True)
@@ -32,8 +33,8 @@ H = TypeVar("H", bound=Hyperparameters, covariant=True)
 class TrainCommand(Generic[H]):
     """Train one agent against scripted ones, and say how far it is from the exact optimum.
 
-    The options of the algorithm's settings are those of --algorithm (ppo if left out):
-    `pursuit train --algorithm dqn --help` shows DQN's.
+    The options of the algorithm's settings are those of --algorithm (ppo if left out), those of the
+    curriculum's are those of --curriculum: `pursuit train --algorithm dqn --help` shows DQN's.
     """
 
     settings: TrainSettings[H]
@@ -54,6 +55,7 @@ class _First:
     task: TaskSettings = field(default_factory=TaskSettings)
     algorithm: str | None = None
     preset: str = TUNED
+    curriculum: str | None = None
 
 
 def train(arguments: Sequence[str]) -> None:
@@ -71,6 +73,8 @@ def train(arguments: Sequence[str]) -> None:
         name = f"{task.task}-{task.agent}-{Path(task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
         run = start_run(settings, new_folder(given.out or Path("runs") / name))
     print(contest_line(run.contest))
+    if run.env.teacher is not None:
+        print(f"curriculum: {run.settings.curriculum}, over {run.env.teacher.describes}")
     print(f"folder: {run.folder}")
     with Watch(run) as watch:
         run.train(watch)
@@ -101,7 +105,10 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
     budget: dict[str, Any] = {"seconds": 60.0}
     if any(a == "--frames" or a.startswith("--frames=") for a in arguments):
         budget = {"frames": 1}
-    settings = TrainSettings(first.task, hyper, algorithm, **budget)
+    curriculum, lessons = lessons_for(algorithm, first.task, first.preset, first.curriculum)
+    settings = TrainSettings(
+        first.task, hyper, lessons, algorithm=algorithm, curriculum=curriculum, **budget
+    )
     return TrainCommand(settings, first.preset)
 
 
@@ -142,6 +149,8 @@ class Watch:
         if "episode_return" in row:
             parts.append(f"return {row['episode_return']:7.2f}")
             parts.append(f"length {row['episode_length']:6.2f}")
+        if "lesson" in row:
+            parts.append(f"lesson {row['lesson']:5.2f}")
         parts.append(f"greedy {row['mean_steps']:6.2f} steps")
         if "optimality_gap" in row:
             parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
@@ -161,8 +170,16 @@ def finish(run: Run, episodes: int) -> None:
     print_scores([Score(**score) for score in content["scores"]])
     contest = contest_of(run.settings, episodes)
     title = f"{contest_line(contest).split(', at most')[0]}; {run.settings.algorithm.upper()}"
+    teacher = run.env.teacher
+    if teacher is not None:
+        title += f"; {run.settings.curriculum}"
     draw_learning_curve(
-        run.folder / "learning_curve.png", run.metrics.rows, content["scores"], title
+        run.folder / "learning_curve.png",
+        run.metrics.rows,
+        content["scores"],
+        title,
+        teacher.rows if teacher is not None else None,
+        teacher.describes if teacher is not None else "",
     )
     save_replay(run.folder / "replay.gif", contest, run.policy)
     evaluation = content["evaluation"]
@@ -214,6 +231,44 @@ def _load(
     if epsilon is not None:
         settings = replace(settings, task=replace(settings.task, opponent_epsilon=epsilon))
     return settings, load_policy(folder), contest_of(settings, episodes)
+
+
+@dataclass(frozen=True)
+class LevelsCommand:
+    """The levels that a run with --curriculum level-replay or learnability kept, best first."""
+
+    run: Annotated[Path, tyro.conf.Positional]
+    """The folder of the run."""
+    count: int = 3
+    """How many."""
+
+
+def levels(arguments: Sequence[str]) -> None:
+    """`pursuit levels`."""
+    from curricula import LevelReplay
+    from pursuit.parallel_env import scene_of
+    from pursuit.rendering import scene_to_text
+    from pursuit.simulator import Simulator
+
+    given = parse(LevelsCommand, arguments, "levels")
+    check(given.run.is_dir(), f"{given.run}: no such folder")
+    check(given.count >= 1, f"count={given.count}; at least 1")
+    settings = load_settings(given.run)
+    curriculum = make_curriculum(settings, axis_of_run(settings))
+    if not isinstance(curriculum, LevelReplay):
+        raise ValueError(
+            f"{given.run}: curriculum {settings.curriculum!r} keeps no levels; level-replay and "
+            "learnability do"
+        )
+    state = load_checkpoint(given.run)["teacher"]["curriculum"]
+    curriculum.load_state_dict({k: getattr(v, "numpy", lambda v=v: v)() for k, v in state.items()})
+    task = settings.task.build()
+    for seed, score, wins, plays in curriculum.best(given.count):
+        simulator = Simulator(task, 1, auto_restart=False)
+        simulator.seed_starts(None, seed)
+        simulator.reset()
+        print(f"level {seed}: {curriculum.score} {score:.4g}, {wins} of {plays} episodes solved")
+        print(scene_to_text(scene_of(simulator)))
 
 
 @dataclass(frozen=True)

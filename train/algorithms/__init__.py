@@ -21,6 +21,7 @@ from train.hyperparameters import (
 from train.learned_policy import LearnedPolicy
 from train.networks import ActorCritic, QNetwork
 from train.settings import TrainSettings
+from train.teacher import training_task
 
 __all__ = ["Learner", "build_network", "make_learner", "policy_of"]
 
@@ -31,7 +32,7 @@ def build_network(settings: TrainSettings[Any], bfloat16: bool = False) -> Actor
     Raises:
         ValueError: the algorithm has none.
     """
-    task, hyper = settings.task.build(), settings.hyper
+    task, hyper = training_task(settings), settings.hyper
     encoder = Simulator(task).encoder(settings.observation)
     sizes = (encoder, task.num_agents, task.num_actions)
     form: Any = None if settings.first_layer == "auto" else settings.first_layer
@@ -90,7 +91,7 @@ def policy_of(settings: TrainSettings[Any], state: dict[str, Any], greedy: bool 
     Raises:
         KeyError, RuntimeError: a state of other settings.
     """
-    task = settings.task.build()
+    task = training_task(settings)
     if isinstance(settings.hyper, QLearningSettings):
         from train.algorithms.q_learning import policy_from_state
 

@@ -205,6 +205,8 @@ class CrossEntropy:
         self.std = torch.full_like(self.mean, settings.initial_std)
         self._write_mean()
         simulator = env.simulator
+        if env.teacher is not None:
+            env.teacher.copies = settings.population
         self._streams = np.zeros((simulator.num_games, 1), dtype=np.uint64)
         seed_streams(self._streams, seed, 0)
         self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
@@ -238,7 +240,7 @@ class CrossEntropy:
         network = Candidates(self.network, self._named, candidates)
         if not self.frames:
             self._share_starts(population, games // population)
-        simulator.reset()
+        env.restart()
         running = np.ones(games, dtype=bool)
         several = simulator.task.num_evaders > 1
         returns = np.zeros(games, dtype=np.float32)
@@ -259,8 +261,7 @@ class CrossEntropy:
             ending = running & done
             if ending.any():
                 returns[ending] = simulator.returns[ending, env.seat]
-                env.finished_returns.append(simulator.returns[ending, env.seat])
-                env.finished_lengths.append(simulator.steps[ending].copy())
+                env.finish(ending)
                 running &= ~ending
         return torch.from_numpy(returns).reshape(population, -1).mean(dim=1)
 

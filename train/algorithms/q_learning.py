@@ -294,7 +294,7 @@ class QLearning:
         simulator, seat, actions = env.simulator, env.seat, self._actions
         if not self._begun:
             if not env.resume:
-                simulator.reset()
+                env.restart()
             self._begun = True
         explored = min(progress / max(settings.exploration_share, 1e-9), 1.0)
         epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
@@ -322,9 +322,8 @@ class QLearning:
             )
             error += size
             if count:
-                env.finished_returns.append(simulator.returns[done, seat])
-                env.finished_lengths.append(simulator.steps[done].copy())
-                simulator.reset(games=done)
+                env.finish(done)
+                env.restart(done)
                 self.numbers.renumber(simulator.rows, done, states)
         self.frames += STEPS_PER_ITERATION * simulator.num_games
         return {"epsilon": epsilon, "td_error": error / STEPS_PER_ITERATION}

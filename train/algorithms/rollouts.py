@@ -108,6 +108,11 @@ class RolloutLearner(NetworkLearner):
             rollout["state_value"] = torch.zeros_like(rollout["state_value"])
         self._add_next_values(rollout)
         self.gae(rollout)
+        teacher = self.env.teacher
+        if teacher is not None and teacher.wants_errors:
+            done = rollout["next", "done"].squeeze(-1)
+            advantage = rollout["advantage"].squeeze(-1)
+            teacher.note_advantages(advantage.cpu().numpy(), done.cpu().numpy())
         frames = TensorDict(
             {key: rollout[key].flatten(0, 1) for key in self.keys}, batch_size=[rollout.numel()]
         )

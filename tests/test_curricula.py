@@ -1,0 +1,284 @@
+"""Curricula as numbers: schedules at their ends and between, adaptive ones by what they promise."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from curricula import (
+    LearningProgress,
+    LevelReplay,
+    Outcomes,
+    Progress,
+    Schedule,
+    Scheduled,
+    Shuffled,
+    SuccessGated,
+    Uniform,
+    constant,
+    cosine,
+    exponential,
+    linear,
+    piecewise,
+    step,
+)
+from curricula.levels import MAX_SEED
+
+STAGES = [1.0, 2.0, 4.0, 8.0]
+finite = st.floats(-1e6, 1e6)
+
+
+def outcomes(lessons: Any, successes: Any = True, **more: Any) -> Outcomes:
+    """Episodes with these lessons; what is not given does not matter."""
+    count = len(lessons)
+
+    def column(name: str, default: float) -> Any:
+        return np.broadcast_to(np.asarray(more.get(name, default), dtype=np.float64), count)
+
+    return Outcomes(
+        np.asarray(lessons, dtype=np.float64),
+        np.broadcast_to(np.asarray(successes, dtype=bool), count),
+        column("returns", 0.0),
+        np.full(count, 10),
+        column("regrets", np.nan),
+        column("errors", np.nan),
+    )
+
+
+# -- schedules -------------------------------------------------------------------------------------
+
+
+@given(finite, finite, st.floats(0.001, 1e6), st.floats(0, 1))
+def test_linear_and_cosine_meet_their_ends_and_stay_between(
+    start: float, end: float, length: float, share: float
+) -> None:
+    for shape in (linear, cosine):
+        assert shape(start, end, 0.0, length) == pytest.approx(start)
+        assert shape(start, end, length, length) == pytest.approx(end)
+        assert shape(start, end, 10 * length, length) == pytest.approx(end)
+        value = shape(start, end, share * length, length)
+        slack = 1e-9 * (abs(start) + abs(end) + 1)
+        assert min(start, end) - slack <= value <= max(start, end) + slack
+    assert linear(start, end, length / 2, length) == pytest.approx((start + end) / 2, abs=1e-6)
+    assert cosine(start, end, length / 2, length) == pytest.approx((start + end) / 2, abs=1e-6)
+
+
+def test_schedules_are_what_their_formulas_say() -> None:
+    assert constant(3.0, 0.7) == 3.0
+    assert linear(0.0, 10.0, 0.3) == pytest.approx(3.0)
+    assert cosine(1.0, 0.0, 0.25) == pytest.approx(0.5 * (1 + 2**-0.5))
+    assert linear(1.0, 0.0, 0.0, 0.0) == 0.0  # a length of 0 is over at once
+    assert [step(0, 3, p, every=2) for p in (0, 1.9, 2, 4, 6, 100)] == [0, 0, 1, 2, 3, 3]
+    assert [step(3, 0, p, every=2) for p in (0, 1.9, 2, 4, 6, 100)] == [3, 3, 2, 1, 0, 0]
+    points = ((0.0, 1.0), (0.5, 0.2), (1.0, 0.4))
+    assert [piecewise(points, p) for p in (-1, 0, 0.25, 0.5, 0.75, 1, 2)] == pytest.approx(
+        [1, 1, 0.6, 0.2, 0.3, 0.4, 0.4]
+    )
+
+
+def test_exponential_is_the_thesis_loop() -> None:
+    epsilon, every = 1.0, 7
+    for episode in range(2000):
+        assert exponential(1.0, 0.2, episode, every, 0.99) == pytest.approx(epsilon)
+        if (episode + 1) % every == 0:
+            epsilon = max(0.99 * epsilon, 0.2)
+    assert epsilon == 0.2
+
+
+@pytest.mark.parametrize("unit", ["share", "frames", "episodes", "seconds"])
+def test_a_schedule_follows_its_unit(unit: str) -> None:
+    schedule = Schedule("linear", 1.0, 0.0, unit, length=0.5)
+    assert schedule(Progress(**{unit: 0.25})) == 0.5
+    assert schedule(Progress()) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"length": -1.0}, "length=-1.0"),
+        ({"shape": "step", "every": 0.0}, "every=0.0"),
+        ({"shape": "exponential", "start": 0.1, "end": 0.2}, "floor 0.2 lies above the start 0.1"),
+        ({"shape": "exponential", "start": 1.0, "end": 0.2, "factor": 1.5}, "factor=1.5"),
+        ({"shape": "piecewise"}, "points"),
+        ({"shape": "piecewise", "points": ((0.5, 1.0), (0.5, 0.0))}, "increasing"),
+        ({"shape": "sine"}, "unknown schedule 'sine'"),
+        ({"unit": "minutes"}, "unknown unit 'minutes'"),
+        ({"start": float("inf")}, "finite"),
+    ],
+)
+def test_bad_schedules_are_refused_at_birth(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Schedule(**settings)
+
+
+# -- stages ----------------------------------------------------------------------------------------
+
+
+def test_a_scheduled_curriculum_gives_all_games_the_value_and_logs_why() -> None:
+    curriculum = Scheduled(Schedule("linear", 1.0, 5.0), whole=True)
+    seen, changes = [], []
+    for share in np.linspace(0, 1, 101):
+        changes += curriculum.update(outcomes([]), Progress(share=float(share)))
+        games = curriculum.sample(7, np.random.default_rng(0))
+        assert len(set(games)) == 1
+        seen.append(games[0])
+    assert (seen[0], seen[-1]) == (1.0, 5.0) and set(seen) == {1, 2, 3, 4, 5}
+    assert [change.mean for change in changes] == [1, 2, 3, 4, 5]
+    assert "linear schedule at" in changes[1].reason
+
+
+def test_success_moves_the_gate_up_and_failure_down() -> None:
+    gate = SuccessGated(STAGES, promote_at=0.8, demote_at=0.3, window=10)
+    assert [c.reason for c in gate.update(outcomes([]), Progress())] == ["first stage"]
+    assert not gate.update(outcomes([1.0] * 9), Progress())  # the window is not full
+    assert gate.update(outcomes([1.0]), Progress())[0].mean == 2.0
+    # Games that were still in the stage before do not count.
+    assert not gate.update(outcomes([1.0] * 50), Progress())
+    assert not gate.update(outcomes([2.0] * 10, [True] * 5 + [False] * 5), Progress())
+    change = gate.update(outcomes([2.0] * 10, False), Progress())[0]
+    assert change.mean == 1.0 and "0.0 % success fell to 30 %" in change.reason
+    for _ in range(10):
+        gate.update(outcomes([gate.stages[gate.number]] * 10), Progress())
+    assert (gate.sample(3, np.random.default_rng(0)) == 8.0).all()
+
+
+def test_learning_progress_goes_where_the_return_changes() -> None:
+    bandit = LearningProgress(STAGES, fast=0.3, slow=0.05, explore_share=0.1)
+    rng, drift = np.random.default_rng(0), 0.0
+    for _ in range(60):
+        drift += 0.1
+        lessons = bandit.sample(200, rng)
+        returns = np.where(lessons == 4.0, drift, 5.0) + 0.01 * rng.standard_normal(200)
+        bandit.update(outcomes(lessons, returns=returns), Progress())
+    drawn = bandit.sample(20_000, rng)
+    share = np.array([(drawn == stage).mean() for stage in STAGES])
+    assert share[2] > 0.8
+    assert share[[0, 1, 3]] == pytest.approx(0.1 / 4, abs=0.03)
+
+
+def test_controls_are_what_they_are_called() -> None:
+    rng = np.random.default_rng(0)
+    drawn = Uniform(STAGES).sample(40_000, rng)
+    for stage in STAGES:
+        assert (drawn == stage).mean() == pytest.approx(0.25, abs=0.02)
+    shuffled, order = Shuffled(STAGES, length=0.5, seed=3), []
+    for share in np.linspace(0, 1, 201):
+        shuffled.update(outcomes([]), Progress(share=float(share)))
+        order.append(float(shuffled.sample(1, rng)[0]))
+    turns = [value for i, value in enumerate(order) if i == 0 or value != order[i - 1]]
+    assert sorted(turns[:4]) == STAGES or sorted([*turns[:4], 8.0])[:4] == STAGES
+    assert set(order[102:]) == {8.0}
+    time = [order[:100].count(stage) for stage in STAGES]
+    assert time == pytest.approx([25] * 4, abs=1)
+
+
+@pytest.mark.parametrize("make", [SuccessGated, LearningProgress, Uniform])
+def test_outcomes_of_another_task_are_refused(make: Any) -> None:
+    with pytest.raises(ValueError, match=r"outcomes of lesson 3, which this curriculum never gave"):
+        make(STAGES).update(outcomes([1.0, 3.0]), Progress())
+
+
+def test_settings_out_of_range_are_refused() -> None:
+    for make, message in (
+        (lambda: SuccessGated(STAGES, promote_at=1.2), "promote_at=1.2"),
+        (lambda: SuccessGated(STAGES, promote_at=0.5, demote_at=0.6), "demote_at below"),
+        (lambda: SuccessGated(STAGES, window=0), "window=0"),
+        (lambda: LearningProgress(STAGES, fast=0.1, slow=0.2), "slow < fast"),
+        (lambda: LearningProgress(STAGES, explore_share=-0.1), "explore_share=-0.1"),
+        (lambda: Uniform([]), "at least one value"),
+        (lambda: Uniform([1.0, 1.0]), "all different"),
+        (lambda: LevelReplay("novelty"), "unknown level score 'novelty'"),
+        (lambda: LevelReplay(capacity=1), "capacity=1"),
+        (lambda: LevelReplay(replay_share=2.0), "replay_share=2.0"),
+        (lambda: LevelReplay(temperature=0.0), "temperature=0.0"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make()  # type: ignore[no-untyped-call]
+
+
+# -- levels ----------------------------------------------------------------------------------------
+
+
+def test_levels_with_regret_are_kept_and_played_again() -> None:
+    replay = LevelReplay("regret", capacity=50, replay_share=0.5, temperature=0.3, staleness=0.0)
+    rng = np.random.default_rng(0)
+
+    def regret(seeds: Any) -> Any:
+        return np.where(seeds % 10 == 0, 3.0, 0.1)  # every tenth level is hard
+
+    for _ in range(60):
+        seeds = replay.sample(64, rng)
+        replay.update(outcomes(seeds, regrets=regret(seeds)), Progress())
+    assert len(replay.seeds) == 50 == len(set(replay.seeds))
+    assert (replay.seeds % 10 == 0).mean() > 0.9
+    drawn = replay.sample(10_000, rng)
+    assert np.isin(drawn, replay.seeds).mean() == pytest.approx(0.5, abs=0.02)
+    assert (drawn >= 0).all() and (drawn < MAX_SEED).all()
+
+
+def test_ranks_and_staleness_give_the_published_probabilities() -> None:
+    replay = LevelReplay("regret", capacity=4, temperature=0.5, staleness=0.25)
+    for seed, value in ((1, 0.1), (2, 0.4), (3, 0.2)):
+        replay.update(outcomes([seed], regrets=value), Progress())
+    # Ranks 3, 1, 2, so weights 1/9, 1, 1/4; ages 2, 1, 0 updates.
+    by_score = np.array([1 / 9, 1.0, 1 / 4])
+    expected = 0.75 * by_score / by_score.sum() + 0.25 * np.array([2, 1, 0]) / 3
+    assert replay.probabilities() == pytest.approx(expected)
+
+
+def test_a_level_is_scored_by_its_last_episode_and_learnability_by_all() -> None:
+    replay = LevelReplay("value_loss", capacity=4)
+    replay.update(outcomes([7, 8, 7], errors=[0.9, 0.5, 0.2]), Progress())
+    assert dict(zip(replay.seeds, replay.scores, strict=True)) == {7: 0.2, 8: 0.5}
+    learn = LevelReplay("learnability", capacity=4)
+    learn.update(outcomes([7, 8, 7], [True, False, False]), Progress())
+    learn.update(outcomes([7], [True]), Progress())
+    found = dict(zip(learn.seeds, learn.scores, strict=True))
+    assert found[7] == pytest.approx(3 / 5 * 2 / 5) and found[8] == pytest.approx(1 / 3 * 2 / 3)
+    assert learn.best(1)[0][:1] == (7,) and learn.best(1)[0][2:] == (2, 3)
+
+
+def test_unknown_optima_and_impossible_seeds_are_refused() -> None:
+    with pytest.raises(ValueError, match="needs the exact optimum"):
+        LevelReplay("regret").update(outcomes([1]), Progress())
+    with pytest.raises(ValueError, match="no seed of a level"):
+        LevelReplay("learnability").update(outcomes([0.5]), Progress())
+
+
+# -- all of them -----------------------------------------------------------------------------------
+
+EVERY = {
+    "scheduled": lambda: Scheduled(Schedule("linear", 1.0, 8.0), whole=False),
+    "uniform": lambda: Uniform(STAGES),
+    "shuffled": lambda: Shuffled(STAGES, 0.5),
+    "gated": lambda: SuccessGated(STAGES, window=20),
+    "progress": lambda: LearningProgress(STAGES),
+    "replay": lambda: LevelReplay("learnability", capacity=30),
+}
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_a_curriculum_goes_on_exactly_from_its_state(name: str) -> None:
+    def play(curriculum: Any, rng: Any, begin: int, end: int) -> list[Any]:
+        sampled = []
+        for turn in range(begin, end):
+            lessons = curriculum.sample(16, rng)
+            returns = rng.standard_normal(16) + lessons / 8 % 3
+            told = outcomes(lessons, rng.random(16) < 0.7, returns=returns)
+            changes = curriculum.update(told, Progress(share=turn / 40))
+            sampled.append((lessons.tolist(), changes))
+        return sampled
+
+    curriculum, rng = EVERY[name](), np.random.default_rng(1)
+    play(curriculum, rng, 0, 20)
+    state, other = copy.deepcopy(curriculum.state_dict()), copy.deepcopy(rng)
+    resumed = EVERY[name]()
+    resumed.load_state_dict(state)
+    assert play(resumed, other, 20, 40) == play(curriculum, rng, 20, 40)
+    with pytest.raises(ValueError, match="of another curriculum"):
+        resumed.load_state_dict({"something": 1})

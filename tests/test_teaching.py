@@ -1,0 +1,402 @@
+"""Curricula in training: what they say is what is played, for every learner; and it resumes."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from pursuit.simulator import Simulator
+from pursuit.task import make_task
+from scripted_agents import AStarChaser, best_response, tour_lengths
+from train.axes import first_rows, opened
+from train.command_line import main
+from train.run import Run, load_policy, resume_run, start_run
+from train.run_folder import load_settings, new_folder
+from train.settings import settings_of
+from train.teacher import Teacher, read_log, training_task
+
+QUICK = {"num_games": 64, "minibatch": 256, "threads": 1, "frames": 30_000}
+MAZE = {"task": "maze", "maze": "5x5", "num_goals": 3, **QUICK}
+CHASE = {"task": "chase", "maze": "5x5", **QUICK}
+
+
+def teacher_of(run: Run) -> Teacher:
+    assert run.env.teacher is not None
+    return run.env.teacher
+
+
+def watch_restarts(run: Run, look: Any) -> None:
+    """Have `look(teacher, games)` called after every restart, with the games that begin anew."""
+    teacher = teacher_of(run)
+    restart = teacher.restart
+
+    def spied(games: Any) -> None:
+        restart(games)
+        everything = np.arange(run.simulator.num_games)
+        look(teacher, everything if games is None else everything[games])
+
+    teacher.restart = spied  # type: ignore[method-assign]
+
+
+def test_the_opponents_share_of_random_moves_follows_the_schedule(tmp_path: Path) -> None:
+    # The thesis set epsilon on the learner, which ignores it: its opponent was never annealed.
+    settings = settings_of(
+        **{**CHASE, "role": "evader", "frames": 60_000, "opponent_epsilon": 0.2},
+        curriculum="opponent-epsilon",
+        schedule_length=0.8,
+    )
+    run = start_run(settings, tmp_path)
+    simulator, maze = run.simulator, run.simulator.task.mazes[0]
+    greedy = AStarChaser(0.0).action_probabilities(maze) > 0
+    moves = maze.neighbors[:, :4] != np.arange(maze.num_cells)[:, None]
+    step, seen = simulator.step, []
+
+    def spied(actions: Any) -> None:
+        chaser, evader = simulator.positions.T.copy()
+        allowed, best = moves[chaser], greedy[chaser, evader]
+        off = ~best[np.arange(len(chaser)), actions[:, 0]]
+        chance = 1.0 - (allowed & best).sum(axis=1) / allowed.sum(axis=1)
+        lessons = (teacher_of(run).playing * chance).sum()
+        seen.append((run.progress, off.sum(), chance.sum(), lessons))
+        step(actions)
+
+    simulator.step = spied  # type: ignore[method-assign]
+    run.train()
+    progress, off, chance, lessons = np.array(seen).T
+    for begin, end in ((0.0, 0.1), (0.3, 0.5), (0.6, 0.7), (0.85, 1.01)):
+        here = (progress >= begin) & (progress < end)
+        measured = off[here].sum() / chance[here].sum()
+        noise = 3.0 / chance[here].sum() ** 0.5
+        assert measured == pytest.approx(lessons[here].sum() / chance[here].sum(), abs=noise)
+    assert off[progress < 0.1].sum() / chance[progress < 0.1].sum() > 0.85
+    late = progress > 0.9
+    assert off[late].sum() / chance[late].sum() == pytest.approx(0.2, abs=0.06)
+
+
+def spread_fixed(simulator: Simulator, game: int, lesson: float) -> None:
+    maze = simulator.task.mazes[0]
+    nearest = np.min([maze.distances_from(mark) for mark in maze.goal_marks], axis=0)
+    # Where fewer cells are that near than there are goals, the radius grows until they fit.
+    if lesson >= 2:
+        assert nearest[simulator.goals[game]].max() <= lesson
+
+
+def spread_start(simulator: Simulator, game: int, lesson: float) -> None:
+    far = simulator.task.mazes[0].distances[simulator.positions[game, 0], simulator.goals[game]]
+    assert far.max() <= lesson
+
+
+def start_distance(simulator: Simulator, game: int, lesson: float) -> None:
+    chaser, evader = simulator.positions[game]
+    assert simulator.task.mazes[0].distances[chaser, evader] <= lesson
+
+
+def num_goals(simulator: Simulator, game: int, lesson: float) -> None:
+    assert (simulator.goals[game] >= 0).sum() == lesson
+
+
+def maze_number(simulator: Simulator, game: int, lesson: float) -> None:
+    assert simulator.maze_index[game] == lesson
+
+
+def epsilon(simulator: Simulator, game: int, lesson: float) -> None:
+    assert simulator.epsilon[game, 1] == lesson
+
+
+AXES = {
+    "goal-spread-fixed": (MAZE, spread_fixed),
+    "goal-spread-start": (MAZE, spread_start),
+    "start-distance": (CHASE, start_distance),
+    "num-goals": (MAZE, num_goals),
+    "maze-size": (MAZE, maze_number),
+    "loops": (MAZE, maze_number),
+    "opponent-epsilon": (CHASE, epsilon),
+}
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_every_axis_turns_what_it_says_up_to_the_task_itself(axis: str, tmp_path: Path) -> None:
+    flat, holds = AXES[axis]
+    run = start_run(settings_of(**flat, curriculum=axis, schedule_length=0.6), tmp_path)
+    lessons = []
+
+    def look(teacher: Teacher, games: Any) -> None:
+        for game in games:
+            lessons.append(float(teacher.playing[game]))
+            holds(run.simulator, int(game), lessons[-1])
+
+    watch_restarts(run, look)
+    run.train()
+    found = teacher_of(run).axis
+    assert found is not None
+    assert lessons[-1] == found.hardest and found.easiest != found.hardest
+    assert len(set(lessons)) >= 3
+    # What stands in the log is what was given, and the log ends at the task itself.
+    log = read_log(tmp_path)
+    assert log[0]["mean"] == found.easiest and log[-1]["mean"] == found.hardest
+    assert all(row["reason"].startswith("linear schedule at") for row in log)
+
+
+@pytest.mark.parametrize("name", ["uniform", "learning-progress", "success-gated", "shuffled"])
+def test_stages_lie_on_the_axis_and_the_last_is_the_task(name: str, tmp_path: Path) -> None:
+    more = {"window": 100} if name == "success-gated" else {}
+    settings = settings_of(**MAZE, curriculum=name, axis="num-goals", **more)
+    run = start_run(settings, tmp_path)
+    seen: set[float] = set()
+    watch_restarts(run, lambda teacher, games: seen.update(teacher.playing[games].tolist()))
+    run.train()
+    assert seen <= {1.0, 2.0, 3.0} and len(seen) >= (1 if name == "success-gated" else 3)
+    assert run.contest.task.num_goals == 3  # evaluated at the final difficulty, always
+    assert {"lesson", "training_success"} <= set(run.metrics.rows[-1])
+
+
+@pytest.mark.parametrize("algorithm", ["a2c", "reinforce", "dqn", "cross_entropy", "q_learning"])
+@pytest.mark.parametrize("curriculum", ["goal-spread-start", "level-replay"])
+def test_every_learner_can_be_taught(algorithm: str, curriculum: str, tmp_path: Path) -> None:
+    small = {"batch": 64, "warm_up": 100} if algorithm == "dqn" else {}
+    small |= {"population": 16} if algorithm == "cross_entropy" else {}
+    settings = settings_of(
+        task="maze", maze="3x3", num_goals=2, frames=20_000, num_games=64, threads=1,
+        algorithm=algorithm, curriculum=curriculum, **small,
+    )  # fmt: skip
+    run = start_run(settings, tmp_path)
+    alike = []
+
+    def look(teacher: Teacher, games: Any) -> None:
+        if algorithm == "cross_entropy":
+            playing = teacher.playing.reshape(teacher.copies, -1)
+            starts = run.simulator.positions[:, 0].reshape(teacher.copies, -1)
+            goals = run.simulator.goals.reshape(teacher.copies, -1)
+            alike.append(all((x == x[0]).all() for x in (playing, starts, goals)))
+
+    watch_restarts(run, look)
+    run.train()
+    assert teacher_of(run).episodes > 100
+    assert all(alike)  # candidates are compared on the same levels
+
+
+def test_a_level_is_played_again_exactly() -> None:
+    task = make_task("heist", maze="7x7")
+    first, second = Simulator(task, 5, seed=1), Simulator(task, 8, seed=2)
+    for simulator, games in ((first, None), (second, np.array([7, 2, 3, 0, 5]))):
+        simulator.reset()
+        simulator.seed_starts(games, [11, 12, 13, 11, 2**53 - 1])
+        simulator.reset()
+    one, other = first.rows, second.rows[[7, 2, 3, 0, 5]]
+    assert (one == other).all() and (one[0] == one[3]).all() and (one[0] != one[1]).any()
+    for wrong in ([-1], [0.5], [1, 2]):
+        with pytest.raises(ValueError):
+            first.seed_starts(np.array([0, 1, 2]), wrong)
+
+
+def test_the_regret_of_an_episode_is_against_the_optimum_of_its_own_start(tmp_path: Path) -> None:
+    for flat in (MAZE, {**CHASE, "role": "chaser"}, {**CHASE, "role": "evader"}):
+        run = Run(settings_of(**flat, curriculum="level-replay"), tmp_path)
+        simulator, teacher = run.simulator, teacher_of(run)
+        maze, seat = simulator.task.mazes[0], run.env.seat
+        teacher.restart(None)
+        positions, goals = simulator.positions.copy(), simulator.goals.copy()
+        if flat is MAZE:
+            best: Any = tour_lengths(maze, positions[:, 0], goals)
+        else:
+            role = str(flat["role"])
+            table = run.settings.task.opponents()["evader" if role == "chaser" else "chaser"]
+            probabilities = table.action_probabilities(maze)  # type: ignore[attr-defined]
+            values = best_response(role, maze, probabilities, horizon=200).values  # type: ignore[arg-type]
+            best = values[positions[:, 0], positions[:, 1]]
+        rng, ended = np.random.default_rng(0), np.zeros(simulator.num_games, dtype=bool)
+        actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
+        while not ended.any():
+            simulator.act(run.env.policies, actions)
+            actions[:, seat] = rng.integers(0, 4, simulator.num_games)
+            simulator.step(actions)
+            ended = simulator.terminated | simulator.truncated
+        teacher.finish(ended)
+        lessons, _, _, lengths, regrets = teacher._outcomes[-1]
+        share = lengths / best[ended]
+        wanted = 1 - share if flat.get("role") == "evader" else share - 1
+        assert regrets == pytest.approx(np.maximum(wanted, 0))
+        assert (lessons == teacher.playing[ended]).all()
+
+
+def test_positive_advantages_belong_to_their_episodes(tmp_path: Path) -> None:
+    run = Run(settings_of(**MAZE, curriculum="level-replay", level_score="value_loss"), tmp_path)
+    teacher, rng = teacher_of(run), np.random.default_rng(0)
+    sums: dict[int, list[float]] = {game: [] for game in range(64)}
+    wanted = []
+    for _ in range(4):
+        advantages, done = rng.standard_normal((64, 16)), rng.random((64, 16)) < 0.1
+        teacher.note_advantages(advantages, done)  # type: ignore[arg-type]
+        for step in range(16):
+            for game in range(64):
+                sums[game].append(max(advantages[game, step], 0.0))
+                if done[game, step]:
+                    wanted.append(np.mean(sums[game]))
+                    sums[game] = []
+    assert np.concatenate(teacher._errors) == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize(
+    "lessons",
+    [
+        {"curriculum": "level-replay", "level_score": "value_loss", "level_buffer": 64},
+        {"curriculum": "learning-progress"},
+        {"curriculum": "success-gated", "window": 50},
+    ],
+)
+def test_a_taught_run_resumes_to_the_same_weights_and_log(lessons: Any, tmp_path: Path) -> None:
+    settings = settings_of(**{**MAZE, "maze": "3x3", "frames": 16_384, **lessons})
+    whole, parts = (new_folder(tmp_path / name) for name in ("whole", "parts"))
+    start_run(settings, whole).train()
+
+    def stop(run: Run, row: dict[str, float]) -> None:
+        run.stopped = run.progress >= 0.4
+
+    start_run(settings, parts).train(stop)
+    resume_run(parts).train()
+    states = [torch.load(p / "checkpoint.pt", weights_only=True) for p in (whole, parts)]
+    for name, weight in states[0]["learner"]["network"].items():
+        assert torch.equal(weight, states[1]["learner"]["network"][name]), name
+    untimed = [[{k: v for k, v in r.items() if k != "seconds"} for r in read_log(p)]
+               for p in (whole, parts)]  # fmt: skip
+    assert untimed[0] == untimed[1]
+
+
+def test_a_checkpoint_of_another_curriculum_is_refused(tmp_path: Path) -> None:
+    small = {**MAZE, "maze": "3x3", "frames": 8192}
+    settings = settings_of(**small, curriculum="uniform")
+    start_run(settings, tmp_path).train(lambda run, row: setattr(run, "stopped", True))
+    before = (tmp_path / "checkpoint.pt").read_bytes()
+    other = settings_of(**small, curriculum="learning-progress")
+    with pytest.raises(ValueError, match="checkpoint is of curriculum 'uniform'"):
+        Run(other, tmp_path, resume=True)
+    assert (tmp_path / "checkpoint.pt").read_bytes() == before
+
+
+def test_mazes_of_a_curriculum_agree_with_the_last_one() -> None:
+    settings = settings_of(**{**MAZE, "maze": "7x7"}, curriculum="maze-size")
+    mazes = training_task(settings).mazes
+    final = mazes[-1]
+    assert final == settings.task.build().mazes[0] and len(mazes) >= 4
+    sizes = [maze.num_cells for maze in mazes]
+    assert sizes == sorted(sizes)
+    for maze in mazes[:-1]:
+        inner = np.arange(maze.num_cells - maze.width)
+        # Cells keep their numbers and neighbours, but for the last row, which has a wall below.
+        assert (maze.neighbors[inner] == final.neighbors[inner]).all()
+    walls = [m.num_loops for m in (opened(final, s) for s in (0.0, 0.3, 0.6, 1.0))]
+    assert walls == sorted(walls) and len(set(walls)) == 4
+    assert opened(final, 0.0) == final and opened(final, 1.0).longest_distance == 12
+    assert first_rows(final, 1, 100) is None
+
+
+def test_a_policy_taught_on_several_mazes_is_evaluated_on_the_last(tmp_path: Path) -> None:
+    run = start_run(settings_of(**CHASE, curriculum="loops"), tmp_path)
+    run.train()
+    assert run.results(50)["evaluation"]["exact"]
+    maze = run.contest.task.mazes[0]
+    table = load_policy(tmp_path).action_probabilities(maze)  # type: ignore[attr-defined]
+    assert (table == run.policy.action_probabilities(maze)).all()  # type: ignore[attr-defined]
+    assert len(run.simulator.task.mazes) > 1 and load_settings(tmp_path) == run.settings
+
+
+@pytest.mark.parametrize(
+    ("flat", "message"),
+    [
+        ({**CHASE, "curriculum": "goal-spread-start"}, "moves goals, and task 'chase' has none"),
+        ({**MAZE, "curriculum": "opponent-epsilon"}, "needs opponents, and task 'maze' has none"),
+        ({**MAZE, "curriculum": "start-distance"}, "needs chasers and evaders"),
+        ({**MAZE, "num_goals": 1, "curriculum": "num-goals"}, "needs at least 2 goals"),
+        ({**MAZE, "curriculum": "easy-first"}, "unknown curriculum 'easy-first'"),
+        ({**MAZE, "curriculum": "uniform", "axis": "speed"}, "unknown axis 'speed'"),
+        ({**MAZE, "curriculum": "uniform", "num_stages": 1}, "num_stages=1"),
+        ({**MAZE, "curriculum": "uniform", "window": 3}, "unknown setting 'window'"),
+        ({**CHASE, "curriculum": "opponent-epsilon", "easiest": 1.5}, "epsilon=1.5"),
+        (
+            {**CHASE, "curriculum": "opponent-epsilon", "easiest": 0.1, "schedule": "exponential"},
+            "floor 0.2 lies above the start 0.1",
+        ),
+        ({**MAZE, "curriculum": "goal-spread-start", "schedule_length": -0.1}, "at least 0"),
+        ({**MAZE, "curriculum": "goal-spread-start", "easiest": 0.5}, "whole number of steps"),
+        ({**MAZE, "start": "marks", "curriculum": "goal-spread-start"}, "needs random starts"),
+        ({**MAZE, "start": "marks", "curriculum": "level-replay"}, "replays random starts"),
+        (
+            {**MAZE, "algorithm": "q_learning", "curriculum": "maze-size"},
+            "q_learning has a table for one",
+        ),
+        (
+            {**MAZE, "algorithm": "reinforce", "curriculum": "level-replay",
+             "level_score": "value_loss"},
+            "needs advantages",
+        ),
+        (
+            {**CHASE, "num_chasers": 2, "curriculum": "level-replay"},
+            "needs the exact optimum of every start",
+        ),
+        (
+            {**MAZE, "curriculum": "maze-size", "curriculum_mazes": "3x3, 9x9"},
+            "9x9 is larger than the task's maze 5x5",
+        ),
+        ({**MAZE, "curriculum": "maze-size", "curriculum_mazes": "nowhere"}, "unknown maze"),
+        (
+            {**MAZE, "curriculum": "success-gated", "solved_within": 0.5},
+            "solved_within=0.5",
+        ),
+        ({**MAZE, "curriculum": "goal-spread-start", "schedule": "piecewise",
+          "schedule_points": "0:1;1:2"}, "progress:value pairs"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_taught_is_said_at_once(flat: dict[str, Any], message: str) -> None:
+    if "algorithm" in flat:
+        flat = {k: v for k, v in flat.items() if k != "minibatch"}
+    with pytest.raises(ValueError, match=message):
+        settings_of(**flat)
+
+
+def test_a_spread_beyond_the_maze_is_clipped_and_says_so() -> None:
+    with pytest.warns(UserWarning, match="40 steps is more than maze 5x5 has; clipped to 10"):
+        settings_of(**MAZE, curriculum="goal-spread-start", hardest=40.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        settings_of(**MAZE, curriculum="goal-spread-start", hardest=10.0)
+
+
+def test_large_mazes_have_a_curriculum_unless_told_otherwise() -> None:
+    large = settings_of(**{**MAZE, "maze": "9x9"})
+    assert large.curriculum == "goal-spread-start"
+    assert settings_of(**{**MAZE, "maze": "9x9"}, curriculum="none").curriculum == "none"
+    assert settings_of(**MAZE).curriculum == "none"
+    with pytest.raises(ValueError, match="with settings of"):
+        replace(large, curriculum="uniform")
+
+
+def test_the_command_line_teaches_and_shows_levels(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "run"
+    main(
+        f"train --task maze --maze 3x3 --frames 16384 --num-games 64 --minibatch 256 --threads 1 "
+        f"--curriculum level-replay --level-buffer 50 --episodes 20 --out {folder}".split()
+    )
+    told = capsys.readouterr().out
+    assert "curriculum: level-replay, over levels" in told
+    assert (folder / "learning_curve.png").stat().st_size > 10_000
+    assert "mean regret" in read_log(folder)[-1]["reason"]
+    main(["levels", str(folder), "--count", "2"])
+    told = capsys.readouterr().out
+    assert told.count("level ") == 2 and "regret" in told and "+-+-+-+\n|" in told
+    with pytest.raises(SystemExit):
+        main(["train", "--curriculum", "uniform", "--help"])
+    assert "--num-stages" in capsys.readouterr().out
+    other = tmp_path / "other"
+    main(f"train --maze 3x3 --frames 2048 --num-games 64 --minibatch 256 --episodes 5 "
+         f"--out {other}".split())  # fmt: skip
+    with pytest.raises(SystemExit):
+        main(["levels", str(other)])
+    assert "keeps no levels" in capsys.readouterr().err

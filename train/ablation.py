@@ -1,0 +1,98 @@
+"""`pursuit ablate`: arms against a control, with equal budgets and the same final difficulty.
+
+An ablation is a sweep whose variants are called arms: the runs, executors and folders are those of
+`pursuit sweep`; the report is its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from train.command_line import parse
+from train.hyperparameters import check
+from train.run import contest_of
+from train.sweep import Sweep, choose_version, multiply_out, read_file, shipped
+from train.sweep_commands import SweepCommand, carry_out
+
+ABLATIONS = Path(__file__).with_name("ablations")
+EQUAL = ("seconds", "frames", "seed", "threads")
+"""What no arm may have of its own."""
+
+
+@dataclass(frozen=True)
+class AblateCommand(SweepCommand):
+    """Compare arms (curricula, say) with a control, over several seeds.
+
+    All arms get the same budget, and all are evaluated on the task itself, at its final difficulty,
+    throughout training. `pursuit ablate --list` names the shipped files; what is complete is
+    skipped, what was interrupted goes on.
+    """
+
+    file: Annotated[str | None, tyro.conf.Positional] = None
+    """An ablation file (.toml), or the name of a shipped one."""
+    list: bool = False
+    """Name the shipped ablation files."""
+    out: Path | None = None
+    """The folder of the ablation; ablations/NAME-VERSION if left out."""
+
+
+def ablate(arguments: Sequence[str]) -> None:
+    """`pursuit ablate`."""
+    given = parse(AblateCommand, arguments, "ablate")
+    if given.list:
+        for name in shipped(ABLATIONS):
+            plan = load_ablation(name)
+            arms = len({run.label["variant"] for run in plan.runs})
+            print(f"{name:<22}{arms} arms  {plan.title}")
+        return
+    check(given.file is not None, "give an ablation file, or --list")
+    plan = load_ablation(str(given.file), given.version)
+    stem = Path(str(given.file)).stem
+    out = Path("ablations") / (f"{stem}-{given.version}" if given.version else stem)
+    carry_out(plan, replace(given, out=given.out or out), f"pursuit ablate {' '.join(arguments)}")
+
+
+def load_ablation(name: str, version: str | None = None) -> Sweep:
+    """Read an ablation file and multiply it out: arms times seeds (times a grid of tasks).
+
+    Args:
+        name: the path of a file, or the name of a shipped one.
+        version: "short" or "full", where the file has both; short if left out.
+
+    Raises:
+        ValueError: no such file, no arms, an unknown control, arms with budgets of their own, or
+            whatever makes a sweep impossible.
+    """
+    path, content = read_file(name, ABLATIONS, "ablation")
+    try:
+        check("variants" not in content, "[[variants]] are called [[arms]] in an ablation")
+        content["variants"] = arms = content.pop("arms", [])
+        check(isinstance(arms, list) and len(arms) > 1, "give at least two [[arms]], with names")
+        control = content.pop("control", None)
+        names = [arm.get("name") for arm in arms]
+        check(control in names, f"control={control!r} is none of the arms {names}; name one")
+        for arm in arms:
+            own = sorted(set(EQUAL) & set(arm))
+            check(
+                not own,
+                f"arm {arm.get('name')!r} sets {', '.join(own)}; arms have equal budgets and the "
+                "same seeds: set it for all, in [settings]",
+            )
+            arm.setdefault("curriculum", "none")
+        sweep = multiply_out(choose_version(content, version), path.stem)
+        check(not sweep.exact, "an ablation has no [exact]")
+        for task, run in {run.settings.task: run for run in sweep.runs}.items():
+            check(
+                contest_of(run.settings, 2).optimal() is not None,
+                f"the exact optimum of task {task.task!r} with these agents is not known, and an "
+                "ablation is measured against it; take a runner alone, or one chaser against one "
+                "evader",
+            )
+        return replace(sweep, report={"control": control, "arms": names, "x": sweep.report["x"]})
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
