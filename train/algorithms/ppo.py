@@ -101,8 +101,13 @@ class PPO(RolloutLearner):
             order = torch.randperm(len(frames), device=self.device)
             for chosen in torch.split(order, settings.minibatch):
                 if len(chosen) == settings.minibatch:
+                    # Half the time of frames[chosen].
+                    minibatch = frames.apply(
+                        lambda column, chosen=chosen: column.index_select(0, chosen),
+                        batch_size=[len(chosen)],
+                    )
                     total, parts = ppo_loss(
-                        self.network, frames[chosen], settings, entropy_weight, self.kl_weight
+                        self.network, minibatch, settings, entropy_weight, self.kl_weight
                     )
                     self.descend(total)
                     logged.append(parts)
