@@ -42,6 +42,7 @@ class Curve:
         lesson: [evaluations] mean of what was trained on since the evaluation before; NaN without a
             curriculum.
         final: per cent short of the optimum in the final evaluation.
+        drawn: the same of the policy that draws its actions; NaN for algorithms without one.
         seed, task: whose.
     """
 
@@ -51,6 +52,7 @@ class Curve:
     optimality: NDArray[np.float64]
     lesson: NDArray[np.float64]
     final: float
+    drawn: float
     seed: int
     task: str
 
@@ -77,6 +79,9 @@ def curve_of(row: dict[str, Any], evaluations: list[dict[str, Any]]) -> Curve:
         1.0 + gap if evader else 1.0 / (1.0 + gap),
         column("lesson") if any("lesson" in e for e in evaluations) else np.full(len(gap), np.nan),
         100.0 * sign * float(row["optimality_gap"]),
+        100.0
+        * sign
+        * (float(row.get("drawn_steps") or np.nan) / float(row["optimal_steps"]) - 1.0),
         int(row["seed"]),
         str(row["_x"]),
     )
@@ -139,6 +144,8 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
     row: dict[str, Any] = {"arm": name, "runs": len(curves)}
     row |= {"gap": interquartile_mean(finals), "gap_low": low, "gap_high": high}
     row |= {"best": min(finals), "worst": max(finals)}
+    drawn = [curve.drawn for curve in curves]
+    row |= {"drawn": interquartile_mean(drawn), "drawn_best": min(drawn), "drawn_worst": max(drawn)}
     for threshold in THRESHOLDS:
         for unit in ("seconds", "frames"):
             times = [first_below(getattr(c, unit), c.shortfall, threshold) for c in curves]
@@ -185,7 +192,7 @@ def markdown(
     figures: list[str],
 ) -> str:
     """The report as Markdown."""
-    heads = ["arm", "runs", "final gap, % [95 %]", "best to worst"]
+    heads = ["arm", "runs", "final gap, % [95 %]", "best to worst", "drawn, %: best to worst"]
     heads += [f"to {t:g} %: seconds, M frames (runs)" for t in THRESHOLDS]
     heads += ["optimality over training [95 %]", f"P(better than {control}) [95 %]", "verdict"]
     lines = [f"# {title}", "", "| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
@@ -193,6 +200,8 @@ def markdown(
         cells = [row["arm"], str(row["runs"])]
         cells.append(_with(row["gap"], (row["gap_low"], row["gap_high"])))
         cells.append(f"{_number(row['best'])} to {_number(row['worst'])}")
+        drawn = (row["drawn_best"], row["drawn_worst"])
+        cells.append("" if np.isnan(row["drawn"]) else " to ".join(map(_number, drawn)))
         for t in THRESHOLDS:
             count = f"({row[f'reached_{t:g}']} of {row['runs']})"
             seconds, frames = row[f"seconds_to_{t:g}"], row[f"frames_to_{t:g}"]
@@ -217,7 +226,9 @@ def markdown(
         "",
         "Every arm is evaluated on the same task at its final difficulty, throughout training. The "
         "gap is by how many per cent the greedy policy is worse than the exact optimum: the "
-        "interquartile mean over runs, with a stratified bootstrap. Times are those of the first "
+        "interquartile mean over runs, with a stratified bootstrap. Drawn is that of the policy as "
+        "it is learned, which draws its actions: where the greedy one steps to and fro between two "
+        "cells for ever, it gets away. Times are those of the first "
         "evaluation at or below the threshold, medians over runs; a run that never got there "
         "counts as infinitely late, not as missing. Optimality is optimum / steps (for evaders "
         "steps / optimum), averaged over training time; 1 is perfect. P is the probability that "

@@ -153,7 +153,9 @@ def tuned(algorithm: str, task: TaskSettings) -> Hyperparameters:
             return replace(hyper, entropy=0.06, gae_lambda=0.8)
         return hyper
     if task.agent.startswith("runner") and cells > 60:
-        return replace(hyper, gamma=0.97)
+        hyper = replace(hyper, gamma=0.97)
+        if isinstance(hyper, PPOSettings):
+            return replace(hyper, num_games=2048, minibatch=8192, learning_rate=8e-3, entropy=3e-3)
     return hyper
 
 
