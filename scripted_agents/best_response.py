@@ -136,7 +136,7 @@ def best_response(
             )
         )  # fmt: skip
 
-    last_values, next_values, sweeps = iterate(sweep, shape, horizon)
+    last_values, next_values, sweeps = iterate(sweep, shape, horizon, discount)
     actions = np.empty((maze.num_cells, maze.num_cells), dtype=np.int8)
     choose(
         next_values, chances, maze.neighbors, spots, maze.width, order, num_actions == 5, actions
@@ -180,7 +180,7 @@ def evaluate_exactly(
             )
         )  # fmt: skip
 
-    values, _, _ = iterate(sweep, shape, horizon)
+    values, _, _ = iterate(sweep, shape, horizon, discount)
     pair_values: PairValues = values.take(maze.width + spots, axis=1).view(PairValues)
     return pair_values
 

@@ -25,12 +25,18 @@ THREADED_ROWS = 400
 
 MAX_THREADS = 8
 
+MAX_JUMPS = 30
+"""Guesses of the fixed point, at most: where they lead away again and again, plain sweeps go on."""
+
+LARGEST_PLAIN_DISCOUNT = 0.99
+"""Up to this discount plain sweeps are quick enough, and certain."""
+
 WINDOW = 9
 """How many changes in a row tell the rate at which they shrink."""
 
 
 def iterate(
-    sweep: Sweep, shape: tuple[int, int], horizon: int | None
+    sweep: Sweep, shape: tuple[int, int], horizon: int | None, discount: float = 1.0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
     """Backward induction, or value iteration, from values of 0. Bellman (1957).
 
@@ -40,6 +46,7 @@ def iterate(
         shape: of the values, float64.
         horizon: the number of sweeps; None for as many as it takes until the values are within
             about TOLERANCE (relative to the largest) of the fixed point.
+        discount: by which a sweep shrinks differences at least.
 
     Returns:
         The values, those one sweep before, and the number of sweeps. The numbers do not depend on
@@ -54,6 +61,7 @@ def iterate(
     most = horizon or min(MAX_SWEEPS, MAX_UPDATES // values.size)
     changes: list[float] = []
     slowest = 0.0
+    jumps = 0 if discount > LARGEST_PLAIN_DISCOUNT else MAX_JUMPS
     with ExitStack() as stack:
         pool: Any = stack.enter_context(ThreadPoolExecutor(threads)) if threads > 1 else None
         for sweeps in range(1, most + 1):
@@ -74,12 +82,15 @@ def iterate(
             largest = float(np.abs(values).max())
             if change <= 4 * np.spacing(largest):
                 return values, target, sweeps
+            if change * discount <= 0.1 * (1.0 - discount) * TOLERANCE * max(largest, 1.0):
+                return values, target, sweeps
             if rate < 1.0 and change * rate / (1.0 - rate) <= 0.1 * TOLERANCE * max(largest, 1.0):
                 return values, target, sweeps
-            if len(changes) >= 4 * WINDOW and _is_steady(rates):
+            if jumps < MAX_JUMPS and len(changes) >= 4 * WINDOW and _is_steady(rates):
                 # Its sum at once. The fixed point attracts from everywhere, so a bad guess is only
                 # a detour.
                 slowest = max(rates)
+                jumps += 1
                 values += (values - target) * (slowest / (1.0 - slowest))
                 changes = []
     if horizon is None:

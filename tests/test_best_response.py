@@ -314,3 +314,17 @@ def test_a_maze_too_large_for_tables_is_refused() -> None:
     room = Maze(np.ones((65, 64), bool), np.ones((64, 64), bool), np.ones((65, 63), bool))
     with pytest.raises(ValueError, match="4160 cells; pairs of cells are solved"):
         solver.best_response("chaser", room, np.zeros((1, 1, 4)))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_discounted_values_of_nearly_certain_opponents_converge(seed: int) -> None:
+    """Learned opponents are like this: rare moves beside sure ones; changes die out in steps."""
+    maze = connected_maze(seed, 3, 3)
+    table = random_table(seed, maze, sharp=60.0)
+    for role in ROLES:
+        stationary = solver.best_response(role, maze, table, None, 0.95).values
+        truth = solver.best_response(role, maze, table, 2000, 0.95).values
+        assert stationary == pytest.approx(truth, abs=1e-7)
+    other = random_table(seed + 100, maze, sharp=60.0)
+    met = solver.evaluate_exactly(maze, table, other, None, 0.95)
+    assert met == pytest.approx(solver.evaluate_exactly(maze, table, other, 2000, 0.95), abs=1e-7)
