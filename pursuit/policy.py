@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -70,6 +70,20 @@ class GameView:
     def maze_index(self) -> NDArray[np.int32]:
         """[num_games] int32, which of `task.mazes` each game plays in."""
         return self.rows[:, -1]
+
+    def select(self, games: NDArray[np.intp]) -> GameView:
+        """Copies of these games as a view of their own.
+
+        Whoever lets a policy draw from it puts the streams back:
+        `view.streams[games] = part.streams`.
+        """
+        return replace(
+            self,
+            rows=self.rows[games],
+            streams=self.streams[games],
+            epsilons=self.epsilons[games],
+            observe=lambda encoding: self.observe(encoding)[games],
+        )
 
     def uniform(self) -> NDArray[np.float64]:
         """[num_games] float64 in [0, 1), from this seat's own random stream, which moves on."""

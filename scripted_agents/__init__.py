@@ -8,7 +8,15 @@ from scripted_agents.best_response import (
     mean_over_starts,
 )
 from scripted_agents.chaser import AStarChaser
+from scripted_agents.cops_and_robbers import TurnBasedSolution, cop_number, solve_in_turns
+from scripted_agents.equilibrium import (
+    ChaseSolution,
+    MatrixGame,
+    solve_chase,
+    solve_matrix_game,
+)
 from scripted_agents.evader import AStarEvader
+from scripted_agents.optimal import BestResponder, OptimalChaser, OptimalEvader
 from scripted_agents.runner import NearestGoalRunner, TourRunner
 from scripted_agents.scripted import RandomAgent
 from scripted_agents.table_policy import TablePolicy
@@ -25,20 +33,30 @@ from scripted_agents.tour import (
 __all__ = [
     "AStarChaser",
     "AStarEvader",
+    "BestResponder",
     "BestResponse",
+    "ChaseSolution",
     "Estimate",
+    "MatrixGame",
     "NearestGoalRunner",
+    "OptimalChaser",
+    "OptimalEvader",
     "RandomAgent",
     "TablePolicy",
     "Tour",
     "TourRunner",
+    "TurnBasedSolution",
     "best_response",
+    "cop_number",
     "evaluate_exactly",
     "expected_tour_length",
     "mean_over_starts",
     "num_states",
     "shortest_path",
     "shortest_tour",
+    "solve_chase",
+    "solve_in_turns",
+    "solve_matrix_game",
     "tour_length",
     "tour_lengths",
 ]

@@ -14,4 +14,4 @@ class AStarChaser(Scripted):
     evader that flees, cutting off its way catches it sooner (see `best_response`).
     """
 
-    kind = kernels.CHASER
+    kind, role = kernels.CHASER, "chaser"

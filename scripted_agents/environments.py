@@ -7,10 +7,12 @@ from typing import Any
 from pursuit.policy import Policy
 from pursuit.single_agent import SingleAgentEnv, SingleAgentVectorEnv
 from pursuit.task import Task, make_task
+from scripted_agents.best_response import MoveOrder
 from scripted_agents.chaser import AStarChaser
 from scripted_agents.evader import AStarEvader
-from scripted_agents.runner import NearestGoalRunner
-from scripted_agents.scripted import Scripted
+from scripted_agents.optimal import OptimalChaser, OptimalEvader
+from scripted_agents.runner import NearestGoalRunner, TourRunner
+from scripted_agents.scripted import RandomAgent, Scripted
 
 DEFAULTS: dict[str, type[Scripted]] = {
     "chaser": AStarChaser,
@@ -18,6 +20,32 @@ DEFAULTS: dict[str, type[Scripted]] = {
     "runner": NearestGoalRunner,
 }
 """The scripted agent that fills a seat of each role by default."""
+
+
+SCRIPTED = ("astar", "random", "optimal")
+"""The names of scripted agents on the command line."""
+
+
+def scripted_policy(
+    name: str, role: str, epsilon: float = 0.0, move_order: MoveOrder = "simultaneous"
+) -> Policy:
+    """A scripted agent by its name: astar (for runners the nearest goal), random, or optimal.
+
+    Optimal chasers and evaders play the equilibrium of the duel, optimal runners a shortest tour.
+
+    Raises:
+        ValueError: another name, or epsilon outside [0, 1].
+    """
+    if name not in SCRIPTED:
+        raise ValueError(f"unknown agent {name!r}; one of {', '.join(SCRIPTED)}")
+    if name == "random":
+        return RandomAgent()
+    if name == "astar":
+        return DEFAULTS[role](epsilon)
+    if role == "runner":
+        return TourRunner(epsilon)
+    form = OptimalChaser if role == "chaser" else OptimalEvader
+    return form(epsilon, move_order=move_order)
 
 
 def default_policies(

@@ -23,7 +23,7 @@ class AStarEvader(Scripted):
         ValueError: a value out of range.
     """
 
-    kind = kernels.EVADER
+    kind, role = kernels.EVADER, "evader"
 
     def __init__(self, epsilon: float = 0.0, alert_distance: int = 3, look_radius: int = 3) -> None:
         super().__init__(epsilon)

@@ -22,7 +22,7 @@ class NearestGoalRunner(Scripted):
     that collects goals can be played by it as well; it ignores chasers.
     """
 
-    kind = kernels.RUNNER
+    kind, role = kernels.RUNNER, "runner"
 
 
 class TourRunner(Scripted):
@@ -32,7 +32,7 @@ class TourRunner(Scripted):
     plans of the games that it last saw, for speed only: what it does depends on the state alone.
     """
 
-    kind = kernels.RUNNER
+    kind, role = kernels.RUNNER, "runner"
 
     def __init__(self, epsilon: float = 0.0) -> None:
         super().__init__(epsilon)

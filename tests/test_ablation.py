@@ -129,7 +129,8 @@ def curve(shortfalls: list[float], seed: int, task: str = "") -> Curve:
     places = np.arange(1.0, len(shortfalls) + 1)
     values = np.array(shortfalls)
     optimality = 1 / (1 + values / 100)
-    return Curve(places, 1e6 * places, values, optimality, values * 0, values[-1], seed, task)
+    ends = (values[-1], values[-1], values[-1] + 1.0)
+    return Curve(places, 1e6 * places, values, optimality, values * 0, *ends, seed, task)
 
 
 def test_what_was_never_reached_counts_as_late_not_as_missing() -> None:

@@ -42,7 +42,8 @@ class Curve:
         lesson: [evaluations] mean of what was trained on since the evaluation before; NaN without a
             curriculum.
         final: per cent short of the optimum in the final evaluation.
-        drawn: the same of the policy that draws its actions; NaN for algorithms without one.
+        greedy, drawn: the same of the policy that takes the most probable action, and of the one
+            that draws; NaN where an algorithm has no such policy.
         seed, task: whose.
     """
 
@@ -52,6 +53,7 @@ class Curve:
     optimality: NDArray[np.float64]
     lesson: NDArray[np.float64]
     final: float
+    greedy: float
     drawn: float
     seed: int
     task: str
@@ -70,6 +72,10 @@ def curve_of(row: dict[str, Any], evaluations: list[dict[str, Any]]) -> Curve:
         values = [e.get(name) for e in evaluations]
         return np.array([np.nan if v is None else v for v in values], dtype=np.float64)
 
+    def short(kind: str) -> float:
+        steps = float(row.get(f"{kind}_steps") or np.nan)
+        return 100.0 * sign * (steps / float(row["optimal_steps"]) - 1.0)
+
     gap = column("optimality_gap")
     sign = -1.0 if evader else 1.0
     return Curve(
@@ -79,9 +85,8 @@ def curve_of(row: dict[str, Any], evaluations: list[dict[str, Any]]) -> Curve:
         1.0 + gap if evader else 1.0 / (1.0 + gap),
         column("lesson") if any("lesson" in e for e in evaluations) else np.full(len(gap), np.nan),
         100.0 * sign * float(row["optimality_gap"]),
-        100.0
-        * sign
-        * (float(row.get("drawn_steps") or np.nan) / float(row["optimal_steps"]) - 1.0),
+        short("greedy"),
+        short("drawn"),
         int(row["seed"]),
         str(row["_x"]),
     )
@@ -144,8 +149,9 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
     row: dict[str, Any] = {"arm": name, "runs": len(curves)}
     row |= {"gap": interquartile_mean(finals), "gap_low": low, "gap_high": high}
     row |= {"best": min(finals), "worst": max(finals)}
-    drawn = [curve.drawn for curve in curves]
-    row |= {"drawn": interquartile_mean(drawn), "drawn_best": min(drawn), "drawn_worst": max(drawn)}
+    for kind in ("greedy", "drawn"):
+        each = [getattr(curve, kind) for curve in curves]
+        row |= {f"{kind}_best": min(each), f"{kind}_worst": max(each)}
     for threshold in THRESHOLDS:
         for unit in ("seconds", "frames"):
             times = [first_below(getattr(c, unit), c.shortfall, threshold) for c in curves]
@@ -192,7 +198,7 @@ def markdown(
     figures: list[str],
 ) -> str:
     """The report as Markdown."""
-    heads = ["arm", "runs", "final gap, % [95 %]", "best to worst", "drawn, %: best to worst"]
+    heads = ["arm", "runs", "final gap, % [95 %]", "best to worst", "greedy, %", "drawn, %"]
     heads += [f"to {t:g} %: seconds, M frames (runs)" for t in THRESHOLDS]
     heads += ["optimality over training [95 %]", f"P(better than {control}) [95 %]", "verdict"]
     lines = [f"# {title}", "", "| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
@@ -200,8 +206,9 @@ def markdown(
         cells = [row["arm"], str(row["runs"])]
         cells.append(_with(row["gap"], (row["gap_low"], row["gap_high"])))
         cells.append(f"{_number(row['best'])} to {_number(row['worst'])}")
-        drawn = (row["drawn_best"], row["drawn_worst"])
-        cells.append("" if np.isnan(row["drawn"]) else " to ".join(map(_number, drawn)))
+        for kind in ("greedy", "drawn"):
+            ends = (row[f"{kind}_best"], row[f"{kind}_worst"])
+            cells.append("" if np.isnan(ends[0]) else " to ".join(map(_number, ends)))
         for t in THRESHOLDS:
             count = f"({row[f'reached_{t:g}']} of {row['runs']})"
             seconds, frames = row[f"seconds_to_{t:g}"], row[f"frames_to_{t:g}"]
@@ -218,6 +225,7 @@ def markdown(
     budgets = {(row["budget_seconds"], row["budget_frames"]) for row in rows}
     told = "; ".join(f"{s:g} s" if s is not None else f"{f:,} frames" for s, f in budgets)
     seeds = sorted({row["seed"] for row in rows})
+    kinds = sorted({str(row["evaluate"]) for row in rows})
     machines = sorted({str(row["machine"]) for row in rows})
     lines += [
         "",
@@ -225,10 +233,11 @@ def markdown(
         f"on {'; '.join(machines)}.",
         "",
         "Every arm is evaluated on the same task at its final difficulty, throughout training. The "
-        "gap is by how many per cent the greedy policy is worse than the exact optimum: the "
-        "interquartile mean over runs, with a stratified bootstrap. Drawn is that of the policy as "
-        "it is learned, which draws its actions: where the greedy one steps to and fro between two "
-        "cells for ever, it gets away. Times are those of the first "
+        f"gap is by how many per cent the {' or '.join(kinds)} policy is worse than the exact "
+        "optimum: the interquartile mean over runs, with a stratified bootstrap. Greedy takes the "
+        "most probable action, drawn plays the policy as it is learned: where the greedy one steps "
+        "to and fro between two cells for ever, that gets away; both are given, best to worst run. "
+        "Times are those of the first "
         "evaluation at or below the threshold, medians over runs; a run that never got there "
         "counts as infinitely late, not as missing. Optimality is optimum / steps (for evaders "
         "steps / optimum), averaged over training time; 1 is perfect. P is the probability that "

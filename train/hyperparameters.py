@@ -116,6 +116,9 @@ class PPOSettings(RolloutSettings):
     objective, and its weight adapted to keep the divergence near this target."""
     kl_weight: float = 0.2
     """Weight of that penalty at the start."""
+    central_critic: bool = False
+    """In self-play with several agents of a role: one value of what all of them observe (MAPPO)
+    instead of one of what each observes (IPPO)."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -276,6 +279,8 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "q_learning": QLearningSettings,
 }
 ALGORITHMS = tuple(HYPERPARAMETERS)
+DETERMINISTIC = ("dqn", "q_learning")
+"""Algorithms that learn no distribution over actions."""
 
 
 def algorithm_of(hyper: Hyperparameters) -> str:

@@ -21,6 +21,7 @@ from train.sweep import ERROR, LABEL, status_of
 if TYPE_CHECKING:
     import polars
 
+KINDS = {"random": "random_steps", "learned": "greedy_steps", "learned, drawn": "drawn_steps"}
 RUNS, CURVES = "results.parquet", "curves.parquet"
 
 
@@ -30,7 +31,7 @@ def collect(out: Path) -> tuple[polars.DataFrame, polars.DataFrame]:
     Returns:
         Runs: "run", "status", "variant" where there is one, all settings, "frames", "seconds",
         "frames_per_second", the evaluation ("mean_steps", "ci95", "success_rate", "optimal_steps",
-        "optimality_gap", "exact", "episodes"), "drawn_steps" of the policy that draws its actions,
+        "optimality_gap", "exact", "episodes"), "greedy_steps", "drawn_steps",
         the baselines ("random_steps", "scripted_steps"), versions, "commit", "machine" and "error".
         Curves: "run" and the columns of `metrics.csv`.
 
@@ -72,9 +73,8 @@ def row_of(folder: Path) -> dict[str, Any]:
         row |= {name: results[name] for name in ("frames", "seconds", "frames_per_second")}
         row |= results["evaluation"]
         for score in results["scores"]:
-            if score["name"] in ("random", "learned, drawn"):
-                name = "random_steps" if score["name"] == "random" else "drawn_steps"
-                row[name] = score["mean_steps"]
+            if score["name"] in KINDS:
+                row[KINDS[score["name"]]] = score["mean_steps"]
             elif not score["name"].startswith(("learned", "optimal")):
                 row["scripted"], row["scripted_steps"] = score["name"], score["mean_steps"]
         row |= {f"{name}_version": value for name, value in results["versions"].items()}

@@ -6,16 +6,13 @@ import contextlib
 import ctypes
 import os
 import platform
-import signal
 import subprocess
 import warnings
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
-from threading import current_thread, main_thread
 from time import perf_counter
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -28,6 +25,8 @@ from pursuit.single_agent import fill_seats
 from train.algorithms import make_learner, policy_of
 from train.environment import SimulatorEnv
 from train.evaluation import Contest, Score, optimality_gap
+from train.hyperparameters import DETERMINISTIC
+from train.interruption import Interruption
 from train.run_folder import (
     RESULTS,
     MetricsFile,
@@ -42,9 +41,6 @@ from train.teacher import Teacher, training_task
 
 EVALUATIONS = 20
 """How often a run is evaluated, and its checkpoint saved, over its budget."""
-
-DETERMINISTIC = ("dqn", "q_learning")
-"""Algorithms that learn no distribution over actions."""
 
 Report = Callable[["Run", dict[str, float]], None]
 
@@ -164,13 +160,18 @@ class Run:
         settings, folder: the arguments.
         seconds: training time so far, without evaluations.
         optimum: the exact optimum, where it is known.
-        policy: the learner's greedy policy, always up to date.
+        policy: the learner's policy as `settings.evaluate` has it, always up to date.
         stopped: whether it was interrupted before its budget was spent.
     """
 
     def __init__(self, settings: TrainSettings[Any], folder: Path, resume: bool = False) -> None:
         if settings.device.startswith("cuda") and not torch.cuda.is_available():
             raise ValueError("device='cuda', but torch finds no GPU here; use --device cpu")
+        if getattr(settings.hyper, "central_critic", False):
+            raise ValueError(
+                "central_critic=True is for several agents that learn at once; use it "
+                "in `pursuit self-play`"
+            )
         self.settings, self.folder, self.stopped = settings, folder, False
         keep_freed_memory()
         torch.set_num_threads(settings.threads or os.cpu_count() or 1)
@@ -193,7 +194,7 @@ class Run:
                     raise ValueError(_MISFIT.format(folder=folder)) from None
             self.env.resume = True
         self.learner = make_learner(settings, self.env, uses_bfloat16(settings))
-        self.policy = self.learner.policy()
+        self.policy = self.learner.policy(greedy=settings.evaluate == "greedy")
         if state is not None:
             try:
                 self.learner.load_state_dict(state["learner"])
@@ -218,10 +219,6 @@ class Run:
         Args:
             report: called with every row of `metrics.csv`, and with {} after every rollout.
         """
-        previous: dict[int, Any] = {}
-        if current_thread() is main_thread():  # Python handles signals nowhere else
-            for number in (int(signal.SIGINT), int(signal.SIGTERM)):
-                previous[number] = signal.signal(number, self._stop)
         from torchrl.record.loggers import TensorboardLogger
 
         board = TensorboardLogger("tensorboard", str(self.folder))
@@ -230,7 +227,11 @@ class Run:
         choice = None
         if settings.seconds is not None and settings.threads == 0 and (os.cpu_count() or 1) > 1:
             choice = ThreadChoice(os.cpu_count() or 1)
-        try:
+        with (
+            Interruption() as interruption,
+            contextlib.closing(self.learner),
+            contextlib.closing(board.experiment),
+        ):
             while self.progress < 1.0 and not self.stopped:
                 if choice is not None:
                     choice.choose()
@@ -242,6 +243,7 @@ class Run:
                 self.seconds += spent
                 if choice is not None:
                     choice.learn(spent)
+                self.stopped = interruption.asked
                 report(self, {})
                 if self.progress * EVALUATIONS >= self._evaluations + 1 or self.stopped:
                     # Counted by progress, not by time, so that a resumed run evaluates alike.
@@ -252,16 +254,6 @@ class Run:
                     for name, value in row.items():
                         board.log_scalar(name, value, step=self.learner.frames)
                     report(self, row)
-        finally:
-            for number, handler in previous.items():
-                signal.signal(number, handler)
-            board.experiment.close()
-            self.learner.close()
-
-    def _stop(self, number: int, frame: FrameType | None) -> None:
-        if self.stopped:
-            raise KeyboardInterrupt
-        self.stopped = True
 
     def _evaluate(self, losses: dict[str, float]) -> dict[str, float]:
         score = self.contest.score("learned", self.policy)
@@ -314,7 +306,7 @@ class Run:
     def results(self, episodes: int = 1000) -> dict[str, Any]:
         """Evaluate what was learned beside the baselines, and write `results.json`."""
         contest = contest_of(self.settings, episodes)
-        scores = [*contest.baselines(), contest.score("learned", self.policy)]
+        scores = [*contest.baselines(), contest.score("learned", self.learner.policy())]
         if self.learner.stochastic:
             scores.append(contest.score("learned, drawn", self.learner.policy(greedy=False)))
         content = describe(self.settings, contest, scores) | {
@@ -330,7 +322,8 @@ class Run:
 def describe(settings: TrainSettings[Any], contest: Contest, scores: list[Score]) -> dict[str, Any]:
     """The content of `results.json`, as far as evaluation goes."""
     by_name = {score.name: score for score in scores}
-    learned, optimum = by_name["learned"], by_name.get("optimal")
+    name = "learned" if settings.evaluate == "greedy" else "learned, drawn"
+    learned, optimum = by_name[name], by_name.get("optimal")
     return {
         "task": settings.task.task,
         "role": contest.role,

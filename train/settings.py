@@ -11,10 +11,11 @@ from pursuit.maze import Maze, load_maze
 from pursuit.observations import ENCODINGS
 from pursuit.policy import Policy
 from pursuit.task import TASK_NAMES, Task, make_task
-from scripted_agents.environments import default_policies
+from scripted_agents.environments import SCRIPTED, default_policies, scripted_policy
 from train.curriculum_settings import CURRICULA, CurriculumSettings, curriculum_form
 from train.hyperparameters import (
     ALGORITHMS,
+    DETERMINISTIC,
     HYPERPARAMETERS,
     Hyperparameters,
     PPOSettings,
@@ -23,6 +24,7 @@ from train.hyperparameters import (
 )
 
 H = TypeVar("H", bound=Hyperparameters, covariant=True)
+EVALUATED = ("greedy", "drawn")
 PRECISIONS = ("auto", "float32", "bfloat16")
 FIRST_LAYERS = ("auto", "bag", "dense")
 
@@ -58,8 +60,8 @@ class TaskSettings:
     opponent_epsilon: float = 0.2
     """Share of random moves of the scripted agents in all other seats, in [0, 1]."""
     opponent: str | None = None
-    """Who plays the other side instead of the scripted agents: the folder of a run, or a saved
-    Stable-Baselines3 model (.zip)."""
+    """Who plays the other side instead of A*: random, optimal (exactly), the folder of a run, or a
+    saved Stable-Baselines3 model (.zip)."""
     start: str = "random"
     """random, or marks: the S and G of the maze (fixed goals)."""
 
@@ -116,7 +118,12 @@ class TaskSettings:
         """
         task = self.build()
         policies = default_policies(task, self.opponent_epsilon, own=self.agent)
-        if self.opponent is not None:
+        if self.opponent in SCRIPTED:
+            role = self.agent.split("_")[0]
+            for other in set(task.seat_roles) - {role}:
+                rest: Any = (self.opponent_epsilon, self.move_order)
+                policies[other] = scripted_policy(str(self.opponent), other, *rest)
+        elif self.opponent is not None:
             from train.third_party import load_opponent
 
             policy: Any = load_opponent(Path(self.opponent))
@@ -150,6 +157,9 @@ class TrainSettings(Generic[H]):
     observation: str = "index"
     """What the network is given: index (the same network as one_hot, faster), one_hot, positions,
     cells, walls or planes (convolutions)."""
+    evaluate: str = "greedy"
+    """Which policy is evaluated: greedy (the most probable action), or drawn (as it is learned: it
+    gets away where the greedy one steps to and fro for ever). Final results have both."""
     seconds: float | None = None
     """Budget of training time; evaluations are not counted."""
     frames: int | None = None
@@ -171,6 +181,7 @@ class TrainSettings(Generic[H]):
         for name, choices in (
             ("algorithm", ALGORITHMS),
             ("observation", ENCODINGS),
+            ("evaluate", EVALUATED),
             ("precision", PRECISIONS),
             ("first_layer", FIRST_LAYERS),
         ):
@@ -198,6 +209,10 @@ class TrainSettings(Generic[H]):
         check(
             type(self.lessons) is curriculum_form(self.curriculum),
             f"curriculum={self.curriculum!r} with settings of {type(self.lessons).__name__}",
+        )
+        check(
+            self.evaluate == "greedy" or self.algorithm not in DETERMINISTIC,
+            f"evaluate='drawn'; {self.algorithm} learns no distribution over actions",
         )
         if self.algorithm in ("q_learning", "cross_entropy"):
             check(

@@ -17,10 +17,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from train.command_line import parse
 from train.evaluation import Contest, Score
-from train.hyperparameters import Hyperparameters, check
+from train.hyperparameters import DETERMINISTIC, Hyperparameters, check
 from train.pictures import draw_learning_curve, save_replay
 from train.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
-from train.run import DETERMINISTIC, Run, contest_of, describe, load_policy, resume_run, start_run
+from train.run import Run, contest_of, describe, load_policy, resume_run, start_run
 from train.run_folder import load_checkpoint, load_settings, new_folder, write_json
 from train.settings import TaskSettings, TrainSettings
 from train.teacher import axis_of_run, make_curriculum
@@ -151,7 +151,7 @@ class Watch:
             parts.append(f"length {row['episode_length']:6.2f}")
         if "lesson" in row:
             parts.append(f"lesson {row['lesson']:5.2f}")
-        parts.append(f"greedy {row['mean_steps']:6.2f} steps")
+        parts.append(f"{run.settings.evaluate} {row['mean_steps']:6.2f} steps")
         if "optimality_gap" in row:
             parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
         line = "  ".join(parts)

@@ -1,0 +1,170 @@
+"""Agents that play exact solutions: the equilibrium of the chase, or the best response."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.maze import Maze
+from pursuit.policy import GameView, TabularPolicy
+from scripted_agents.best_response import MoveOrder, best_response
+from scripted_agents.equilibrium import solve_chase
+from scripted_agents.table_policy import TablePolicy
+
+Role = Literal["chaser", "evader"]
+
+
+class ExactAgent:
+    """Plays a table that is solved for the maze and the rules it finds itself in, once for each.
+
+    Args:
+        role: "chaser" or "evader".
+        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
+        discount: of each step in what it optimises.
+        move_order: as in `Task`; a game's own goes first.
+
+    Raises:
+        ValueError: settings outside these limits.
+    """
+
+    def __init__(
+        self,
+        role: Role,
+        epsilon: float = 0.0,
+        discount: float = 0.95,
+        move_order: MoveOrder = "simultaneous",
+    ) -> None:
+        if role not in ("chaser", "evader"):
+            raise ValueError(f"role {role!r}; the roles here are 'chaser' and 'evader'")
+        if not 0.0 <= epsilon <= 1.0:
+            raise ValueError(f"epsilon={epsilon}; a share of random moves lies in [0, 1]")
+        self.role: Role = role
+        self.epsilon, self.discount = float(epsilon), discount
+        self.move_order: MoveOrder = move_order
+        self._players: dict[tuple[Maze, bool, str], TablePolicy] = {}
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(epsilon={self.epsilon:g})"
+
+    def solve(self, maze: Maze, stay_action: bool, move_order: MoveOrder) -> NDArray[np.float64]:
+        """[self cell, other cell, action] float64, without random moves."""
+        raise NotImplementedError
+
+    def _player(self, maze: Maze, stay_action: bool, move_order: MoveOrder) -> TablePolicy:
+        key = (maze, stay_action, move_order)
+        if key not in self._players:
+            table = self.solve(maze, stay_action, move_order)
+            self._players[key] = TablePolicy(maze, table, self.epsilon)
+        return self._players[key]
+
+    def act(self, view: GameView) -> NDArray[np.int32]:
+        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+
+        Raises:
+            ValueError: another role's seat, several mazes at once, or one too large to solve.
+        """
+        task = view.task
+        if task.seat_roles[view.seat] != self.role:
+            raise ValueError(
+                f"{self!r} is a {self.role}; this seat is another's: {task.seat_roles[view.seat]}"
+            )
+        if len(task.mazes) > 1:
+            raise ValueError(f"{self!r} plays in one maze; this task has {len(task.mazes)}")
+        order: MoveOrder = task.move_order  # type: ignore[assignment]
+        return self._player(task.mazes[0], task.stay_action, order).act(view)
+
+    def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
+        """[self cell, other cell, action] float64, for the agent's own move order."""
+        player = self._player(maze, bool(stay_action), self.move_order)
+        return player.action_probabilities(maze, stay_action)
+
+
+class OptimalChaser(ExactAgent):
+    """The chaser of an equilibrium of the discounted chase: no evader can make it pay more.
+
+    With several agents it plays as if it were alone with the first evader that is left, which is
+    then no longer optimal.
+
+    Args:
+        epsilon: share of random moves in [0, 1].
+        discount: of each step in the game that is solved (`solve_chase`).
+        move_order: of `action_probabilities`; in games it plays by theirs.
+    """
+
+    def __init__(
+        self,
+        epsilon: float = 0.0,
+        discount: float = 0.95,
+        move_order: MoveOrder = "simultaneous",
+    ) -> None:
+        super().__init__("chaser", epsilon, discount, move_order)
+
+    def solve(self, maze: Maze, stay_action: bool, move_order: MoveOrder) -> NDArray[np.float64]:
+        """Its policy in `solve_chase`."""
+        return solve_chase(maze, self.discount, stay_action, None, move_order).chaser_policy
+
+
+class OptimalEvader(ExactAgent):
+    """The evader of an equilibrium of the discounted chase, as `OptimalChaser` is the chaser."""
+
+    def __init__(
+        self,
+        epsilon: float = 0.0,
+        discount: float = 0.95,
+        move_order: MoveOrder = "simultaneous",
+    ) -> None:
+        super().__init__("evader", epsilon, discount, move_order)
+
+    def solve(self, maze: Maze, stay_action: bool, move_order: MoveOrder) -> NDArray[np.float64]:
+        """Its policy in `solve_chase`."""
+        return solve_chase(maze, self.discount, stay_action, None, move_order).evader_policy
+
+
+class BestResponder(ExactAgent):
+    """The exact best response to a given opponent, in games of one against one.
+
+    Args:
+        opponent: a policy that is a table: scripted, exact or learned.
+        role: this agent's; left out it is the opposite of the opponent's, where that has one.
+        epsilon: share of random moves in [0, 1].
+        discount: of each step in what it optimises.
+        move_order: of `action_probabilities`; in games it plays by theirs.
+
+    Raises:
+        ValueError: an opponent that is no table, or whose role is not known.
+    """
+
+    def __init__(
+        self,
+        opponent: TabularPolicy,
+        role: Role | None = None,
+        epsilon: float = 0.0,
+        discount: float = 0.95,
+        move_order: MoveOrder = "simultaneous",
+    ) -> None:
+        if not isinstance(opponent, TabularPolicy):
+            raise ValueError(
+                f"opponent={opponent!r} has no action_probabilities; only a policy that is a table "
+                "over pairs of cells has an exact best response"
+            )
+        if role is None:
+            other = role_of(opponent)
+            if other not in ("chaser", "evader"):
+                raise ValueError(f"{opponent!r} plays either role; say which one responds to it")
+            role = "evader" if other == "chaser" else "chaser"
+        super().__init__(role, epsilon, discount, move_order)
+        self.opponent = opponent
+
+    def solve(self, maze: Maze, stay_action: bool, move_order: MoveOrder) -> NDArray[np.float64]:
+        """The stationary best response."""
+        table = self.opponent.action_probabilities(maze, stay_action)
+        arguments = (None, self.discount, stay_action, move_order)
+        return best_response(self.role, maze, table, *arguments).policy
+
+
+def role_of(policy: object) -> str | None:
+    """The role that a policy is made for, where it says so: "chaser", "evader" or "runner"."""
+    role = getattr(policy, "role", None) or getattr(policy, "agent", None)
+    return None if role is None else str(role).split("_")[0]
