@@ -25,6 +25,8 @@ bench: $(SETUP)
 	$(BIN)/python tests/benchmarks/bench_simulator.py
 	$(BIN)/python tests/benchmarks/bench_exact.py
 	$(BIN)/python tests/benchmarks/bench_learning.py
+	$(BIN)/python tests/benchmarks/bench_curricula.py
+	$(BIN)/python tests/benchmarks/bench_self_play.py
 
 setup: $(SETUP)
 

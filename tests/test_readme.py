@@ -23,7 +23,7 @@ def test_every_command_of_the_readme_exists() -> None:
     from train.command_line import COMMANDS
 
     text = README.read_text(encoding="utf-8")
-    commands = set(re.findall(r"^pursuit (\w+)|`pursuit (\w+)", text, re.MULTILINE))
+    commands = set(re.findall(r"^pursuit ([\w-]+)|`pursuit ([\w-]+)", text, re.MULTILINE))
     assert {first or second for first, second in commands} <= set(COMMANDS)
 
 

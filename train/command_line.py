@@ -18,6 +18,9 @@ COMMANDS = {
     "report": "figures and tables of a sweep",
     "ablate": "curricula against each other: equal budgets, the same final difficulty",
     "levels": "the levels that a replaying curriculum kept",
+    "self-play": "both sides learn against each other; exact exploitability",
+    "league": "runs and scripted agents against each other: payoffs, ratings, cycles",
+    "solve": "the exact game of a maze: value, mixed states, cop number, pictures",
     "baseline": "random, scripted and optimal agents on a task",
     "maze": "show, check or generate a maze",
     "render": "a replay of a run, or of the scripted agents, as GIF or MP4",
@@ -89,6 +92,18 @@ def command(name: str) -> Callable[[Sequence[str]], None]:
         from train import sweep_commands
 
         return {"sweep": sweep_commands.sweep, "report": sweep_commands.report}[name]
+    if name == "solve":
+        from train.solve_command import solve
+
+        return solve
+    if name == "self-play":
+        from train.self_play_command import self_play
+
+        return self_play
+    if name == "league":
+        from train.league import league
+
+        return league
     if name == "bench":
         from train.bench import bench
 

@@ -32,6 +32,7 @@ class SimulatorEnv(EnvBase):
         seat: the learner's seat.
         policies: whoever fills each seat; None in the learner's.
         encoding: one of `pursuit.observations.ENCODINGS`.
+        copies: how many seats of each game the learner has; a subclass fills all of them.
 
     Attributes:
         finished_returns, finished_lengths: of the episodes that ended since they were last cleared.
@@ -45,8 +46,9 @@ class SimulatorEnv(EnvBase):
         seat: int,
         policies: Sequence[Policy | None],
         encoding: str = "index",
+        copies: int = 1,
     ) -> None:
-        super().__init__(device="cpu", batch_size=[simulator.num_games])
+        super().__init__(device="cpu", batch_size=[simulator.num_games * copies])
         self.simulator, self.seat, self.policies, self.encoding = (
             simulator,
             seat,
@@ -58,7 +60,7 @@ class SimulatorEnv(EnvBase):
         self.resume = False
         self.teacher: Teacher | None = None
         self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
-        games, space = simulator.num_games, simulator.encoder(encoding).space
+        games, space = simulator.num_games * copies, simulator.encoder(encoding).space
         dtype = torch.from_numpy(np.zeros(1, dtype=space.dtype)).dtype
         shape = (games, *space.shape)
         low, high = (torch.as_tensor(bound, dtype=dtype) for bound in (space.low, space.high))

@@ -69,6 +69,16 @@ class LearnedPolicy:
             ValueError: the games look different from those that it was trained in.
         """
         observations = view.observe(self.encoding)
+        return self.choose(view, observations, None if self.greedy else view.uniform())
+
+    def choose(
+        self, view: GameView, observations: NDArray[Any], draws: NDArray[np.float64] | None
+    ) -> NDArray[np.int32]:
+        """[games] int32 for these observations; `draws` [games] in [0, 1), None where greedy.
+
+        Raises:
+            ValueError: as `act`.
+        """
         if observations.shape[1:] != self._shape or view.task.num_actions != self.task.num_actions:
             raise ValueError(
                 f"a policy for observations of shape {self._shape} and {self.task.num_actions} "
@@ -76,11 +86,11 @@ class LearnedPolicy:
                 "Mazes and agents must be those of its training"
             )
         probabilities = self.probabilities(observations)
-        if self.greedy:
+        if draws is None:
             return probabilities.argmax(axis=-1).astype(np.int32)
         cumulative = probabilities.cumsum(axis=-1)
-        draws = view.uniform()[:, None] * cumulative[:, -1:]
-        chosen = (draws >= cumulative).sum(axis=-1).clip(max=view.task.num_actions - 1)
+        scaled = draws[:, None] * cumulative[:, -1:]
+        chosen = (scaled >= cumulative).sum(axis=-1).clip(max=view.task.num_actions - 1)
         return chosen.astype(np.int32)
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:

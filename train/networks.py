@@ -7,7 +7,7 @@ vector that those rows stand for. Neither is always faster; `first_layer_form` d
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from torch import nn
@@ -235,6 +235,62 @@ class ActorCritic(nn.Module):
         """What the two heads work on, [..., width] each; `policy_trunk.prepare` serves both."""
         hidden = self.policy_trunk(prepared)
         return hidden, hidden if self.shared else self.value_trunk(prepared)
+
+
+class CentralActorCritic(ActorCritic):
+    """A policy on what one agent observes, and a value of what its whole team observes (MAPPO).
+
+    Observations are [..., k + 1, *shape]: the agent's own, then those of all k agents of its role.
+    The critic is TorchRL's `MultiAgentMLP`, centralised: one network on all k observations at once
+    (Yu et al., 2022). `logits` takes the agent's own observation alone, [..., *shape].
+
+    Args:
+        encoder: of the encoding "index".
+        num_agents: entities before the goals.
+        num_actions: 4 or 5.
+        members: k, agents of the role.
+        width: of all hidden layers.
+        bfloat16, std, activation: as in `Trunk`.
+    """
+
+    def __init__(
+        self,
+        encoder: Encoder,
+        num_agents: int,
+        num_actions: int,
+        members: int,
+        width: int = 128,
+        bfloat16: bool = False,
+        std: float = 0.06,
+        activation: str = "relu",
+    ) -> None:
+        from torchrl.modules import MultiAgentMLP
+
+        rest: Any = (False, "dense", bfloat16, std, activation)
+        super().__init__(encoder, num_agents, num_actions, width, *rest)
+        first: Any = self.policy_trunk.first
+        del self.value_trunk
+        self.critic = MultiAgentMLP(
+            n_agent_inputs=first.num_rows,
+            n_agent_outputs=width,
+            n_agents=members,
+            centralized=True,
+            share_params=True,
+            depth=1,
+            num_cells=width,
+            activation_class=nn.Tanh if activation == "tanh" else nn.ReLU,
+        )
+
+    @property
+    def shared(self) -> bool:
+        """False: the critic is a network of its own."""
+        return False
+
+    def hidden(self, prepared: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """[..., width] each for policy and value, from [..., k + 1, rows]."""
+        team: torch.Tensor = self.critic(prepared[..., 1:, :].float())
+        # With shared parameters a centralised critic says the same of every agent of the team.
+        return self.policy_trunk(prepared[..., 0, :]), team[..., 0, :].relu()
 
 
 class DuelingHead(nn.Module):

@@ -19,7 +19,7 @@ from train.hyperparameters import (
     ReinforceSettings,
 )
 from train.learned_policy import LearnedPolicy
-from train.networks import ActorCritic, QNetwork
+from train.networks import ActorCritic, CentralActorCritic, QNetwork
 from train.settings import TrainSettings
 from train.teacher import training_task
 
@@ -40,6 +40,10 @@ def build_network(settings: TrainSettings[Any], bfloat16: bool = False) -> Actor
         return ActorCritic(*sizes, hyper.width, form="dense", activation=hyper.activation)
     if not isinstance(hyper, NetworkSettings):
         raise ValueError(f"{settings.algorithm} has no network")
+    if isinstance(hyper, PPOSettings) and hyper.central_critic:
+        role = task.seat_roles[task.seat(settings.task.agent)]
+        inner: Any = (hyper.width, bfloat16, hyper.first_std, hyper.activation)
+        return CentralActorCritic(*sizes, task.count(role), *inner).to(settings.device)
     rest: tuple[Any, ...] = (form, bfloat16, hyper.first_std, hyper.activation)
     network: ActorCritic | QNetwork
     if isinstance(hyper, DQNSettings):

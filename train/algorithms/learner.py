@@ -66,8 +66,16 @@ class NetworkLearner:
         self.env, self.network, self.device = env, network, device
         self._descent = settings
         self.frames = 0
+        self.renew_optimizer()
+
+    def renew_optimizer(self) -> None:
+        """Adam on the parameters that the network has now, without moments."""
+        settings = self._descent
         self.optimizer = torch.optim.Adam(
-            network.parameters(), lr=settings.learning_rate, eps=settings.adam_epsilon, fused=True
+            self.network.parameters(),
+            lr=settings.learning_rate,
+            eps=settings.adam_epsilon,
+            fused=True,
         )
 
     def annealed(self, value: float, progress: float) -> float:

@@ -118,6 +118,8 @@ class RolloutLearner(NetworkLearner):
         )
         observations = rollout["observation"].flatten(0, 1)
         frames["prepared"] = self.network.policy_trunk.prepare(observations)
+        if rollout.get("idle", None) is not None:
+            return frames[~rollout["idle"].flatten()]
         return frames
 
     @torch.no_grad()

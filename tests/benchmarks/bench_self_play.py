@@ -1,0 +1,107 @@
+"""The exact game, exploitability and pools: `python tests/benchmarks/bench_self_play.py`."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import torch
+
+from pursuit.maze import load_maze
+from scripted_agents import cop_number, solve_chase, solve_in_turns
+from scripted_agents.equilibrium import _solve
+from train.exploitability import exploitability
+from train.self_play import SelfPlay, SelfPlaySettings, self_play_ppo, start_self_play
+from train.settings import TaskSettings
+
+
+def seconds(call: Any) -> float:
+    """How long one call takes."""
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start
+
+
+def exact_game() -> None:
+    """Times of the solvers; nothing is kept from one to the next."""
+    solve_chase(load_maze("2x2"))
+    for name in ("5x5", "7x7", "9x9", "9x9-tree", "15x15", "15x15-tree"):
+        maze = load_maze(name)
+        _solve.cache_clear()
+        print(f"solve_chase {name}, discount 0.95: {seconds(lambda m=maze: solve_chase(m)):.2f} s")
+    maze = load_maze("5x5")
+    print(f"solve_chase 5x5, 2 chasers: {seconds(lambda: solve_chase(maze, num_chasers=2)):.2f} s")
+    for name in ("9x9", "15x15"):
+        maze = load_maze(name)
+        print(f"cop_number {name}: {seconds(lambda m=maze: cop_number(m)):.2f} s")
+    maze = load_maze("9x9")
+    print(f"solve_in_turns 9x9, 3 chasers: {seconds(lambda: solve_in_turns(maze, 3)):.2f} s")
+
+
+def exploitabilities(folder: Path) -> None:
+    """The time of a checkpoint's exploitability, forward passes included."""
+    for name in ("5x5", "7x7", "9x9", "15x15"):
+        task = TaskSettings(maze=name, rewards="zero_sum")
+        run = start_self_play(SelfPlaySettings(task=task, frames=1), folder / name)
+        maze = run.task.mazes[0]
+
+        def whole(run: SelfPlay = run, maze: Any = maze) -> None:
+            tables = [run.policy(r).action_probabilities(maze) for r in ("chaser", "evader")]  # type: ignore[attr-defined]
+            exploitability(maze, tables[0], tables[1])
+
+        _solve.cache_clear()
+        first = seconds(whole)
+        print(
+            f"exploitability {name}: {first:.2f} s; the game solved before, {seconds(whole):.2f} s"
+        )
+
+
+def pools(folder: Path) -> None:
+    """Frames per second against pools of 1 and 16 opponents, in turn, medians of three."""
+    speeds: dict[int, list[float]] = {1: [], 16: []}
+    for repeat in range(3):
+        for size in speeds:
+            settings = SelfPlaySettings(
+                task=TaskSettings(maze="5x5", rewards="zero_sum"),
+                hyper=replace(self_play_ppo(), num_games=1024, minibatch=4096),
+                frames=1,
+                sampling="uniform",
+            )
+            run = start_self_play(settings, folder / f"{size}-{repeat}")
+            for number in range(size - 1):
+                for role, side in run.sides.items():
+                    run.pools[role].add(f"{number}", side.snapshot(), run.rng)
+            run._share_out()
+            for side in run.sides.values():
+                side.learner.iterate(0.0)
+            before, start = run.frames, time.perf_counter()
+            for _ in range(12):
+                for side in run.sides.values():
+                    side.learner.iterate(0.0)
+            speeds[size].append((run.frames - before) / (time.perf_counter() - start))
+    one, many = (sorted(speeds[size])[1] for size in (1, 16))
+    print(f"training, 1024 games, one opponent: {one / 1e3:.1f} k frames/s")
+    print(f"the same with a pool of 16: {many / 1e3:.1f} k frames/s, {100 * many / one:.0f} %")
+
+
+def main() -> None:
+    """Run all of it."""
+    torch.set_num_threads(1)
+    exact_game()
+    with TemporaryDirectory() as folder:
+        for name in ("exact", "pools"):
+            (Path(folder) / name).mkdir()
+        for name in ("5x5", "7x7", "9x9", "15x15"):
+            (Path(folder) / "exact" / name).mkdir()
+        exploitabilities(Path(folder) / "exact")
+        for size in (1, 16):
+            for repeat in range(3):
+                (Path(folder) / "pools" / f"{size}-{repeat}").mkdir()
+        pools(Path(folder) / "pools")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,188 @@
+"""Ratings from many players' results: Elo, openskill, Nash averaging, and cycles.
+
+Players of one role are compared on the same starts against the same opponents: whoever does better
+there wins. So ratings need no threshold that calls a chase won or lost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from scripted_agents import solve_matrix_game
+
+BOOTSTRAPS = 200
+MAX_MATCHES = 2000
+"""Matches that openskill is given, at most: a hundred say all that its doubts allow."""
+
+
+def pairwise_wins(results: NDArray[Any]) -> NDArray[np.float64]:
+    """[players, players, games] float64: the share of opponents against whom one does better.
+
+    Args:
+        results: [players, opponents, games], larger is better; game g begins alike for all.
+
+    Returns:
+        In [0, 1]; ties count half. wins[i, k] + wins[k, i] = 1.
+    """
+    own, other = results[:, None], results[None]
+    won: NDArray[np.float64] = ((own > other) + 0.5 * (own == other)).mean(axis=2)
+    return won
+
+
+def elo_ratings(wins: NDArray[np.float64], seed: int = 0) -> list[tuple[float, float, float]]:
+    """Elo ratings with mean 1500, and their 95 % intervals, by a bootstrap over games.
+
+    The maximum likelihood of P(i beats k) = 1 / (1 + 10 ** ((r_k - r_i) / 400)) (Bradley and Terry,
+    1952; Elo, 1978), with half a win each way added, so that who wins always stays finite.
+
+    Args:
+        wins: [players, players, games], from `pairwise_wins`.
+        seed: of the bootstrap.
+
+    Returns:
+        (rating, low, high) for each player.
+    """
+    players, _, games = wins.shape
+    if players == 1:
+        return [(1500.0, 1500.0, 1500.0)]
+    rng = np.random.default_rng(seed)
+    point = _elo(wins.sum(axis=2))
+    draws = [
+        _elo(wins[:, :, rng.integers(games, size=games)].sum(axis=2)) for _ in range(BOOTSTRAPS)
+    ]
+    low, high = np.percentile(draws, [2.5, 97.5], axis=0)
+    return [tuple(map(float, row)) for row in zip(point, low, high, strict=True)]  # type: ignore[misc]
+
+
+def _elo(won: NDArray[np.float64]) -> NDArray[np.float64]:
+    counts = won + 0.5
+    np.fill_diagonal(counts, 0.0)
+    scale = np.log(10.0) / 400.0
+
+    def loss(ratings: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        behind = scale * (ratings[None, :] - ratings[:, None])
+        expected = 1.0 / (1.0 + np.exp(behind))
+        total = float((counts * np.logaddexp(0.0, behind)).sum())
+        lost = counts * (1.0 - expected)
+        return total, scale * (lost.sum(axis=0) - lost.sum(axis=1))
+
+    found: NDArray[np.float64] = minimize(
+        loss, np.zeros(len(won)), jac=True, method="L-BFGS-B", options={"ftol": 1e-14}
+    ).x
+    return 1500.0 + found - found.mean()
+
+
+def openskill_ratings(results: NDArray[Any], seed: int = 0) -> list[tuple[float, float]]:
+    """(mu, sigma) of each player by openskill's Plackett-Luce model (Weng and Lin, 2011).
+
+    Every (opponent, start) is one match of all players, ranked by their results, ties included; in
+    random order.
+
+    Args:
+        results: [players, opponents, games], larger is better.
+        seed: of the order.
+    """
+    from openskill.models import PlackettLuce
+
+    model = PlackettLuce()
+    ratings = [model.rating() for _ in results]
+    if len(ratings) == 1:
+        return [(ratings[0].mu, ratings[0].sigma)]
+    matches = results.reshape(len(results), -1).T
+    order = np.random.default_rng(seed).permutation(len(matches))[:MAX_MATCHES]
+    for scores in matches[order]:
+        teams = model.rate([[r] for r in ratings], scores=[float(score) for score in scores])
+        ratings = [team[0] for team in teams]
+    return [(rating.mu, rating.sigma) for rating in ratings]
+
+
+@dataclass(frozen=True, eq=False)
+class NashAverage:
+    """The equilibrium of a payoff matrix with the greatest entropy.
+
+    Attributes:
+        value: of the game.
+        chasers, evaders: their mixtures.
+    """
+
+    value: float
+    chasers: NDArray[np.float64]
+    evaders: NDArray[np.float64]
+
+
+def nash_average(payoff: NDArray[np.float64]) -> NashAverage:
+    """Nash averaging (Balduzzi et al., 2018): opponents count by the maximum entropy equilibrium.
+
+    So copies of an entry change nothing, and easy prey says nothing.
+
+    Args:
+        payoff: [chasers, evaders], which the evaders maximise.
+    """
+    game = solve_matrix_game(payoff.T)
+    chasers = _widest(-payoff.T, -game.value, game.column)
+    evaders = _widest(payoff, game.value, game.row)
+    return NashAverage(game.value, chasers, evaders)
+
+
+def _widest(
+    payoff: NDArray[np.float64], value: float, start: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Of the strategies over columns that get at least `value` from every row, the most even."""
+    span = max(float(np.ptp(payoff)), 1e-12)
+    slack = 1e-9
+    limits: Any = [
+        {"type": "eq", "fun": lambda p: p.sum() - 1.0, "jac": np.ones_like},
+        {
+            "type": "ineq",
+            "fun": lambda p: (payoff @ p - value) / span + slack,
+            "jac": lambda p: payoff / span,
+        },
+    ]
+
+    def less_even(p: NDArray[np.float64]) -> float:
+        return float((p * np.log(np.maximum(p, 1e-300))).sum())
+
+    def slope(p: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.log(np.maximum(p, 1e-12)) + 1.0
+
+    found = minimize(
+        less_even,
+        0.999 * start + 0.001 / len(start),
+        jac=slope,
+        bounds=[(0.0, 1.0)] * len(start),
+        constraints=limits,
+        method="SLSQP",
+        options={"maxiter": 500, "ftol": 1e-12},
+    )
+    mixture = np.clip(found.x, 0.0, None)
+    mixture /= mixture.sum()
+    # Where the search ends outside, the equilibrium that it began with is one all the same.
+    good = bool(((payoff @ mixture - value) / span > -1e-6).all())
+    return mixture if good else start
+
+
+def best_response_cycle(payoff: NDArray[np.float64]) -> list[tuple[str, int]]:
+    """A cycle of best responses, each to the one before; empty if they settle in an equilibrium.
+
+    Args:
+        payoff: [chasers, evaders], which the evaders maximise and the chasers minimise.
+
+    Returns:
+        ("chaser", i) and ("evader", j) in turn: at least four of them.
+    """
+    if solve_matrix_game(payoff.T).pure:
+        return []
+    seen: dict[int, int] = {}
+    path: list[tuple[str, int]] = []
+    chaser = 0
+    while chaser not in seen:
+        seen[chaser] = len(path)
+        evader = int(payoff[chaser].argmax())
+        path += [("chaser", chaser), ("evader", evader)]
+        chaser = int(payoff[:, evader].argmin())
+    return path[seen[chaser] :]

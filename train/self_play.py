@@ -1,0 +1,677 @@
+"""Self-play: chasers and evaders learn against each other, measured by exact exploitability."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import torch
+
+from pursuit.maze import library_names
+from pursuit.policy import Policy
+from pursuit.simulator import Simulator, SimulatorState
+from pursuit.task import Task
+from scripted_agents import mean_over_starts
+from scripted_agents.environments import SCRIPTED, scripted_policy
+from train.algorithms import make_learner, policy_of
+from train.algorithms.learner import Learner
+from train.exploitability import exploitability, nash_conv
+from train.hyperparameters import ALGORITHMS, DETERMINISTIC, Hyperparameters, PPOSettings, check
+from train.interruption import Interruption
+from train.learned_policy import LearnedPolicy
+from train.matchups import is_exact, match
+from train.opponent_pool import (
+    LATEST,
+    SAMPLING,
+    OpponentPool,
+    PoolPolicy,
+    nash_mixtures,
+    weights,
+)
+from train.presets import hyperparameters
+from train.run import MISFITS, has_fast_bfloat16, keep_freed_memory, load_policy
+from train.run_folder import (
+    CONFIG,
+    FORMAT,
+    RESULTS,
+    MetricsFile,
+    load_checkpoint,
+    load_settings,
+    read_json,
+    save_checkpoint,
+    save_settings,
+    write_json,
+)
+from train.self_play_env import SelfPlayEnv
+from train.settings import TaskSettings, TrainSettings
+
+ROLES = ("chaser", "evader")
+SETTINGS = "self_play.json"
+LEARN = "learn"
+EVALUATIONS = 20
+MAX_GAME_CELLS = 256
+"""Above this number of cells the value of the game is not solved in every run (minutes)."""
+PAIR_EPISODES = 200
+"""Games for an entry of the payoff matrix that has no exact value."""
+
+Report = Callable[["SelfPlay", dict[str, float]], None]
+
+
+def self_play_ppo() -> PPOSettings:
+    """The settings of PPO in self-play: the discount is that of the exact game."""
+    return PPOSettings(num_games=512, learning_rate=3e-3, entropy=0.02, minibatch=2048)
+
+
+@dataclass(frozen=True)
+class SelfPlaySettings:
+    """Self-play, complete: what `self_play.json` holds."""
+
+    task: TaskSettings = field(default_factory=lambda: TaskSettings(rewards="zero_sum"))
+    hyper: PPOSettings = field(default_factory=self_play_ppo)
+    """The settings of PPO, for every role that learns by it."""
+    chaser: str = LEARN
+    """learn, or who plays the chasers instead: astar, random, optimal, or the folder of a run."""
+    evader: str = LEARN
+    """learn, or who plays the evaders instead."""
+    chaser_algorithm: str = "ppo"
+    """What the chasers learn by: ppo, a2c or dqn."""
+    evader_algorithm: str = "ppo"
+    """What the evaders learn by."""
+    share_networks: bool = False
+    """One network for both roles, with heads of their own."""
+    sampling: str = "pfsp"
+    """Who is drawn as the opponent: latest, window (the last snapshots), uniform (over all:
+    fictitious self-play), pfsp (those that are hard), or psro (a Nash mixture: double oracle)."""
+    window: int = 5
+    """Snapshots of window."""
+    pfsp_power: float = 2.0
+    """How strongly pfsp prefers opponents that are hard."""
+    snapshots: int = 40
+    """Snapshots taken over the budget, evenly."""
+    pool_size: int = 50
+    """Snapshots kept for each role."""
+    members: tuple[str, ...] = ()
+    """Scripted agents in the pools from the start: astar, random, optimal."""
+    observation: str = "index"
+    """What the networks are given: index, one_hot, positions, cells, walls or planes."""
+    seconds: float | None = None
+    """Budget of training time; evaluations are not counted."""
+    frames: int | None = None
+    """Budget of environment steps of the learning agents; a resumed run then ends bit for bit as an
+    uninterrupted one."""
+    seed: int = 0
+    """Of the games, the networks and the opponents."""
+    threads: int = 1
+    """Threads of torch."""
+    best_response_seconds: float = 20.0
+    """Where no exact best response is known (teams, goals, huge mazes): how long an approximate one
+    is trained against each side at the end; 0 for none."""
+
+    def __post_init__(self) -> None:
+        check(
+            self.sampling in SAMPLING,
+            f"unknown sampling {self.sampling!r}; one of {', '.join(SAMPLING)}",
+        )
+        task = self.task.build()
+        check(
+            bool(task.num_chasers and task.num_evaders),
+            f"task {task.name!r} has no chasers or no evaders; self-play is between the two",
+        )
+        check(not task.num_runners, f"task {task.name!r} has runners; take chase or heist")
+        check(self.task.opponent is None, "opponent is of `pursuit train`; use chaser or evader")
+        check(
+            (self.seconds is None) != (self.frames is None),
+            f"seconds={self.seconds} and frames={self.frames}; give one of the two as the budget",
+        )
+        for name in ("seconds", "frames"):
+            value = getattr(self, name)
+            check(value is None or 0 < value < float("inf"), f"{name}={value}; it is above 0")
+        for name in ("window", "snapshots", "pool_size", "threads"):
+            check(getattr(self, name) >= 1, f"{name}={getattr(self, name)}; at least 1")
+        check(0.0 <= self.pfsp_power < float("inf"), f"pfsp_power={self.pfsp_power}; at least 0")
+        check(0 <= self.seed < 2**63, f"seed={self.seed}; 0 to 2**63-1")
+        check(
+            0.0 <= self.best_response_seconds < float("inf"),
+            f"best_response_seconds={self.best_response_seconds}; at least 0",
+        )
+        check(bool(self.learning), "chaser and evader are both frozen; let one of them learn")
+        for name in self.members:
+            check(name in SCRIPTED, f"unknown member {name!r}; of {', '.join(SCRIPTED)}")
+            check(self.members.count(name) == 1, f"member {name!r} is given twice")
+        for role in self.learning:
+            algorithm = self.algorithm(role)
+            check(
+                algorithm in ("ppo", "a2c", "dqn"),
+                f"{role}_algorithm={algorithm!r}; of {', '.join(ALGORITHMS)} only ppo, a2c and dqn "
+                "learn in self-play",
+            )
+            check(
+                algorithm != "dqn" or task.count(role) == 1,
+                f"{role}_algorithm='dqn' with {task.count(role)} {role}s; several agents of a role "
+                "learn by ppo or a2c",
+            )
+        both = all(self.algorithm(role) == "ppo" and role in self.learning for role in ROLES)
+        check(
+            not self.share_networks or (both and not self.hyper.central_critic),
+            "share_networks needs both roles to learn by ppo, without a central critic",
+        )
+        check(
+            not self.hyper.central_critic or self.observation == "index",
+            f"observation={self.observation!r}; a central critic works on index",
+        )
+        check(
+            0.0 < self.hyper.gamma < 1.0,
+            f"gamma={self.hyper.gamma}; in (0, 1): it is the discount of the exact game",
+        )
+
+    @property
+    def learning(self) -> tuple[str, ...]:
+        """The roles that learn."""
+        return tuple(role for role in ROLES if getattr(self, role) == LEARN)
+
+    def algorithm(self, role: str) -> str:
+        """What a role learns by."""
+        return str(getattr(self, f"{role}_algorithm"))
+
+    def of_role(self, role: str) -> TrainSettings[Any]:
+        """The settings of one role's learner, as a run of its own."""
+        task, built = replace(self.task, role=role), self.task.build()
+        algorithm = self.algorithm(role)
+        hyper: Hyperparameters = self.hyper
+        if algorithm != "ppo":
+            hyper = replace(hyperparameters(algorithm, task), gamma=self.hyper.gamma)
+        members = built.count(role)
+        games = max(hyper.num_games // members, 1) * members
+        central = self.hyper.central_critic and members > 1
+        if algorithm == "ppo":
+            batch = min(self.hyper.minibatch, games * self.hyper.rollout_steps)
+            hyper = replace(self.hyper, num_games=games, minibatch=batch, central_critic=central)
+        else:
+            hyper = replace(hyper, num_games=games)
+        own = {
+            name: getattr(self, name) for name in ("observation", "seconds", "frames", "threads")
+        }
+        return TrainSettings(task, hyper, algorithm=algorithm, seed=self.seed, **own)
+
+    @classmethod
+    def from_plain(cls, plain: dict[str, Any]) -> SelfPlaySettings:
+        """From what JSON gave; ValueError where that is something else."""
+        try:
+            inner: dict[str, Any] = {
+                "task": TaskSettings(**plain["task"]),
+                "hyper": PPOSettings(**plain["hyper"]),
+                "members": tuple(plain["members"]),
+            }
+            return cls(**{**plain, **inner})
+        except (TypeError, KeyError) as error:
+            raise ValueError(f"these are not the settings of self-play: {error}") from None
+
+
+def load_self_play_settings(folder: Path) -> SelfPlaySettings:
+    """What a self-play run wrote; ValueError where there is none, or of another version."""
+    check((folder / SETTINGS).exists(), f"{folder}: no self-play here ({SETTINGS} is missing)")
+    plain = read_json(folder / SETTINGS)
+    check(isinstance(plain, dict), f"{folder / SETTINGS}: damaged, not the settings of self-play")
+    check(
+        plain.pop("format", None) == FORMAT,
+        f"{folder}: written by another version of pursuit (format {FORMAT} needed)",
+    )
+    text = plain.pop("maze_text", None)
+    if isinstance(text, str) and plain.get("task", {}).get("maze") not in library_names():
+        plain["task"]["maze"] = text
+    return SelfPlaySettings.from_plain(plain)
+
+
+class Side:
+    """One role that learns: its games, its learner, and the opponents it meets.
+
+    Attributes:
+        env, learner: of this role.
+        opponent: fills the other role's seats.
+    """
+
+    def __init__(
+        self, settings: SelfPlaySettings, role: str, state: dict[str, Any] | None = None
+    ) -> None:
+        own = settings.of_role(role)
+        self.role, self.settings = role, own
+        task = own.task.build()
+        number = ROLES.index(role)
+        games = own.hyper.num_games // task.count(role)
+        # Both roles' games begin differently though they share a seed.
+        self.simulator = Simulator(
+            task, games, settings.seed, first_game=number * 2**20, auto_restart=False
+        )
+        empty: Any = None
+        self.opponent = PoolPolicy(empty, games)
+        self.env = SelfPlayEnv(
+            self.simulator,
+            role,
+            self.opponent,
+            own.observation,
+            getattr(own.hyper, "central_critic", False),
+            settings.hyper.gamma,
+            # Discounted steps, up to 1 / (1 - gamma) of them, would drown the policy in value loss.
+            1.0 - settings.hyper.gamma if own.task.rewards == "zero_sum" else 1.0,
+            2 * settings.seed + number,
+        )
+        if state is not None:  # before there is a collector, which begins with what it finds
+            self._restore_games(state)
+        self.learner: Learner = make_learner(own, self.env, has_fast_bfloat16())
+
+    def policy(self) -> Policy:
+        """As it plays while it learns: drawn, where there is a distribution."""
+        return self.learner.policy(greedy=not self.learner.stochastic)
+
+    def load(self, state: dict[str, Any]) -> Policy:
+        """The policy of a snapshot."""
+        return policy_of(self.settings, state, greedy=not self.learner.stochastic)
+
+    def snapshot(self) -> dict[str, Any]:
+        """What `load` needs."""
+        network: Any = self.learner.state_dict()["network"]
+        return {"network": {name: tensor.clone() for name, tensor in network.items()}}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything but the pool."""
+        games = vars(self.simulator.get_state())
+        return {
+            "learner": self.learner.state_dict(),
+            "simulator": {
+                name: torch.from_numpy(array.view(np.int64) if name == "streams" else array)
+                for name, array in games.items()
+            },
+            "opponents": torch.from_numpy(self.opponent.opponents.copy()),
+            "idle": torch.from_numpy(self.env.idle.copy()),
+            "rng": self.env.rng.bit_generator.state,
+        }
+
+    def _restore_games(self, state: dict[str, Any]) -> None:
+        arrays = {name: tensor.numpy() for name, tensor in state["simulator"].items()}
+        arrays["streams"] = arrays["streams"].view(np.uint64)
+        self.simulator.set_state(SimulatorState(**arrays))
+        self.opponent.opponents[:] = state["opponents"].numpy()
+        self.env.idle[:] = state["idle"].numpy()
+        self.env.rng.bit_generator.state = state["rng"]
+        self.env.resume = True
+
+
+class SelfPlay:
+    """Both roles learning against each other, in a folder.
+
+    `chaser/` and `evader/` in it are runs of their own for `pursuit evaluate`, `render` and
+    `league`; `pool/` holds the snapshots.
+
+    Args:
+        settings: what to do.
+        folder: an empty one, or that of the run to go on with.
+        resume: go on from its checkpoint.
+
+    Raises:
+        ValueError: settings that cannot run here, or a checkpoint that does not fit.
+    """
+
+    def __init__(self, settings: SelfPlaySettings, folder: Path, resume: bool = False) -> None:
+        self.settings, self.folder, self.stopped = settings, folder, False
+        keep_freed_memory()
+        torch.set_num_threads(settings.threads)
+        torch.manual_seed(settings.seed)
+        self.task: Task = settings.task.build()
+        state = load_checkpoint(folder) if resume else None
+        try:
+            given = {role: state["sides"][role] if state else None for role in settings.learning}
+            self.sides = {role: Side(settings, role, given[role]) for role in settings.learning}
+        except MISFITS:
+            raise self._misfit() from None
+        if settings.share_networks:
+            _share(self.sides)
+        self.pools = {role: self._pool(role) for role in ROLES}
+        for role, side in self.sides.items():
+            side.opponent.pool = self.pools[_other(role)]
+        self.rng = np.random.default_rng(settings.seed)
+        self.seconds, self.evaluations, self.taken = 0.0, 0, 0
+        self.payoffs: dict[tuple[str, str], float] = {}
+        self.mixtures: dict[str, dict[str, float]] = {}
+        if state is not None:
+            self._resume(state)
+        self.metrics = MetricsFile(folder, self.frames if resume else None)
+        self._share_out()
+
+    def _pool(self, role: str) -> OpponentPool:
+        settings, frozen = self.settings, getattr(self.settings, role)
+        if role in self.sides:
+            side = self.sides[role]
+            latest, load = side.policy(), side.load
+        else:
+            latest, load = frozen_policy(frozen, role, settings.task), lambda state: latest
+        pool = OpponentPool(self.folder / "pool" / role, latest, settings.pool_size, load)
+        for name in settings.members:
+            pool.add_scripted(name, scripted_opponent(name, role, settings.task))
+        return pool
+
+    @property
+    def frames(self) -> int:
+        """Steps of all learning agents."""
+        return sum(side.learner.frames for side in self.sides.values())
+
+    @property
+    def progress(self) -> float:
+        """Share of the budget spent, in [0, 1]."""
+        if self.settings.frames is not None:
+            return min(self.frames / self.settings.frames, 1.0)
+        return min(self.seconds / (self.settings.seconds or 1.0), 1.0)
+
+    def train(self, report: Report = lambda run, row: None) -> None:
+        """Learn until the budget is spent; Ctrl-C (or SIGTERM) ends it after the current rollouts.
+
+        Args:
+            report: called with every row of `metrics.csv`, and with {} after every iteration.
+        """
+        if not self.metrics.rows:
+            self._record({}, report)
+        with Interruption() as interruption:
+            while self.progress < 1.0 and not self.stopped:
+                began = perf_counter()
+                losses: dict[str, float] = {}
+                for role, side in self.sides.items():
+                    found = side.learner.iterate(self.progress)
+                    losses |= {f"{role}_{name}": value for name, value in found.items()}
+                self.seconds += perf_counter() - began
+                if self.progress * self.settings.snapshots >= self.taken + 1:
+                    self._take_snapshots()
+                self._share_out()
+                self.stopped = interruption.asked
+                report(self, {})
+                if self.progress * EVALUATIONS >= self.evaluations + 1 or self.stopped:
+                    self.evaluations = int(self.progress * EVALUATIONS)
+                    self._record(losses, report)
+        for side in self.sides.values():
+            side.learner.close()
+
+    # -- opponents -------------------------------------------------------------------------------
+
+    def _share_out(self) -> None:
+        """How often each opponent is drawn from now on."""
+        settings = self.settings
+        for role, side in self.sides.items():
+            pool = self.pools[_other(role)]
+            mixture = None
+            if settings.sampling == "psro" and self.mixtures:
+                given = self.mixtures[_other(role)]
+                shares = np.array([given.get(name, 0.0) for name in pool.names])
+                mixture = shares / shares.sum() if shares.sum() > 0 else None
+            sampling = settings.sampling if _other(role) in self.sides else "latest"
+            arguments = (settings.window, settings.pfsp_power, mixture)
+            side.env.shares = weights(pool, sampling, *arguments)
+
+    def _take_snapshots(self) -> None:
+        self.taken = int(self.progress * self.settings.snapshots)
+        places: dict[str, list[str]] = {role: self.pools[role].names for role in ROLES}
+        for role, side in self.sides.items():
+            self.pools[role].add(f"{self.taken:05d}", side.snapshot(), self.rng)
+        for role, side in self.sides.items():
+            # Members may have moved: games go on against whom they began.
+            pool = self.pools[_other(role)]
+            moved = np.array(
+                [pool.names.index(n) if n in pool.names else 0 for n in places[_other(role)]]
+            )
+            side.opponent.opponents[:] = moved[side.opponent.opponents]
+        if self.settings.sampling == "psro":
+            self._solve_meta_game()
+
+    def _solve_meta_game(self) -> None:
+        """The Nash mixture of all pairs of snapshots (and scripted members; not the latest)."""
+        members = {
+            role: [
+                m for m in self.pools[role].members if m.name != LATEST or role not in self.sides
+            ]
+            for role in ROLES
+        }
+        payoff = np.empty([len(members[role]) for role in ROLES])
+        for i, chaser in enumerate(members["chaser"]):
+            for j, evader in enumerate(members["evader"]):
+                pair = (chaser.name, evader.name)
+                if pair not in self.payoffs:
+                    self.payoffs[pair] = self._payoff(chaser.policy, evader.policy)
+                payoff[i, j] = self.payoffs[pair]
+        for role, mixture in zip(ROLES, nash_mixtures(payoff), strict=True):
+            names = [member.name for member in members[role]]
+            self.mixtures[role] = dict(zip(names, mixture.tolist(), strict=True))
+
+    def _payoff(self, chaser: Policy, evader: Policy) -> float:
+        """Mean steps until capture: exact in a duel."""
+        return match(self.task, chaser, evader, PAIR_EPISODES, self.settings.seed).steps
+
+    # -- evaluation and files --------------------------------------------------------------------
+
+    def policy(self, role: str) -> Policy:
+        """Who plays a role now."""
+        return self.pools[role].members[0].policy
+
+    def evaluate(self, episodes: int = 300) -> dict[str, float]:
+        """Exact exploitability where it can be had, and both sides against scripted agents.
+
+        Exploitability is in discounted steps, lengths are in steps.
+        """
+        task, row = self.task, {}
+        chaser, evader = self.policy("chaser"), self.policy("evader")
+        if is_exact(task, chaser, evader):
+            maze = task.mazes[0]
+            own, other = [
+                policy.action_probabilities(maze, task.stay_action)  # type: ignore[attr-defined]
+                for policy in (chaser, evader)
+            ]
+            rest: Any = (self.settings.hyper.gamma, task.move_order)
+            if maze.num_cells <= MAX_GAME_CELLS:
+                found = exploitability(maze, own, other, *rest)
+                row = {
+                    "nash_conv": found.nash_conv,
+                    "chaser_exploitability": found.mean_chaser,
+                    "evader_exploitability": found.mean_evader,
+                    "value": mean_over_starts(found.values, maze),
+                    "game_value": mean_over_starts(found.game_values, maze),
+                }
+            else:
+                row = {"nash_conv": nash_conv(maze, own, other, *rest)}
+        row["steps"] = match(task, chaser, evader, episodes).steps
+        for name in SCRIPTED:
+            if name == "optimal" and task.max_cells > MAX_GAME_CELLS:
+                continue
+            for role in self.sides:
+                other = scripted_opponent(name, _other(role), self.settings.task)
+                pair = (chaser, other) if role == "chaser" else (other, evader)
+                row[f"{role}_vs_{name}"] = match(task, *pair, episodes).steps
+        return row
+
+    def _record(self, losses: dict[str, float], report: Report) -> None:
+        row = {
+            "frames": float(self.frames),
+            "seconds": self.seconds,
+            "frames_per_second": self.frames / max(self.seconds, 1e-9),
+            **self.evaluate(),
+        }
+        for side in self.sides.values():
+            side.env.finished_returns.clear()
+            side.env.finished_lengths.clear()
+        row = {**row, **losses}
+        self.metrics.add(row)
+        self.save()
+        report(self, row)
+
+    def save(self) -> None:
+        """Write the checkpoint, and every role as a run of its own."""
+        save_checkpoint(
+            self.folder,
+            {
+                "sides": {role: side.state_dict() for role, side in self.sides.items()},
+                "pools": {role: pool.state_dict() for role, pool in self.pools.items()},
+                "rng": self.rng.bit_generator.state,
+                "torch_rng": torch.get_rng_state(),
+                "seconds": self.seconds,
+                "evaluations": self.evaluations,
+                "taken": self.taken,
+                "payoffs": [[*pair, value] for pair, value in self.payoffs.items()],
+                "mixtures": self.mixtures,
+            },
+        )
+        for role, side in self.sides.items():
+            folder = self.folder / role
+            if not folder.exists():
+                folder.mkdir()
+                save_settings(folder, side.settings)
+            save_checkpoint(folder, {"learner": side.learner.state_dict()})
+        for pool in self.pools.values():
+            pool.clean()
+
+    def _resume(self, state: dict[str, Any]) -> None:
+        try:
+            for role, side in self.sides.items():
+                side.learner.load_state_dict(state["sides"][role]["learner"])
+            for role, pool in self.pools.items():
+                before = [entry["name"] for entry in state["pools"][role]]
+                pool.load_state_dict(state["pools"][role])
+                moved = [pool.names.index(n) if n in pool.names else 0 for n in before]
+                if _other(role) in self.sides:
+                    opponents = self.sides[_other(role)].opponent.opponents
+                    opponents[:] = np.array(moved)[opponents]
+            self.rng.bit_generator.state = state["rng"]
+            torch.set_rng_state(state["torch_rng"])
+            self.seconds, self.evaluations = state["seconds"], state["evaluations"]
+            self.taken, self.mixtures = state["taken"], state["mixtures"]
+            self.payoffs = {(chaser, evader): value for chaser, evader, value in state["payoffs"]}
+        except MISFITS:
+            raise self._misfit() from None
+
+    def _misfit(self) -> ValueError:
+        return ValueError(
+            f"{self.folder}: the checkpoint does not fit the settings in {SETTINGS}; one of the "
+            "two is from another run"
+        )
+
+    def results(self, episodes: int = 1000) -> dict[str, Any]:
+        """Evaluate once more, on more episodes, and write `results.json`."""
+        rows = self.metrics.rows
+        content: dict[str, Any] = {
+            "task": self.settings.task.task,
+            "maze": self.task.mazes[0].name,
+            "sampling": self.settings.sampling,
+            "seed": self.settings.seed,
+            "frames": self.frames,
+            "seconds": round(self.seconds, 3),
+            "frames_per_second": round(self.frames / max(self.seconds, 1e-9), 1),
+            "interrupted": self.stopped,
+            "evaluation": self.evaluate(episodes),
+            "pools": {role: pool.state_dict() for role, pool in self.pools.items()},
+            "mixtures": self.mixtures,
+        }
+        if "nash_conv" in rows[0]:
+            start, end = rows[0]["nash_conv"], content["evaluation"]["nash_conv"]
+            content["nash_conv_at_start"], content["nash_conv_reduction"] = start, 1 - end / start
+        elif self.settings.best_response_seconds and not self.stopped:
+            content["approximate_best_response"] = self.approximate_best_responses(episodes)
+        write_json(self.folder / RESULTS, content)
+        return content
+
+    def approximate_best_responses(self, episodes: int) -> dict[str, float]:
+        """Mean steps after a PPO was trained against each learned side, which stood still.
+
+        A bound on what a best response gets, not its value: {"against_evader": steps, ...}.
+        """
+        found = {}
+        for role in self.sides:
+            other = _other(role)
+            seconds = self.settings.best_response_seconds
+            who: Any = {role: str(self.folder / role), other: LEARN, f"{other}_algorithm": "ppo"}
+            settings = replace(
+                self.settings,
+                **who,
+                share_networks=False,
+                sampling="latest",
+                members=(),
+                seconds=seconds,
+                frames=None,
+                best_response_seconds=0.0,
+            )
+            with TemporaryDirectory() as folder:
+                run = SelfPlay(settings, Path(folder))
+                run.train()
+                pair = (run.policy("chaser"), run.policy("evader"))
+                found[f"against_{role}"] = match(self.task, *pair, episodes).steps
+        return found
+
+
+def scripted_opponent(name: str, role: str, task: TaskSettings) -> Policy:
+    """A scripted agent by its name; A* moves at random as often as `opponent_epsilon` says."""
+    rest: Any = (task.opponent_epsilon if name == "astar" else 0.0, task.move_order)
+    return scripted_policy(name, role, *rest)
+
+
+def frozen_policy(name: str, role: str, task: TaskSettings) -> Policy:
+    """Who plays a role that does not learn: a scripted agent, or the folder of a run.
+
+    Raises:
+        ValueError: neither; or the run learned another role, or in other games.
+    """
+    if name in SCRIPTED:
+        return scripted_opponent(name, role, task)
+    from train.third_party import load_opponent
+
+    folder = Path(name)
+    if (folder / CONFIG).exists():
+        policy = load_policy(folder, greedy=load_settings(folder).algorithm in DETERMINISTIC)
+    else:
+        policy = load_opponent(folder)
+    check_fits(policy, role, task.build(), name)
+    return policy
+
+
+def check_fits(policy: Policy, role: str, task: Task, name: str) -> None:
+    """Raise ValueError unless a learned policy is of this role and of games like these."""
+    if not isinstance(policy, LearnedPolicy):
+        return
+    own = policy.task
+    learned = own.seat_roles[own.seat(policy.agent)]
+    check(learned == role, f"{name}: learned to be {learned!r}; {role!r} is asked for")
+    check(
+        own.mazes == task.mazes,
+        f"{name}: learned in maze {own.mazes[0].name}, and the games are in {task.mazes[0].name}",
+    )
+    for what in ("num_chasers", "num_evaders", "num_goals", "stay_action", "move_order"):
+        mine, theirs = getattr(own, what), getattr(task, what)
+        check(mine == theirs, f"{name}: learned with {what}={mine}; the games have {theirs}")
+
+
+def start_self_play(settings: SelfPlaySettings, folder: Path) -> SelfPlay:
+    """New self-play in a new folder; the settings are on disk before anything is learned."""
+    run = SelfPlay(settings, folder)
+    text = run.task.mazes[0].to_text()
+    write_json(folder / SETTINGS, {"format": FORMAT, **asdict(settings), "maze_text": text})
+    return run
+
+
+def resume_self_play(folder: Path) -> SelfPlay:
+    """Go on with the self-play in `folder`; ValueError where there is none, or it is complete."""
+    run = SelfPlay(load_self_play_settings(folder), folder, resume=True)
+    if run.progress >= 1.0:
+        raise ValueError(f"{folder}: complete; its budget is spent. See {folder / RESULTS}")
+    return run
+
+
+def _other(role: str) -> str:
+    return ROLES[1 - ROLES.index(role)]
+
+
+def _share(sides: dict[str, Side]) -> None:
+    """Give both roles one trunk, and every learner an optimizer of what it now has."""
+    one, two = (sides[role].learner for role in ROLES)
+    network: Any = two.network  # type: ignore[attr-defined]
+    trunk = one.network.policy_trunk  # type: ignore[attr-defined]
+    if network.shared:
+        network.value_trunk = trunk
+    network.policy_trunk = trunk
+    two.renew_optimizer()  # type: ignore[attr-defined]
