@@ -144,6 +144,9 @@ def test_sampling_schemes_weigh_as_they_say(tmp_path: Path) -> None:
     mixture = np.array([0, 0.25, 0, 0.75, 0])
     assert weights(pool, "psro", mixture=mixture) == pytest.approx(mixture)
     assert weights(pool, "psro")[0] == 1
+    pool.members.clear()
+    with pytest.raises(ValueError, match="an empty pool"):
+        weights(pool, "uniform")
 
 
 def test_the_mixture_of_double_oracle_is_the_equilibrium() -> None:
@@ -441,9 +444,11 @@ def test_the_commands_from_self_play_to_league(
         main([*run, "--minibatch", "512", "--out", "a"])
         main([*run, "--minibatch", "512", "--seed", "1", "--sampling", "uniform", "--out", "b"])
     printed = capsys.readouterr().out
-    assert "NashConv" in printed and "learned evader" in printed
+    assert "NashConv" in printed and "chasers down, evaders across" in printed
     results = json.loads((tmp_path / "a" / "results.json").read_text())
     assert results["evaluation"]["nash_conv"] > 0
+    steps = {(row["chaser"], row["evader"]): row["steps"] for row in results["matches"]}
+    assert len(steps) == 16 and steps["learned", "learned"] == results["evaluation"]["steps"]
     assert (tmp_path / "a" / "learning_curve.png").stat().st_size > 10_000
     main(["league", "a", "b", "a/chaser", "astar", "random", "--games", "50", "--out", "l"])
     printed = capsys.readouterr().out
@@ -456,6 +461,23 @@ def test_the_commands_from_self_play_to_league(
     assert elo["astar"] > elo["random"]
     main(["evaluate", "a/evader", "--episodes", "20"])
     assert "optimal" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_schemes_are_compared_and_done_runs_skipped(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["self-play", "--maze", "3x3", "--frames", "6000", "--num-games", "64"]
+    command += ["--minibatch", "512", "--compare", "latest", "psro", "--seeds", "0", "1"]
+    main([*command, "--out", str(tmp_path)])
+    printed = capsys.readouterr().out
+    assert "4 of 4 done" in printed and "| psro |" in printed
+    assert (tmp_path / "comparison.png").stat().st_size > 10_000
+    before = (tmp_path / "psro-1" / "results.json").stat().st_mtime_ns
+    main([*command, "--out", str(tmp_path)])
+    assert (tmp_path / "psro-1" / "results.json").stat().st_mtime_ns == before
+    with pytest.raises(SystemExit):
+        main([*command, "--compare", "best", "--out", str(tmp_path)])
 
 
 @pytest.mark.parametrize(

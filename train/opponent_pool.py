@@ -182,8 +182,12 @@ def weights(
         window: snapshots that count.
         power: how strongly "pfsp" prefers hard opponents.
         mixture: [members] of "psro".
+
+    Raises:
+        ValueError: an empty pool.
     """
     members = pool.members
+    check(bool(members), f"{pool.folder}: an empty pool; there is nobody to play against")
     chosen = np.zeros(len(members))
     if sampling == "psro" and mixture is not None:
         chosen[:] = mixture

@@ -381,10 +381,10 @@ class SelfPlay:
                 for role, side in self.sides.items():
                     found = side.learner.iterate(self.progress)
                     losses |= {f"{role}_{name}": value for name, value in found.items()}
-                self.seconds += perf_counter() - began
                 if self.progress * self.settings.snapshots >= self.taken + 1:
                     self._take_snapshots()
                 self._share_out()
+                self.seconds += perf_counter() - began
                 self.stopped = interruption.asked
                 report(self, {})
                 if self.progress * EVALUATIONS >= self.evaluations + 1 or self.stopped:
@@ -479,14 +479,30 @@ class SelfPlay:
             else:
                 row = {"nash_conv": nash_conv(maze, own, other, *rest)}
         row["steps"] = match(task, chaser, evader, episodes).steps
-        for name in SCRIPTED:
-            if name == "optimal" and task.max_cells > MAX_GAME_CELLS:
-                continue
+        for name in self._scripted():
             for role in self.sides:
                 other = scripted_opponent(name, _other(role), self.settings.task)
                 pair = (chaser, other) if role == "chaser" else (other, evader)
                 row[f"{role}_vs_{name}"] = match(task, *pair, episodes).steps
         return row
+
+    def _scripted(self) -> tuple[str, ...]:
+        """The scripted agents that stand beside the learned ones: optimal only where it is so."""
+        solved = self.task.is_duel and self.task.max_cells <= MAX_GAME_CELLS
+        return tuple(name for name in SCRIPTED if name != "optimal" or solved)
+
+    def matches(self, episodes: int) -> list[dict[str, Any]]:
+        """Learned and scripted agents of both roles, everybody against everybody."""
+        players = {
+            role: {"learned": self.policy(role)}
+            | {name: scripted_opponent(name, role, self.settings.task) for name in self._scripted()}
+            for role in ROLES
+        }
+        return [
+            {"chaser": c, "evader": e, **asdict(match(self.task, chaser, evader, episodes))}
+            for c, chaser in players["chaser"].items()
+            for e, evader in players["evader"].items()
+        ]
 
     def _record(self, losses: dict[str, float], report: Report) -> None:
         row = {
@@ -566,6 +582,7 @@ class SelfPlay:
             "frames_per_second": round(self.frames / max(self.seconds, 1e-9), 1),
             "interrupted": self.stopped,
             "evaluation": self.evaluate(episodes),
+            "matches": self.matches(episodes),
             "pools": {role: pool.state_dict() for role, pool in self.pools.items()},
             "mixtures": self.mixtures,
         }

@@ -153,16 +153,24 @@ class _Watch:
 
 
 def _print_results(run: SelfPlay, content: dict[str, Any]) -> None:
-    found = content["evaluation"]
+    found, matches = content["evaluation"], content["matches"]
+    names = list(dict.fromkeys(row["evader"] for row in matches))
+    exact = not any(row["games"] for row in matches)
+    print(
+        f"\nsteps until capture, at most {run.task.max_steps} "
+        f"({'exact' if exact else '± is the 95 % interval'}); chasers down, evaders across"
+    )
     table = Table(box=None, pad_edge=False)
-    table.add_column("steps until capture")
-    names = [name for name in ("astar", "random", "optimal") if _has(found, name)]
-    for name in ("learned", *names):
-        table.add_column(f"against {name}", justify="right")
-    for role in run.sides:
-        cells = [f"{found[f'{role}_vs_{name}']:.2f}" for name in names]
-        table.add_row(f"learned {role}", f"{found['steps']:.2f}", *cells)
-    print()
+    table.add_column("")
+    for name in names:
+        table.add_column(name, justify="right")
+    for chaser in dict.fromkeys(row["chaser"] for row in matches):
+        cells = [
+            f"{row['steps']:.2f}" + (f" ± {row['ci95']:.2f}" if row["games"] else "")
+            for row in matches
+            if row["chaser"] == chaser
+        ]
+        table.add_row(chaser, *cells)
     Console(width=None if sys.stdout.isatty() else 100).print(table)
     if "nash_conv_reduction" in content:
         print(
@@ -173,10 +181,6 @@ def _print_results(run: SelfPlay, content: dict[str, Any]) -> None:
     for name, steps in content.get("approximate_best_response", {}).items():
         print(f"approximate best response {name.replace('_', ' the ')}: {steps:.2f} steps")
     print(f"results, curve and pool: {run.folder}")
-
-
-def _has(found: dict[str, float], name: str) -> bool:
-    return any(f"{role}_vs_{name}" in found for role in ("chaser", "evader"))
 
 
 def draw_self_play(path: Path, rows: list[dict[str, float]], title: str) -> None:
