@@ -16,7 +16,7 @@ from scripted_agents.equilibrium import (
     solve_matrix_game,
 )
 from scripted_agents.evader import AStarEvader
-from scripted_agents.optimal import BestResponder, OptimalChaser, OptimalEvader
+from scripted_agents.optimal import BestResponder, OptimalChaser, OptimalEvader, table_of
 from scripted_agents.runner import NearestGoalRunner, TourRunner
 from scripted_agents.scripted import RandomAgent
 from scripted_agents.table_policy import TablePolicy
@@ -57,6 +57,7 @@ __all__ = [
     "solve_chase",
     "solve_in_turns",
     "solve_matrix_game",
+    "table_of",
     "tour_length",
     "tour_lengths",
 ]

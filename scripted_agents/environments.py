@@ -27,7 +27,11 @@ SCRIPTED = ("astar", "random", "optimal")
 
 
 def scripted_policy(
-    name: str, role: str, epsilon: float = 0.0, move_order: MoveOrder = "simultaneous"
+    name: str,
+    role: str,
+    epsilon: float = 0.0,
+    move_order: MoveOrder = "simultaneous",
+    discount: float = 0.95,
 ) -> Policy:
     """A scripted agent by its name: astar (for runners the nearest goal), random, or optimal.
 
@@ -45,7 +49,7 @@ def scripted_policy(
     if role == "runner":
         return TourRunner(epsilon)
     form = OptimalChaser if role == "chaser" else OptimalEvader
-    return form(epsilon, move_order=move_order)
+    return form(epsilon, discount, move_order)
 
 
 def default_policies(

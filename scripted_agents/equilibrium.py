@@ -56,8 +56,9 @@ def solve_matrix_game(payoff: ArrayLike) -> MatrixGame:
     m, n = matrix.shape
     row, column = np.empty(m), np.empty(n)
     scratch = np.empty((m + 1, n + m + 1)), np.empty(m, dtype=np.int64)
-    value, pure = solve_matrix(matrix, *scratch, row, column)
-    return MatrixGame(float(value), row, column, bool(pure))
+    value, _ = solve_matrix(matrix, *scratch, row, column)
+    pure = bool(row.max() == 1.0 and column.max() == 1.0)
+    return MatrixGame(float(value), row, column, pure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,6 +196,11 @@ def _solve(
             plain, bound, jumped = following, change, True
             values = following.copy()
             evaluate(values, teams, neighbors, *policies, 0.01 * change, 1000)
+        else:
+            raise ValueError(
+                f"{maze.name}: no convergence within {MAX_SWEEPS} sweeps at discount {discount}; "
+                "take a smaller one, or a horizon"
+            )
     shape = (size,) * (num_chasers + 1)
     apart = (teams[:, :, None] != np.arange(size)).all(axis=1)
     chaser_policy[~apart], evader_policy[~apart] = 1.0 / chaser_policy.shape[2], 1.0 / actions

@@ -13,8 +13,11 @@ import numpy as np
 
 from pursuit.compiled import allocating, compiled
 
-SADDLE = 1e-13
+SADDLE = 1e-12
 """Relative difference below which the pure maximin and minimax count as equal."""
+
+MIXED = 1e-7
+"""Difference in steps above which optimal play must be random; the values are that exact."""
 
 SMALLEST_PIVOT = 1e-11
 BLAND_AFTER = 40
@@ -36,7 +39,7 @@ def solve_matrix(payoff: Any, tableau: Any, basis: Any, row: Any, column: Any) -
         row, column: [m] and [n] float64, where to write the strategies.
 
     Returns:
-        The value, and whether a pure saddle point was found.
+        The value, and by how much the pure minimax is above the pure maximin.
     """
     m, n = payoff.shape
     lowest, highest = payoff[0, 0], payoff[0, 0]
@@ -61,7 +64,7 @@ def solve_matrix(payoff: Any, tableau: Any, basis: Any, row: Any, column: Any) -
     span = highest - lowest
     if upper - lower <= SADDLE * max(abs(lowest), abs(highest)):
         row[best_row], column[best_column] = 1.0, 1.0
-        return lower, True
+        return lower, upper - lower
 
     last = n + m
     for i in range(m):
@@ -112,7 +115,7 @@ def solve_matrix(payoff: Any, tableau: Any, basis: Any, row: Any, column: Any) -
         row[i] /= total_row
     for j in range(n):
         column[j] /= total_column
-    return (1.0 / tableau[m, last] - 1.0) * span + lowest, False
+    return (1.0 / tableau[m, last] - 1.0) * span + lowest, upper - lower
 
 
 @compiled
@@ -220,10 +223,10 @@ def shapley(
                         cells, neighbors, chases[j], actions, evader, flight, chasers_first
                     )
                     payoffs[i, j] = 0.0 if caught else values[nexts[j], flight]
-            value, saddle = solve_matrix(payoffs[:m, :n], tableau, basis, row[:m], column[:n])
+            value, apart = solve_matrix(payoffs[:m, :n], tableau, basis, row[:m], column[:n])
             value = 1.0 + discount * value
             change = max(change, abs(value - values[team, evader]))
-            target[team, evader], mixed[team, evader] = value, not saddle
+            target[team, evader], mixed[team, evader] = value, apart > MIXED
             chaser_policy[team, evader, :] = 0.0
             evader_policy[team, evader, :] = 0.0
             for i in range(m):

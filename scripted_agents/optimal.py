@@ -59,6 +59,11 @@ class ExactAgent:
             self._players[key] = TablePolicy(maze, table, self.epsilon)
         return self._players[key]
 
+    def table(self, maze: Maze, stay_action: bool, move_order: str) -> NDArray[np.float64]:
+        """[self cell, other cell, action] float64: what it plays under that order of moves."""
+        player = self._player(maze, bool(stay_action), move_order)  # type: ignore[arg-type]
+        return player.action_probabilities(maze, bool(stay_action))
+
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game; random numbers from the seat's stream.
 
@@ -77,8 +82,7 @@ class ExactAgent:
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64, for the agent's own move order."""
-        player = self._player(maze, bool(stay_action), self.move_order)
-        return player.action_probabilities(maze, stay_action)
+        return self.table(maze, stay_action, self.move_order)
 
 
 class OptimalChaser(ExactAgent):
@@ -159,9 +163,18 @@ class BestResponder(ExactAgent):
 
     def solve(self, maze: Maze, stay_action: bool, move_order: MoveOrder) -> NDArray[np.float64]:
         """The stationary best response."""
-        table = self.opponent.action_probabilities(maze, stay_action)
+        table = table_of(self.opponent, maze, stay_action, move_order)
         arguments = (None, self.discount, stay_action, move_order)
         return best_response(self.role, maze, table, *arguments).policy
+
+
+def table_of(
+    policy: TabularPolicy, maze: Maze, stay_action: bool, move_order: str
+) -> NDArray[np.float64]:
+    """[self cell, other cell, action] float64: what a policy plays under these rules."""
+    if isinstance(policy, ExactAgent):
+        return policy.table(maze, stay_action, move_order)
+    return policy.action_probabilities(maze, stay_action)
 
 
 def role_of(policy: object) -> str | None:

@@ -241,6 +241,13 @@ def test_two_chasers_on_5x5_are_solved_and_better_than_one() -> None:
         assert 1 + 0.95 * (y @ payoff).min() == pytest.approx(two.values[c, d, e], abs=1e-6)
 
 
+def test_where_play_must_be_random_is_told_from_rounding() -> None:
+    """On a ring the evader runs on for ever, so a pure move is optimal wherever it stands."""
+    assert not solve_chase(RING).mixed.any()
+    open_maze = solve_chase(load_maze("3x3-open"))
+    assert open_maze.mixed.any() and not open_maze.mixed.all()
+
+
 def test_an_evader_that_cannot_be_reached_is_never_caught() -> None:
     values = solve_chase(TWO_PARTS, 0.9).values
     assert values[0, 2] == pytest.approx(10.0) and values[0, 1] < 10.0

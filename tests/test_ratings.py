@@ -13,6 +13,7 @@ from train.ratings import (
     nash_average,
     openskill_ratings,
     pairwise_wins,
+    preference_cycle,
 )
 
 
@@ -89,3 +90,15 @@ def test_cycles_are_found_where_there_is_no_pure_equilibrium() -> None:
         else:
             assert rock[answer, number] == rock[:, number].min()
     assert best_response_cycle(np.array([[3.0, 2.0], [5.0, 4.0]])) == []
+    # Within the doubts of the entries nothing speaks against an equilibrium.
+    assert best_response_cycle(rock, np.full((3, 3), 1.1)) == []
+
+
+def test_players_of_one_role_can_run_in_a_circle_too() -> None:
+    strengths = np.array([[3, 1, 2], [1, 2, 3], [2, 3, 1]])  # each better against two of three
+    results = np.repeat(strengths[:, :, None], 50, axis=2)
+    cycle = preference_cycle(pairwise_wins(results))
+    assert sorted(cycle) == [0, 1, 2]
+    wins = pairwise_wins(results).mean(axis=2)
+    assert all(wins[a, b] > 0.5 for a, b in zip(cycle, [*cycle[1:], cycle[0]], strict=True))
+    assert preference_cycle(pairwise_wins(results_of([1200.0, 1500.0, 1800.0]))) == []

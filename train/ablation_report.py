@@ -290,7 +290,7 @@ def draw_final(path: Path, table: list[dict[str, Any]], control: str, title: str
             axis.plot(value, place, "o", color=color, ms=6)
         left.plot([row["best"], row["worst"]], [place, place], "|", color=color, ms=9)
     left.set_yticks(range(len(table)), [row["arm"] for row in table])
-    left.invert_yaxis()
+    left.set_ylim(len(table) - 0.5, -0.5)
     left.set_xscale("symlog", linthresh=1.0)
     left.xaxis.set_major_formatter(matplotlib.ticker.FormatStrFormatter("%g"))
     ends = [row[name] for row in table for name in ("best", "worst")]
@@ -318,7 +318,7 @@ def draw_arms(path: Path, arms: dict[str, list[Curve]], control: str, title: str
     figure, grid = pyplot.subplots(
         2 * lines,
         columns,
-        figsize=(3.3 * columns + 0.6, 3.5 * lines + 0.5),
+        figsize=(max(3.3 * columns + 0.6, 7.5), 3.5 * lines + 0.5),
         squeeze=False,
         sharex=True,
         height_ratios=(3, 1) * lines,

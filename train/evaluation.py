@@ -22,6 +22,7 @@ from scripted_agents import (
     best_response,
     evaluate_exactly,
     mean_over_starts,
+    table_of,
     tour_lengths,
 )
 from scripted_agents.environments import DEFAULTS
@@ -92,7 +93,8 @@ class Contest:
         other = "evader" if self.role == "chaser" else "chaser"
         policy = self.opponents.get(f"{other}_0", self.opponents.get(other))
         assert isinstance(policy, TabularPolicy)  # is_exact
-        return policy.action_probabilities(self.task.mazes[0], self.task.stay_action)
+        task = self.task
+        return table_of(policy, task.mazes[0], task.stay_action, task.move_order)
 
     def score(self, name: str, policy: Policy) -> Score:
         """Play, and solve where it can be solved."""
@@ -101,7 +103,8 @@ class Contest:
         ci95 = 1.96 * float(lengths.std(ddof=1)) / len(lengths) ** 0.5 if len(lengths) > 1 else 0.0
         if self.is_exact and isinstance(policy, TabularPolicy):
             task = self.task
-            maze, own = task.mazes[0], policy.action_probabilities(task.mazes[0], task.stay_action)
+            maze = task.mazes[0]
+            own = table_of(policy, maze, task.stay_action, task.move_order)
             tables = (own, self._opponent_table())
             values = evaluate_exactly(
                 maze,

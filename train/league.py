@@ -26,6 +26,7 @@ from train.ratings import (
     nash_average,
     openskill_ratings,
     pairwise_wins,
+    preference_cycle,
 )
 from train.run import load_policy
 from train.run_folder import CONFIG, load_settings, write_beside, write_json
@@ -129,6 +130,7 @@ def enter(given: LeagueCommand) -> tuple[Task, list[Entry]]:
             bool(task.num_chasers and task.num_evaders),
             f"{runs[0][0]}: learned in task {task.name!r}; a league is between chasers and evaders",
         )
+        check(not task.num_runners, f"{runs[0][0]}: learned among runners; a league has none")
     entries = []
     for name, folder in runs:
         settings = load_settings(folder)
@@ -203,7 +205,8 @@ def rate(table: LeagueTable, seed: int = 0) -> dict[str, Any]:
             }
             for n, name in enumerate(names)
         ]
-    cycle = best_response_cycle(table.payoff)
+        content[f"{role}_cycle"] = [names[n] for n in preference_cycle(wins)]
+    cycle = best_response_cycle(table.payoff, table.ci95)
     content["cycle"] = [
         ("chaser " + table.chasers[n]) if role == "chaser" else ("evader " + table.evaders[n])
         for role, n in cycle
@@ -246,6 +249,13 @@ def _print(task: Task, table: LeagueTable, content: dict[str, Any]) -> None:
                 f"{row['steps_against_nash']:.2f}",
             )
         console.print(ratings)
+    for role in ROLES:
+        if content[f"{role}_cycle"]:
+            chain = " > ".join([*content[f"{role}_cycle"], content[f"{role}_cycle"][0]])
+            print(
+                f"\nwarning: the {role}s are not transitive, ratings cannot order them: {chain}",
+                file=sys.stderr,
+            )
     if content["cycle"]:
         chain = " -> ".join([*content["cycle"], content["cycle"][0]])
         print(

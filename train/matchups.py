@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pursuit.policy import Policy, TabularPolicy
 from pursuit.simulator import Simulator
 from pursuit.task import Task
-from scripted_agents import evaluate_exactly, mean_over_starts
+from scripted_agents import evaluate_exactly, mean_over_starts, table_of
 from train.evaluation import EVALUATION_SEED, MAX_EXACT_CELLS
 
 
@@ -43,6 +43,12 @@ def is_exact(task: Task, *policies: Policy) -> bool:
     )
 
 
+def table_in(task: Task, policy: Policy) -> NDArray[np.float64]:
+    """[self cell, other cell, action] of a policy, where `is_exact`."""
+    assert isinstance(policy, TabularPolicy)
+    return table_of(policy, task.mazes[0], task.stay_action, task.move_order)
+
+
 def play_pair(
     task: Task, chaser: Policy, evader: Policy, episodes: int, seed: int = EVALUATION_SEED
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -50,6 +56,7 @@ def play_pair(
     simulator = Simulator(task, episodes, seed, auto_restart=False)
     simulator.reset()
     policies = [chaser if role == "chaser" else evader for role in task.seat_roles]
+    evaders = [role == "evader" for role in task.seat_roles]
     actions = np.zeros((episodes, task.num_agents), dtype=np.int32)
     lengths = np.full(episodes, task.max_steps, dtype=np.int64)
     caught = np.zeros(episodes, dtype=bool)
@@ -58,7 +65,8 @@ def play_pair(
         simulator.act(policies, actions)
         simulator.step(actions)
         ended = running & (simulator.terminated | simulator.truncated)
-        lengths[ended], caught[ended] = step, simulator.terminated[ended]
+        lengths[ended] = step
+        caught[ended] = (simulator.active[ended][:, evaders] == 0).all(axis=1)
         running &= ~ended
         if not running.any():
             break
@@ -71,10 +79,7 @@ def match(
     """Exact where `is_exact`; else the mean over `episodes` games."""
     if is_exact(task, chaser, evader):
         maze, horizon = task.mazes[0], task.max_steps
-        own, other = [
-            policy.action_probabilities(maze, task.stay_action)  # type: ignore[attr-defined]
-            for policy in (chaser, evader)
-        ]
+        own, other = (table_in(task, policy) for policy in (chaser, evader))
         order: Any = task.move_order
         values = evaluate_exactly(maze, own, other, horizon, 1.0, order)
         longer = evaluate_exactly(maze, own, other, horizon + 1, 1.0, order)

@@ -133,7 +133,9 @@ def _widest(
     payoff: NDArray[np.float64], value: float, start: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Of the strategies over columns that get at least `value` from every row, the most even."""
-    span = max(float(np.ptp(payoff)), 1e-12)
+    span = float(np.ptp(payoff))
+    if span <= 1e-9 * max(1.0, abs(value)):
+        return np.full_like(start, 1.0 / len(start))
     slack = 1e-9
     limits: Any = [
         {"type": "eq", "fun": lambda p: p.sum() - 1.0, "jac": np.ones_like},
@@ -166,16 +168,22 @@ def _widest(
     return mixture if good else start
 
 
-def best_response_cycle(payoff: NDArray[np.float64]) -> list[tuple[str, int]]:
+def best_response_cycle(
+    payoff: NDArray[np.float64], ci95: NDArray[np.float64] | None = None
+) -> list[tuple[str, int]]:
     """A cycle of best responses, each to the one before; empty if they settle in an equilibrium.
 
     Args:
         payoff: [chasers, evaders], which the evaders maximise and the chasers minimise.
+        ci95: half widths of its entries; a pair that is an equilibrium within them is taken as one.
 
     Returns:
         ("chaser", i) and ("evader", j) in turn: at least four of them.
     """
-    if solve_matrix_game(payoff.T).pure:
+    doubt = np.zeros_like(payoff) if ci95 is None else ci95
+    lowest, highest = payoff - doubt, payoff + doubt
+    settled = (highest >= lowest.max(axis=1, keepdims=True)) & (lowest <= highest.min(axis=0))
+    if settled.any():
         return []
     seen: dict[int, int] = {}
     path: list[tuple[str, int]] = []
@@ -186,3 +194,25 @@ def best_response_cycle(payoff: NDArray[np.float64]) -> list[tuple[str, int]]:
         path += [("chaser", chaser), ("evader", evader)]
         chaser = int(payoff[:, evader].argmin())
     return path[seen[chaser] :]
+
+
+def preference_cycle(wins: NDArray[np.float64]) -> list[int]:
+    """A shortest cycle of players of one role, each better than the next; empty if there is none.
+
+    One is better where it wins more than half of the comparisons, and their 95 % interval excludes
+    half.
+
+    Args:
+        wins: [players, players, games], from `pairwise_wins`.
+    """
+    import networkx
+
+    games = wins.shape[2]
+    half = 1.96 * wins.std(axis=2, ddof=1) / games**0.5 if games > 1 else np.inf
+    better = wins.mean(axis=2) - half > 0.5
+    graph = networkx.DiGraph(list(zip(*np.nonzero(better), strict=True)))
+    cycles: list[list[int]] = [
+        [int(player) for player in cycle]
+        for cycle in networkx.simple_cycles(graph, length_bound=len(wins))
+    ]
+    return min(cycles, key=len, default=[])

@@ -23,8 +23,7 @@ from train.algorithms.learner import Learner
 from train.exploitability import exploitability, nash_conv
 from train.hyperparameters import ALGORITHMS, DETERMINISTIC, Hyperparameters, PPOSettings, check
 from train.interruption import Interruption
-from train.learned_policy import LearnedPolicy
-from train.matchups import is_exact, match
+from train.matchups import is_exact, match, table_in
 from train.opponent_pool import (
     LATEST,
     SAMPLING,
@@ -36,6 +35,7 @@ from train.opponent_pool import (
 from train.presets import hyperparameters
 from train.run import MISFITS, has_fast_bfloat16, keep_freed_memory, load_policy
 from train.run_folder import (
+    CHECKPOINT,
     CONFIG,
     FORMAT,
     RESULTS,
@@ -121,6 +121,11 @@ class SelfPlaySettings:
         check(
             bool(task.num_chasers and task.num_evaders),
             f"task {task.name!r} has no chasers or no evaders; self-play is between the two",
+        )
+        check(
+            not task.num_goals or self.task.rewards == "zero_sum",
+            f"rewards={self.task.rewards!r} with goals; leave them at zero_sum: opponents are "
+            "scored by steps, so a game that ends early must be what the chasers are paid for",
         )
         check(not task.num_runners, f"task {task.name!r} has runners; take chase or heist")
         check(self.task.opponent is None, "opponent is of `pursuit train`; use chaser or evader")
@@ -348,10 +353,10 @@ class SelfPlay:
             side = self.sides[role]
             latest, load = side.policy(), side.load
         else:
-            latest, load = frozen_policy(frozen, role, settings.task), lambda state: latest
+            latest, load = frozen_policy(frozen, role, settings), lambda state: latest
         pool = OpponentPool(self.folder / "pool" / role, latest, settings.pool_size, load)
         for name in settings.members:
-            pool.add_scripted(name, scripted_opponent(name, role, settings.task))
+            pool.add_scripted(name, scripted_opponent(name, role, settings))
         return pool
 
     @property
@@ -372,9 +377,9 @@ class SelfPlay:
         Args:
             report: called with every row of `metrics.csv`, and with {} after every iteration.
         """
-        if not self.metrics.rows:
-            self._record({}, report)
         with Interruption() as interruption:
+            if not self.metrics.rows:
+                self._record({}, report)
             while self.progress < 1.0 and not self.stopped:
                 began = perf_counter()
                 losses: dict[str, float] = {}
@@ -462,13 +467,10 @@ class SelfPlay:
         chaser, evader = self.policy("chaser"), self.policy("evader")
         if is_exact(task, chaser, evader):
             maze = task.mazes[0]
-            own, other = [
-                policy.action_probabilities(maze, task.stay_action)  # type: ignore[attr-defined]
-                for policy in (chaser, evader)
-            ]
+            tables = [table_in(task, policy) for policy in (chaser, evader)]
             rest: Any = (self.settings.hyper.gamma, task.move_order)
             if maze.num_cells <= MAX_GAME_CELLS:
-                found = exploitability(maze, own, other, *rest)
+                found = exploitability(maze, tables[0], tables[1], *rest)
                 row = {
                     "nash_conv": found.nash_conv,
                     "chaser_exploitability": found.mean_chaser,
@@ -477,13 +479,13 @@ class SelfPlay:
                     "game_value": mean_over_starts(found.game_values, maze),
                 }
             else:
-                row = {"nash_conv": nash_conv(maze, own, other, *rest)}
+                row = {"nash_conv": nash_conv(maze, tables[0], tables[1], *rest)}
         row["steps"] = match(task, chaser, evader, episodes).steps
         for name in self._scripted():
             for role in self.sides:
-                other = scripted_opponent(name, _other(role), self.settings.task)
-                pair = (chaser, other) if role == "chaser" else (other, evader)
-                row[f"{role}_vs_{name}"] = match(task, *pair, episodes).steps
+                other = scripted_opponent(name, _other(role), self.settings)
+                one, two = (chaser, other) if role == "chaser" else (other, evader)
+                row[f"{role}_vs_{name}"] = match(task, one, two, episodes).steps
         return row
 
     def _scripted(self) -> tuple[str, ...]:
@@ -495,7 +497,7 @@ class SelfPlay:
         """Learned and scripted agents of both roles, everybody against everybody."""
         players = {
             role: {"learned": self.policy(role)}
-            | {name: scripted_opponent(name, role, self.settings.task) for name in self._scripted()}
+            | {name: scripted_opponent(name, role, self.settings) for name in self._scripted()}
             for role in ROLES
         }
         return [
@@ -537,8 +539,8 @@ class SelfPlay:
         )
         for role, side in self.sides.items():
             folder = self.folder / role
-            if not folder.exists():
-                folder.mkdir()
+            if not (folder / CONFIG).exists():
+                folder.mkdir(exist_ok=True)
                 save_settings(folder, side.settings)
             save_checkpoint(folder, {"learner": side.learner.state_dict()})
         for pool in self.pools.values():
@@ -622,20 +624,22 @@ class SelfPlay:
         return found
 
 
-def scripted_opponent(name: str, role: str, task: TaskSettings) -> Policy:
+def scripted_opponent(name: str, role: str, settings: SelfPlaySettings) -> Policy:
     """A scripted agent by its name; A* moves at random as often as `opponent_epsilon` says."""
-    rest: Any = (task.opponent_epsilon if name == "astar" else 0.0, task.move_order)
+    task = settings.task
+    epsilon = task.opponent_epsilon if name == "astar" else 0.0
+    rest: Any = (epsilon, task.move_order, settings.hyper.gamma)
     return scripted_policy(name, role, *rest)
 
 
-def frozen_policy(name: str, role: str, task: TaskSettings) -> Policy:
+def frozen_policy(name: str, role: str, settings: SelfPlaySettings) -> Policy:
     """Who plays a role that does not learn: a scripted agent, or the folder of a run.
 
     Raises:
         ValueError: neither; or the run learned another role, or in other games.
     """
     if name in SCRIPTED:
-        return scripted_opponent(name, role, task)
+        return scripted_opponent(name, role, settings)
     from train.third_party import load_opponent
 
     folder = Path(name)
@@ -643,19 +647,20 @@ def frozen_policy(name: str, role: str, task: TaskSettings) -> Policy:
         policy = load_policy(folder, greedy=load_settings(folder).algorithm in DETERMINISTIC)
     else:
         policy = load_opponent(folder)
-    check_fits(policy, role, task.build(), name)
+    check_fits(policy, role, settings.task.build(), name)
     return policy
 
 
 def check_fits(policy: Policy, role: str, task: Task, name: str) -> None:
     """Raise ValueError unless a learned policy is of this role and of games like these."""
-    if not isinstance(policy, LearnedPolicy):
+    if not hasattr(policy, "task"):
         return
-    own = policy.task
-    learned = own.seat_roles[own.seat(policy.agent)]
+    learner: Any = policy
+    own: Task = learner.task
+    learned = own.seat_roles[own.seat(learner.agent)]
     check(learned == role, f"{name}: learned to be {learned!r}; {role!r} is asked for")
     check(
-        own.mazes == task.mazes,
+        set(task.mazes) <= set(own.mazes),
         f"{name}: learned in maze {own.mazes[0].name}, and the games are in {task.mazes[0].name}",
     )
     for what in ("num_chasers", "num_evaders", "num_goals", "stay_action", "move_order"):
@@ -672,9 +677,14 @@ def start_self_play(settings: SelfPlaySettings, folder: Path) -> SelfPlay:
 
 
 def resume_self_play(folder: Path) -> SelfPlay:
-    """Go on with the self-play in `folder`; ValueError where there is none, or it is complete."""
-    run = SelfPlay(load_self_play_settings(folder), folder, resume=True)
-    if run.progress >= 1.0:
+    """Go on with the self-play in `folder`; ValueError where there is none, or it is complete.
+
+    One that was killed before its first checkpoint begins anew; one that was killed after its last
+    has only its results to write.
+    """
+    begun = (folder / CHECKPOINT).exists()
+    run = SelfPlay(load_self_play_settings(folder), folder, resume=begun)
+    if run.progress >= 1.0 and (folder / RESULTS).exists():
         raise ValueError(f"{folder}: complete; its budget is spent. See {folder / RESULTS}")
     return run
 

@@ -62,7 +62,14 @@ def self_play(arguments: Sequence[str]) -> None:
         check(given.resume is None, "--compare goes on by itself; leave out --resume")
         name = f"self-play-{Path(given.settings.task.maze).stem}-compared"
         rest = _without_own(arguments)
-        compare(given.compare, given.seeds, given.workers, rest, given.out or Path("runs") / name)
+        compare(
+            given.settings,
+            given.compare,
+            given.seeds,
+            given.workers,
+            rest,
+            given.out or Path("runs") / name,
+        )
         return
     if given.resume is not None:
         check(given.resume.is_dir(), f"{given.resume}: no such folder")
@@ -137,6 +144,7 @@ class _Watch:
         ]
         if "nash_conv" in row:
             parts.append(f"NashConv {row['nash_conv']:6.3f}")
+        if "chaser_exploitability" in row:
             parts.append(
                 f"(chaser {row['chaser_exploitability']:.3f}, evader "
                 f"{row['evader_exploitability']:.3f})"
@@ -176,8 +184,10 @@ def _print_results(run: SelfPlay, content: dict[str, Any]) -> None:
         print(
             f"\nNashConv {content['nash_conv_at_start']:.3f} -> {found['nash_conv']:.3f} "
             f"discounted steps, {100 * content['nash_conv_reduction']:.1f} % less (exact; 0 is an "
-            f"equilibrium); value {found['value']:.3f}, of the game {found['game_value']:.3f}"
+            "equilibrium)"
         )
+    if "game_value" in found:
+        print(f"value {found['value']:.3f}, of the game {found['game_value']:.3f}")
     for name, steps in content.get("approximate_best_response", {}).items():
         print(f"approximate best response {name.replace('_', ' the ')}: {steps:.2f} steps")
     print(f"results, curve and pool: {run.folder}")
@@ -207,6 +217,8 @@ def draw_self_play(path: Path, rows: list[dict[str, float]], title: str) -> None
             ("chaser_exploitability", "of the chaser"),
             ("evader_exploitability", "of the evader"),
         ):
+            if name not in rows[0]:
+                continue
             values = [row[name] for row in rows]
             color = COLORS[name.split("_exp")[0]]
             width = 2.2 if name == "nash_conv" else 1.3

@@ -139,7 +139,6 @@ def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int)
         axis.set_title(f"optimal {mover}, the {name} being at ●", fontsize=10)
         axis.set_aspect("equal")
         axis.axis("off")
-        axis.invert_yaxis()
     unit = "steps" if solution.horizon is not None else f"steps, discount {solution.discount:g}"
     figure.colorbar(image, ax=axes, shrink=0.8, label=f"value ({unit})")
     figure.suptitle(f"{maze.name}: the exact game, {solution.move_order}", fontsize=11)

@@ -96,11 +96,13 @@ class PPO(RolloutLearner):
         self.set_learning_rate(progress)
         entropy_weight = self.annealed(settings.entropy, progress)
         frames = self.collect()
+        # Idle agents of a team leave fewer frames than were collected.
+        size = min(settings.minibatch, len(frames))
         logged: list[dict[str, torch.Tensor]] = []
         for _ in range(settings.epochs):
             order = torch.randperm(len(frames), device=self.device)
-            for chosen in torch.split(order, settings.minibatch):
-                if len(chosen) == settings.minibatch:
+            for chosen in torch.split(order, size):
+                if len(chosen) == size:
                     # Half the time of frames[chosen].
                     minibatch = frames.apply(
                         lambda column, chosen=chosen: column.index_select(0, chosen),
