@@ -177,15 +177,22 @@ class Shuffled:
 class SuccessGated:
     """One stage for all games; up when it is mastered and, if wanted, down when it is not.
 
+    Whoever fails by running out of time ends late, so the first episodes to end are nearly all
+    successes (and an evader's nearly all failures). Episodes that still run therefore count as
+    failures on the way up, and as successes on the way down.
+
     Args:
         stages: the values, from easy to hard.
-        promote_at: share of successes among the last `window` episodes of the stage.
+        promote_at: share of successes among the episodes of the stage that leads up.
         demote_at: at most this share leads back; 0 never does.
-        window: episodes.
+        window: episodes that must have ended before anything is decided.
 
     Raises:
         ValueError: shares outside [0, 1], `demote_at` not below `promote_at`, or an empty window.
     """
+
+    RUNNING_SHARE = 20
+    """Counting begins anew when this many times more episodes have ended than still run."""
 
     def __init__(
         self,
@@ -203,46 +210,56 @@ class SuccessGated:
         if window < 1:
             raise ValueError(f"window={window}; at least 1 episode")
         self.promote_at, self.demote_at, self.window = promote_at, demote_at, window
-        self.number, self.successes = 0, np.zeros(0, dtype=bool)
+        self.number = self.begun = self.ended = self.won = 0
         self._told = False
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """Count the episodes of this stage; those of stages before are over with."""
         own = stage_numbers(self.stages, outcomes.lessons) == self.number
-        self.successes = np.concatenate([self.successes, outcomes.successes[own]])[-self.window :]
+        self.ended += int(own.sum())
+        self.won += int(outcomes.successes[own].sum())
+        running = max(self.begun - self.ended, 0)
         reason = "" if self._told else "first stage"
         self._told = True
-        if len(self.successes) == self.window:
-            rate = float(self.successes.mean())
-            move = 0
-            if rate >= self.promote_at and self.number < len(self.stages) - 1:
-                move, word = 1, "reached"
-            elif self.demote_at > 0 and rate <= self.demote_at and self.number > 0:
-                move, word = -1, "fell to"
-            if move:
-                reason = (
-                    f"{100 * rate:.1f} % success {word} {100 * self.promote_at:.0f} %"
-                    if move > 0
-                    else f"{100 * rate:.1f} % success {word} {100 * self.demote_at:.0f} %"
-                )
-                self.number += move
-                self.successes = self.successes[:0]
+        if self.ended >= self.window:
+            low, high = (n / (self.ended + running) for n in (self.won, self.won + running))
+            if low >= self.promote_at and self.number < len(self.stages) - 1:
+                reason = f"{100 * low:.1f} % success reached {100 * self.promote_at:.0f} %"
+                self.number += 1
+                self.begun = self.ended = self.won = 0
+            elif self.demote_at > 0 and high <= self.demote_at and self.number > 0:
+                reason = f"{100 * high:.1f} % success fell to {100 * self.demote_at:.0f} %"
+                self.number -= 1
+                self.begun = self.ended = self.won = 0
+            elif self.ended >= self.RUNNING_SHARE * running:
+                self.begun, self.ended, self.won = running, 0, 0
         value = float(self.stages[self.number])
         return [Change(value, value, value, reason)] if reason else []
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """The stage, for all."""
+        self.begun += num_games
         return np.full(num_games, self.stages[self.number])
 
     def state_dict(self) -> dict[str, Any]:
-        """The stage and its episodes."""
-        return {"stage": self.number, "successes": self.successes, "told": self._told}
+        """The stage, its episodes, and the stages there are."""
+        return {
+            "stage": self.number,
+            "counts": [self.begun, self.ended, self.won],
+            "stages": self.stages.tolist(),
+            "told": self._told,
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take them back."""
-        check_state("success-gated", state, {"stage", "successes", "told"})
+        check_state("success-gated", state, {"stage", "counts", "stages", "told"})
+        if not np.array_equal(state["stages"], self.stages):
+            raise ValueError(
+                f"the checkpoint has the stages {state['stages']}, and these are "
+                f"{self.stages.tolist()}; resume with the settings that it was made with"
+            )
         self.number, self._told = state["stage"], state["told"]
-        self.successes = np.asarray(state["successes"], dtype=bool)
+        self.begun, self.ended, self.won = state["counts"]
 
 
 class LearningProgress:

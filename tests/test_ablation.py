@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
+from scipy.stats import mannwhitneyu
 
 from train.ablation import ABLATIONS, load_ablation
 from train.ablation_report import Curve, summary, verdict
@@ -22,6 +23,7 @@ from train.statistics import (
     interquartile_mean,
     interquartile_means,
     mean_over,
+    permutation_p,
     probability_of_improvement,
     resampled,
     stratified_interval,
@@ -143,14 +145,30 @@ def test_what_was_never_reached_counts_as_late_not_as_missing() -> None:
     assert (row["seconds_to_5"], row["frames_to_5"], row["reached_2"]) == (2.0, 2e6, 2)
 
 
-def test_a_verdict_needs_an_interval_that_excludes_chance() -> None:
+def test_the_p_value_is_mann_and_whitneys_where_there_are_no_ties() -> None:
+    rng = np.random.default_rng(0)
+    for ours, theirs in ((3, 3), (4, 4), (5, 3), (7, 6)):
+        own, other = rng.normal(size=ours), rng.normal(0.8, size=theirs)
+        exact = mannwhitneyu(own, other, method="exact").pvalue
+        assert permutation_p([list(own)], [list(other)]) == pytest.approx(exact)
+    assert permutation_p([[1, 2, 3]], [[4, 5, 6]]) == pytest.approx(0.1)
+    assert permutation_p([[1, 2, 3, 4]], [[5, 6, 7, 8]]) == pytest.approx(2 / 70)
+    # Two tasks: both must be apart in the same sense to count.
+    alike = permutation_p([[1, 2, 3], [4, 5, 6]], [[4, 5, 6], [1, 2, 3]])
+    apart = permutation_p([[1, 2, 3], [1, 2, 3]], [[4, 5, 6], [4, 5, 6]])
+    assert alike == pytest.approx(1.0) and apart == pytest.approx(2 / 400, abs=0.003)
+
+
+def test_a_verdict_needs_more_than_chance() -> None:
     control = [curve([50.0, 20.0 + seed], seed) for seed in range(5)]
     for shift, wanted in ((-15.0, "better"), (15.0, "worse"), (0.0, "no difference shown")):
         arm = [curve([50.0, 20.0 + seed + shift], seed) for seed in range(5)]
-        assert verdict(summary("arm", arm, control), "none") == wanted
+        assert verdict(summary("arm", arm, control), "none").startswith(wanted)
+    three = summary("arm", [curve([1.0], seed) for seed in range(3)], control[:3])
+    assert verdict(three, "none") == "no difference shown (p = 0.10)"
     assert verdict(summary("none", control, control), "none") == "control"
     one = summary("arm", control[:1], control[:1])
-    assert verdict(one, "none") == "one seed: nothing can be said"
+    assert verdict(one, "none") == "nothing can be said"
 
 
 # -- files -----------------------------------------------------------------------------------------

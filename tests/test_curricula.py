@@ -147,6 +147,34 @@ def test_success_moves_the_gate_up_and_failure_down() -> None:
     assert (gate.sample(3, np.random.default_rng(0)) == 8.0).all()
 
 
+def test_the_gate_does_not_mistake_quick_successes_for_mastery() -> None:
+    """Games of 200 steps at most in which half of the starts are solved in 10 steps, half never."""
+    gate = SuccessGated([1.0, 2.0], promote_at=0.6, demote_at=0.0, window=100)
+    rng = np.random.default_rng(0)
+    lessons, ends = gate.sample(1000, rng), np.where(rng.random(1000) < 0.5, 10, 200)
+    wins = ends == 10
+    for now in range(1, 2000):
+        over = ends == now
+        gate.update(outcomes(lessons[over], wins[over]), Progress())
+        lessons[over] = gate.sample(int(over.sum()), rng)
+        quick = rng.random(int(over.sum())) < 0.5
+        wins[over], ends[over] = quick, now + np.where(quick, 10, 200)
+        assert gate.number == 0
+    gate.promote_at = 0.4
+    for now in range(2000, 2600):
+        over = ends == now
+        gate.update(outcomes(lessons[over], wins[over]), Progress())
+        lessons[over] = gate.sample(int(over.sum()), rng)
+        quick = rng.random(int(over.sum())) < 0.5
+        wins[over], ends[over] = quick, now + np.where(quick, 10, 200)
+    assert gate.number == 1
+
+
+def test_a_gate_with_other_stages_is_refused() -> None:
+    with pytest.raises(ValueError, match="resume with the settings"):
+        SuccessGated([1.0, 2.0]).load_state_dict(SuccessGated([1.0, 3.0]).state_dict())
+
+
 def test_learning_progress_goes_where_the_return_changes() -> None:
     bandit = LearningProgress(STAGES, fast=0.3, slow=0.05, explore_share=0.1)
     rng, drift = np.random.default_rng(0), 0.0

@@ -16,6 +16,7 @@ from pursuit.task import make_task
 from scripted_agents import AStarChaser, best_response, tour_lengths
 from train.axes import first_rows, opened
 from train.command_line import main
+from train.evaluation import won_by
 from train.run import Run, load_policy, resume_run, start_run
 from train.run_folder import load_settings, new_folder
 from train.settings import settings_of
@@ -323,6 +324,11 @@ def test_a_policy_taught_on_several_mazes_is_evaluated_on_the_last(tmp_path: Pat
             "floor 0.2 lies above the start 0.1",
         ),
         ({**MAZE, "curriculum": "goal-spread-start", "schedule_length": -0.1}, "at least 0"),
+        ({**MAZE, "curriculum": "goal-spread-start", "schedule": "step"}, "shares of the budget"),
+        ({**MAZE, "curriculum": "uniform", "easiest": float("inf")}, "a finite number"),
+        ({**MAZE, "curriculum": "reversed", "schedule_unit": "frames"}, "is over at once"),
+        ({**CHASE, "curriculum": "opponent-epsilon", "schedule": "piecewise",
+          "schedule_points": "0:1,0.5:2"}, "epsilon=2.0"),
         ({**MAZE, "curriculum": "goal-spread-start", "easiest": 0.5}, "whole number of steps"),
         ({**MAZE, "start": "marks", "curriculum": "goal-spread-start"}, "needs random starts"),
         ({**MAZE, "start": "marks", "curriculum": "level-replay"}, "replays random starts"),
@@ -374,6 +380,33 @@ def test_large_mazes_have_a_curriculum_unless_told_otherwise() -> None:
     assert settings_of(**MAZE).curriculum == "none"
     with pytest.raises(ValueError, match="with settings of"):
         replace(large, curriculum="uniform")
+
+
+def test_options_are_checked_together_and_warnings_are_heard(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    common = "--frames 2048 --num-games 64 --minibatch 256 --threads 1 --episodes 5 --maze 3x3"
+    main(
+        f"train --task race {common} --curriculum level-replay --level-score learnability "
+        f"--out {tmp_path / 'race'}".split()
+    )
+    capsys.readouterr()
+    main(
+        f"train --task maze {common} --curriculum goal-spread-start --hardest 40 "
+        f"--out {tmp_path / 'maze'}".split()
+    )
+    said = capsys.readouterr().err
+    assert said.count("40 steps is more than maze 3x3 has; clipped") == 1
+
+
+def test_a_chaser_wins_by_catching_not_by_the_loss_of_all_goals() -> None:
+    task = make_task("heist", maze="3x3", num_goals=1, max_steps=50)
+    simulator = Simulator(task, 1, auto_restart=False)
+    move = int(np.flatnonzero(task.mazes[0].neighbors[0, :4] != 0)[0])
+    simulator.place([[8, 0]], [[task.mazes[0].neighbors[0, move]]])
+    simulator.step([[0, move]])
+    assert simulator.terminated[0] and simulator.goals[0, 0] < 0
+    assert not won_by(simulator, 0)[0] and won_by(simulator, 1)[0]
 
 
 def test_the_command_line_teaches_and_shows_levels(

@@ -7,7 +7,7 @@ An ablation is a sweep whose variants are called arms: the runs, executors and f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -16,11 +16,19 @@ import tyro
 from train.command_line import parse
 from train.hyperparameters import check
 from train.run import contest_of
+from train.settings import TaskSettings
 from train.sweep import Sweep, choose_version, multiply_out, read_file, shipped
 from train.sweep_commands import SweepCommand, carry_out
 
 ABLATIONS = Path(__file__).with_name("ablations")
-EQUAL = ("seconds", "frames", "seed", "threads")
+EQUAL = (
+    "seconds",
+    "frames",
+    "seed",
+    "threads",
+    "evaluate",
+    *(f.name for f in fields(TaskSettings)),
+)
 """What no arm may have of its own."""
 
 
@@ -81,10 +89,23 @@ def load_ablation(name: str, version: str | None = None) -> Sweep:
             check(
                 not own,
                 f"arm {arm.get('name')!r} sets {', '.join(own)}; arms have equal budgets and the "
-                "same seeds: set it for all, in [settings]",
+                "same task and seeds: set it for all, in [settings]",
             )
-            arm.setdefault("curriculum", "none")
-        sweep = multiply_out(choose_version(content, version), path.stem)
+        chosen = choose_version(content, version)
+        for arm in arms:
+            if "curriculum" not in chosen.get("settings", {}):
+                arm.setdefault("curriculum", "none")
+        sweep = multiply_out(chosen, path.stem)
+        x = sweep.report["x"]
+        check(
+            x in (None, *content.get("grid", {})),
+            f"x={x!r} in [report] is none of the [grid] {list(content.get('grid', {}))}",
+        )
+        check(
+            len(content.get("grid", {})) <= 1 and (x is not None or not content.get("grid")),
+            "an ablation has at most one thing in its [grid], named as x in [report]: arms are "
+            "compared within each of its values",
+        )
         check(not sweep.exact, "an ablation has no [exact]")
         for task, run in {run.settings.task: run for run in sweep.runs}.items():
             check(

@@ -20,6 +20,7 @@ from train.statistics import (
     interquartile_mean,
     interquartile_means,
     mean_over,
+    permutation_p,
     probability_of_improvement,
     stratified_interval,
 )
@@ -160,11 +161,12 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
     areas = [mean_over(c.seconds, c.optimality) for c in curves]
     low, high = stratified_interval([areas])
     row |= {"area": interquartile_mean(areas), "area_low": low, "area_high": high}
-    point, (low, high) = float("nan"), (float("nan"), float("nan"))
+    point, (low, high), p = float("nan"), (float("nan"), float("nan")), float("nan")
     tasks = {c.task for c in curves}
     if control and tasks == {c.task for c in control}:
         point, (low, high) = probability_of_improvement(strata(curves), strata(control))
-    row |= {"improvement": point, "improvement_low": low, "improvement_high": high}
+        p = permutation_p(strata(curves), strata(control))
+    row |= {"improvement": point, "improvement_low": low, "improvement_high": high, "p": p}
     return row
 
 
@@ -181,12 +183,13 @@ def verdict(row: dict[str, Any], control: str) -> str:
     """What an arm shows against the control, in words."""
     if row["arm"] == control:
         return "control"
-    low, high = row["improvement_low"], row["improvement_high"]
+    low = row["improvement_low"]
     if np.isnan(low):
-        return "one seed: nothing can be said"
-    if low > 0.5:
-        return "better"
-    return "worse" if high < 0.5 else "no difference shown"
+        return "nothing can be said"
+    told = f"p = {row['p']:.3f}" if row["p"] < 0.1 else f"p = {row['p']:.2f}"
+    if row["p"] >= 0.05:
+        return f"no difference shown ({told})"
+    return f"{'better' if row['improvement'] > 0.5 else 'worse'} ({told})"
 
 
 def markdown(
@@ -242,8 +245,9 @@ def markdown(
         "counts as infinitely late, not as missing. Optimality is optimum / steps (for evaders "
         "steps / optimum), averaged over training time; 1 is perfect. P is the probability that "
         "a run of the arm ends nearer to the optimum than one of the control (Mann and Whitney); "
-        "a verdict is given only where its interval excludes 0.5. With few seeds intervals are "
-        "hardly more than the range of the runs.",
+        "p is that of an exact permutation test of P against 0.5, two-sided; a verdict is given "
+        "only below 0.05, which three seeds against three can never reach (0.1 at best). With few "
+        "seeds intervals are hardly more than the range of the runs.",
     ]
     missing = [row for row in everything if row["status"] != "complete"]
     if missing:

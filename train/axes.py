@@ -173,6 +173,8 @@ def _ends(ends: AxisSettings, easiest: float, hardest: float) -> tuple[float, fl
         default if end is None else float(end)
         for end, default in zip(given, (easiest, hardest), strict=True)
     )
+    for value in (first, last):
+        check(bool(np.isfinite(value)), f"{value} as the easiest or hardest; a finite number")
     return first, last
 
 
@@ -213,7 +215,9 @@ def training_mazes(name: str, given: str | None, task: Task) -> tuple[Maze, ...]
         mazes = [maze for maze in map(load_maze, names) if maze != final]
         for maze in mazes:
             check(
-                maze.height <= final.height and maze.width <= final.width,
+                maze.height <= final.height
+                and maze.width <= final.width
+                and maze.num_cells <= final.num_cells,
                 f"curriculum_mazes: {maze.name} is larger than the task's maze {final.name}; the "
                 "task's maze is the last and largest",
             )

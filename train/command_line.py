@@ -6,6 +6,7 @@ import contextlib
 import io
 import re
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -126,8 +127,9 @@ def parse(
     boxed = io.StringIO()
     extra: Any = {} if default is None else {"default": default}
     try:
-        with contextlib.redirect_stderr(boxed):
-            return tyro.cli(
+        with contextlib.redirect_stderr(boxed), warnings.catch_warnings(record=True) as noted:
+            warnings.simplefilter("always", UserWarning)
+            parsed = tyro.cli(
                 form,
                 args=list(arguments),
                 prog=f"pursuit {prog}",
@@ -138,6 +140,9 @@ def parse(
                 ),
                 **extra,
             )
+        for said in dict.fromkeys(str(warning.message) for warning in noted):
+            print(f"pursuit: warning: {said}", file=sys.stderr)
+        return parsed
     except SystemExit as exit_:
         if not exit_.code:
             raise

@@ -54,6 +54,19 @@ class AxisSettings(CurriculumSettings):
     itself. Left out: its first rows, or itself with walls opened."""
 
 
+def check_unit(name: str, value: float, unit: str) -> None:
+    """ValueError for what is meant in another unit: 500 shares of the budget, or half a frame."""
+    check(
+        unit != "share" or value <= 1.0,
+        f"{name}={value:g} in shares of the budget never comes; give a share of at most 1, or "
+        "schedule_unit frames, episodes or seconds",
+    )
+    check(
+        unit not in ("frames", "episodes") or value == 0 or value >= 1.0,
+        f"{name}={value:g} {unit} is over at once; give a number of {unit}, or schedule_unit share",
+    )
+
+
 @dataclass(frozen=True)
 class ScheduleSettings(AxisSettings):
     """One value for all games, by a schedule."""
@@ -81,6 +94,10 @@ class ScheduleSettings(AxisSettings):
             self.schedule_length >= 0,
             f"schedule_length={self.schedule_length}; a length is at least 0",
         )
+        if self.schedule in ("linear", "cosine"):
+            check_unit("schedule_length", self.schedule_length, self.schedule_unit)
+        if self.schedule in ("step", "exponential"):
+            check_unit("schedule_every", self.schedule_every, self.schedule_unit)
         self.build(1.0, 0.0)
 
     def points(self) -> tuple[tuple[float, float], ...]:
@@ -151,6 +168,7 @@ class TurnSettings(StagedSettings):
             self.schedule_length >= 0,
             f"schedule_length={self.schedule_length}; a length is at least 0",
         )
+        check_unit("schedule_length", self.schedule_length, self.schedule_unit)
 
 
 @dataclass(frozen=True)

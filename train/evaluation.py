@@ -130,8 +130,7 @@ class Contest:
             captured = simulator.active[:, seat] == 0
             ended = running & (simulator.terminated | simulator.truncated | captured)
             lengths[ended] = step
-            evading = self.role == "evader" and not task.num_goals
-            won[ended] = ~captured[ended] if evading else (simulator.terminated & ~captured)[ended]
+            won[ended] = won_by(simulator, seat)[ended]
             running &= ~ended
             if not running.any():
                 break
@@ -187,6 +186,22 @@ class Contest:
         ]
         optimum = self.optimal()
         return scores if optimum is None else [*scores, optimum]
+
+
+def won_by(simulator: Simulator, seat: int) -> NDArray[np.bool_]:
+    """[num_games] bool: whether the agent in `seat` has won, of games that have just ended.
+
+    Chasers win when no evader is left, runners when no goal is; evaders when they are not caught
+    and, where there are goals, none is left.
+    """
+    task = simulator.task
+    role, own = task.seat_roles[seat], simulator.active[:, seat] != 0
+    if role == "chaser" and task.num_evaders:
+        evaders = [other == "evader" for other in task.seat_roles]
+        return np.asarray((simulator.active[:, evaders] == 0).all(axis=1))
+    if role == "evader" and not task.num_goals:
+        return own
+    return np.asarray(simulator.terminated & own)
 
 
 def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:

@@ -175,7 +175,7 @@ def lessons_for(
     hyper = HYPERPARAMETERS[algorithm]
     if preset == TUNED and issubclass(hyper, NetworkSettings) and task.start == "random":
         cells = task.build().max_cells
-        if task.agent.startswith("chaser") and cells > 36 and task.task == "chase":
+        if task.agent.startswith("chaser") and cells > 36 and task.build().is_duel:
             return "start-distance", ScheduleSettings(schedule_length=0.2)
         if task.agent.startswith("runner") and cells > 60:
             return "goal-spread-start", ScheduleSettings(schedule_length=0.5)

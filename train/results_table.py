@@ -16,7 +16,7 @@ from train.run_folder import (
     read_metrics,
     write_beside,
 )
-from train.sweep import ERROR, LABEL, status_of
+from train.sweep import ERROR, HINTS, LABEL, status_of
 
 if TYPE_CHECKING:
     import polars
@@ -41,6 +41,9 @@ def collect(out: Path) -> tuple[polars.DataFrame, polars.DataFrame]:
     import polars
 
     folders = sorted(path.parent for path in out.glob(f"runs/*/{CONFIG}"))
+    hints = read_json(out / HINTS) if (out / HINTS).exists() else {}
+    if "runs" in hints:  # not those of a plan before this one
+        folders = [folder for folder in folders if folder.name in hints["runs"]]
     check(bool(folders), f"{out}: no runs of a sweep here; `pursuit sweep FILE --out {out}` first")
     runs = polars.DataFrame([row_of(folder) for folder in folders], infer_schema_length=None)
     rows = [

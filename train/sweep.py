@@ -309,7 +309,8 @@ def prepare(sweep: Sweep, out: Path) -> list[tuple[SweepRun, Path]]:
         if not (folder / CONFIG).exists():
             save_settings(folder, run.settings)
         write_json(folder / LABEL, run.label)
-    write_json(out / HINTS, {"title": sweep.title, **sweep.report})
+    names = [run.name for run in sweep.runs]
+    write_json(out / HINTS, {"title": sweep.title, **sweep.report, "runs": names})
     return folders
 
 

@@ -39,7 +39,7 @@ from train.curriculum_settings import (
     StagedSettings,
     SuccessGatedSettings,
 )
-from train.evaluation import MAX_EXACT_CELLS
+from train.evaluation import MAX_EXACT_CELLS, won_by
 from train.hyperparameters import check
 from train.run_folder import write_beside
 from train.settings import TrainSettings
@@ -170,6 +170,9 @@ def check_curriculum(settings: TrainSettings[Any]) -> None:
     lessons, task = settings.lessons, settings.task.build()
     axis = axis_of_run(settings)
     make_curriculum(settings, axis)
+    if isinstance(lessons, ScheduleSettings):
+        for _, value in lessons.points():  # each must be possible, as the ends must
+            axis_of(settings.curriculum, settings.task, replace(lessons, easiest=value))
     if axis is not None and axis.mazes:
         check(
             settings.algorithm != "q_learning",
@@ -272,8 +275,7 @@ class Teacher:
         """Note the outcomes of the games of the mask, whose episodes have just ended."""
         simulator, seat = self.simulator, self.seat
         chosen = np.flatnonzero(games)
-        captured = simulator.active[chosen, seat] == 0
-        won = ~captured if self._evading else simulator.terminated[chosen] & ~captured
+        won = won_by(simulator, seat)[chosen]
         lengths = simulator.steps[chosen].astype(np.int64)
         optima = self.optima[chosen]
         if self._evading:

@@ -106,9 +106,10 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
     if any(a == "--frames" or a.startswith("--frames=") for a in arguments):
         budget = {"frames": 1}
     curriculum, lessons = lessons_for(algorithm, first.task, first.preset, first.curriculum)
-    settings = TrainSettings(
-        first.task, hyper, lessons, algorithm=algorithm, curriculum=curriculum, **budget
-    )
+    settings = TrainSettings(first.task, hyper, algorithm=algorithm, **budget)
+    # Set behind the checks of the form: these are defaults, which the options may yet change.
+    object.__setattr__(settings, "curriculum", curriculum)
+    object.__setattr__(settings, "lessons", lessons)
     return TrainCommand(settings, first.preset)
 
 
