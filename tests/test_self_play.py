@@ -542,7 +542,7 @@ def test_results_in_a_circle_are_called_so() -> None:
 def test_solve_prints_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["solve", "--maze", "5x5-tree", "--out", str(tmp_path / "s.png")])
     printed = capsys.readouterr().out
-    assert "cop number (in turns)         1" in printed and "saddle point" in printed
+    assert "cop number (in turns)           1" in printed and "saddle point" in printed
     assert (tmp_path / "s.png").stat().st_size > 10_000
 
 

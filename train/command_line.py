@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import re
 import sys
 import warnings
@@ -45,6 +46,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         fail(f"unknown command {name!r}; one of {', '.join(COMMANDS)}")
     try:
         command(name)(rest)
+    except BrokenPipeError:  # whoever read the output, `head` say, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)
     except (ValueError, OSError, ImportError) as error:
         fail(str(error))
     except KeyboardInterrupt:

@@ -65,7 +65,7 @@ def solve(arguments: Sequence[str]) -> None:
         told = "more than 3" if number is None else str(number)
     except ValueError as error:
         told = f"not known ({error})"
-    print(f"{'cop number (in turns)':<30}{told}")
+    print(f"{'cop number (in turns)':<32}{told}")
     if given.num_chasers == 1:
         chaser, evader = telling_cells(solution)
         cells = (
@@ -86,24 +86,24 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
     discount, horizon = solution.discount, solution.horizon
     how = f"horizon {horizon}" if horizon is not None else f"discount {discount:g}"
     lines = [
-        f"{'maze':<30}{maze.name}: {size} cells, {maze.num_loops} loops",
-        f"{'game':<30}{chasers} chaser{'s' if chasers > 1 else ''}, 1 evader, "
+        f"{'maze':<32}{maze.name}: {size} cells, {maze.num_loops} loops",
+        f"{'game':<32}{chasers} chaser{'s' if chasers > 1 else ''}, 1 evader, "
         f"{solution.move_order}, {'with' if solution.stay_action else 'no'} stay, {how}",
     ]
     most = float(horizon) if horizon is not None else 1.0 / (1.0 - discount)
     mean = mean_over_starts(values, maze) if chasers == 1 else float(values[apart].mean())
     lines.append(
-        f"{'value (mean over starts)':<30}{mean:.6f} steps"
+        f"{'value (mean over starts)':<32}{mean:.6f} steps"
         f"{'' if horizon is not None else ', discounted'}; at most {most:g}"
     )
     escapes = int((values[apart] >= most * (1.0 - 1e-9)).sum())
     places = int(apart.sum())
-    lines.append(f"{'never caught from':<30}{escapes:,} of {places:,} places")
+    lines.append(f"{'never caught from':<32}{escapes:,} of {places:,} places")
     lines.append(
-        f"{'optimal play must be random at':<30}{mixed:,} of {places:,} places "
+        f"{'optimal play must be random at':<32}{mixed:,} of {places:,} places "
         f"({places - mixed:,} have a pure saddle point)"
     )
-    lines.append(f"{'solved in':<30}{seconds:.2f} s, {solution.sweeps} sweeps")
+    lines.append(f"{'solved in':<32}{seconds:.2f} s, {solution.sweeps} sweeps")
     return "\n".join(lines)
 
 
