@@ -319,6 +319,10 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
         assert {k: v for k, v in one.items() if k not in timing} == {
             k: v for k, v in two.items() if k not in timing
         }
+    # Killed between its last checkpoint and its results it has only those to write.
+    last = resume_self_play(tmp_path / "part")
+    last.train()
+    assert last.frames == whole.frames and last.results(20)["evaluation"]["nash_conv"] > 0
     with pytest.raises(ValueError, match="complete"):
         resume_self_play(tmp_path / "part")
 

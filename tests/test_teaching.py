@@ -320,7 +320,8 @@ def test_a_policy_taught_on_several_mazes_is_evaluated_on_the_last(tmp_path: Pat
         ({**MAZE, "curriculum": "uniform", "window": 3}, "unknown setting 'window'"),
         ({**CHASE, "curriculum": "opponent-epsilon", "easiest": 1.5}, "epsilon=1.5"),
         (
-            {**CHASE, "curriculum": "opponent-epsilon", "easiest": 0.1, "schedule": "exponential"},
+            {**CHASE, "curriculum": "opponent-epsilon", "easiest": 0.1,
+             "schedule": "exponential", "schedule_unit": "episodes"},
             "floor 0.2 lies above the start 0.1",
         ),
         ({**MAZE, "curriculum": "goal-spread-start", "schedule_length": -0.1}, "at least 0"),
