@@ -398,6 +398,7 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
         ({"share_networks": True, "evader": "astar"}, "share_networks needs"),
         ({"hyper": replace(QUICK, gamma=1.0)}, "gamma=1.0"),
         ({"frames": None}, "give one of the two"),
+        ({"task": {"role": "evader"}}, "both sides learn here"),
         ({"task": {"task": "heist", "rewards": "default"}}, "with goals; leave them at zero_sum"),
         ({"task": {"num_runners": 1, "num_goals": 1}}, "has runners"),
     ],

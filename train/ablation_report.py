@@ -29,6 +29,7 @@ from train.sweep import HINTS
 THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
 """Per cent above the optimum that are waited for."""
 GREY = "#7F7F7F"
+ARM_COLORS = tuple(color for color in PALETTE if color != GREY)
 
 
 @dataclass(frozen=True)
@@ -284,7 +285,7 @@ def draw_final(path: Path, table: list[dict[str, Any]], control: str, title: str
     )
     for place, row in enumerate(table):
         own = row["arm"] == control
-        color = GREY if own else PALETTE[place % len(PALETTE)]
+        color = GREY if own else ARM_COLORS[place % len(ARM_COLORS)]
         for axis, name in ((left, "gap"), (right, "improvement")):
             value, low, high = (row[name + end] for end in ("", "_low", "_high"))
             if np.isnan(value) or (own and axis is right):
@@ -334,7 +335,7 @@ def draw_arms(path: Path, arms: dict[str, list[Curve]], control: str, title: str
     for number, name in enumerate(names):
         upper = grid[2 * (number // columns), number % columns]
         lower = grid[2 * (number // columns) + 1, number % columns]
-        color = PALETTE[list(arms).index(name) % len(PALETTE)]
+        color = ARM_COLORS[list(arms).index(name) % len(ARM_COLORS)]
         for arm, shade, order in ((control, GREY, 1), (name, color, 2)):
             for curve in arms.get(arm, []):
                 upper.plot(
@@ -351,7 +352,8 @@ def draw_arms(path: Path, arms: dict[str, list[Curve]], control: str, title: str
         for curve in arms[name]:
             lower.plot(curve.seconds, curve.lesson, color=color, lw=1.0, alpha=0.6)
         if all(np.isnan(curve.lesson).all() for curve in arms[name]):
-            lower.text(0.5, 0.5, "as the task", transform=lower.transAxes, ha="center", va="center")
+            said = "as the task" if name == control else "levels, chosen one by one"
+            lower.text(0.5, 0.5, said, transform=lower.transAxes, ha="center", va="center")
             lower.set_yticks([])
         for axis in (upper, lower):
             _tidy(axis)

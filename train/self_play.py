@@ -128,6 +128,10 @@ class SelfPlaySettings:
             "scored by steps, so a game that ends early must be what the chasers are paid for",
         )
         check(not task.num_runners, f"task {task.name!r} has runners; take chase or heist")
+        check(
+            self.task.role == "auto",
+            f"role={self.task.role!r}; both sides learn here: freeze one by chaser or evader",
+        )
         check(self.task.opponent is None, "opponent is of `pursuit train`; use chaser or evader")
         check(
             (self.seconds is None) != (self.frames is None),
