@@ -84,7 +84,7 @@ class SelfPlaySettings:
     """What the evaders learn by."""
     share_networks: bool = False
     """One network for both roles, with heads of their own."""
-    sampling: str = "pfsp"
+    sampling: str = "uniform"
     """Who is drawn as the opponent: latest, window (the last snapshots), uniform (over all:
     fictitious self-play), pfsp (those that are hard), or psro (a Nash mixture: double oracle)."""
     window: int = 5

@@ -224,7 +224,7 @@ def draw_self_play(path: Path, rows: list[dict[str, float]], title: str) -> None
             width = 2.2 if name == "nash_conv" else 1.3
             style = "-" if name == "nash_conv" else "--"
             upper.plot(seconds, values, style, color=color, lw=width, label=label)
-        upper.set_ylim(bottom=0)
+        upper.set_ylim(bottom=-0.03 * max(row["nash_conv"] for row in rows))  # 0 can be seen
         upper.set_ylabel("exploitability, exact\n(discounted steps)")
         upper.legend(frameon=False, fontsize=9)
     lower = axes[-1, 0]
