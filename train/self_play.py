@@ -500,7 +500,7 @@ class SelfPlay:
     def matches(self, episodes: int) -> list[dict[str, Any]]:
         """Learned and scripted agents of both roles, everybody against everybody."""
         players = {
-            role: {"learned": self.policy(role)}
+            role: {"learned" if role in self.sides else "frozen": self.policy(role)}
             | {name: scripted_opponent(name, role, self.settings) for name in self._scripted()}
             for role in ROLES
         }

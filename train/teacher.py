@@ -233,6 +233,7 @@ class Teacher:
         games = simulator.num_games
         self.copies, self.episodes = 1, 0
         self.playing, self.optima = np.zeros(games), np.full(games, np.nan)
+        self.applied = np.full(games, np.nan)
         self.error_sums, self.error_counts = np.zeros(games), np.zeros(games)
         self.rows: list[dict[str, Any]] = []
         self._clear()
@@ -265,7 +266,11 @@ class Teacher:
         if self.axis is None:
             simulator.seed_starts(chosen, lessons.astype(np.int64))
         else:
-            self.axis.apply(simulator, chosen, lessons)
+            # A game keeps its settings, so only those with another lesson than before need any.
+            new = self.applied[chosen] != lessons
+            if new.any():
+                self.axis.apply(simulator, chosen[new], lessons[new])
+                self.applied[chosen] = lessons
         self.playing[chosen] = lessons
         simulator.reset(games=games)
         if self._optimum is not None:
