@@ -27,6 +27,12 @@ MAZE = {"task": "maze", "maze": "5x5", "num_goals": 3, **QUICK}
 CHASE = {"task": "chase", "maze": "5x5", **QUICK}
 
 
+@pytest.fixture(autouse=True)
+def few_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Evaluations take most of the time of runs as short as these."""
+    monkeypatch.setattr("train.run.EVALUATIONS", 5)
+
+
 def teacher_of(run: Run) -> Teacher:
     assert run.env.teacher is not None
     return run.env.teacher
