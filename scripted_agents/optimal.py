@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Literal
 
 import numpy as np
@@ -16,7 +17,7 @@ from scripted_agents.table_policy import TablePolicy
 Role = Literal["chaser", "evader"]
 
 
-class ExactAgent:
+class ExactAgent(ABC):
     """Plays a table that is solved for the maze and the rules it finds itself in, once for each.
 
     Args:
@@ -48,9 +49,9 @@ class ExactAgent:
     def __repr__(self) -> str:
         return f"{type(self).__name__}(epsilon={self.epsilon:g})"
 
+    @abstractmethod
     def solve(self, maze: Maze, stay_action: bool, move_order: MoveOrder) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64, without random moves."""
-        raise NotImplementedError
 
     def _player(self, maze: Maze, stay_action: bool, move_order: MoveOrder) -> TablePolicy:
         key = (maze, stay_action, move_order)

@@ -29,12 +29,11 @@ from train.run import load_policy
 from train.run_folder import new_folder
 from train.self_play import (
     SelfPlay,
-    SelfPlaySettings,
     resume_self_play,
-    self_play_ppo,
     start_self_play,
 )
 from train.self_play_env import SelfPlayEnv
+from train.self_play_settings import SelfPlaySettings, self_play_ppo
 from train.settings import TaskSettings, settings_of
 
 QUICK = replace(self_play_ppo(), num_games=64, minibatch=512)

@@ -30,10 +30,9 @@ from train.ratings import (
 )
 from train.run import load_policy
 from train.run_folder import CONFIG, load_settings, write_beside, write_json
-from train.self_play import SETTINGS, check_fits
+from train.self_play import check_fits
+from train.self_play_settings import ROLES, SETTINGS
 from train.settings import TaskSettings
-
-ROLES = ("chaser", "evader")
 
 
 @dataclass(frozen=True)

@@ -11,19 +11,19 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from train.command_line import parse
 from train.hyperparameters import check
+from train.progress_lines import ProgressLines
 from train.run_folder import new_folder, write_beside
 from train.self_play import (
     SelfPlay,
-    SelfPlaySettings,
     resume_self_play,
     start_self_play,
 )
 from train.self_play_comparison import compare
+from train.self_play_settings import SelfPlaySettings
 
 COLORS = {"nash_conv": "#000000", "chaser": "#D55E00", "evader": "#0072B2"}
 
@@ -83,7 +83,7 @@ def self_play(arguments: Sequence[str]) -> None:
         f"{task.num_evaders} evader(s); opponents: {run.settings.sampling}"
     )
     print(f"folder: {run.folder}")
-    with _Watch(run) as watch:
+    with _Watch() as watch:
         run.train(watch)
     if run.stopped:
         print(f"interrupted; go on with: pursuit self-play --resume {run.folder}", file=sys.stderr)
@@ -110,30 +110,12 @@ def _title(run: SelfPlay) -> str:
     return f"Self-play on {task.mazes[0].name} ({run.settings.sampling})"
 
 
-class _Watch:
-    """A bar on a terminal, and a line per evaluation."""
-
-    def __init__(self, run: SelfPlay) -> None:
-        self.console = Console()
-        self.progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.percentage:>3.0f} %"),
-            TimeRemainingColumn(),
-            console=self.console,
-            disable=not self.console.is_terminal,
-        )
-        self.task = self.progress.add_task("learning", total=1.0)
-
-    def __enter__(self) -> _Watch:
-        self.progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.progress.stop()
+class _Watch(ProgressLines):
+    """Shows self-play as it learns."""
 
     def __call__(self, run: SelfPlay, row: dict[str, float]) -> None:
-        self.progress.update(self.task, completed=run.progress)
+        """Report an iteration (an empty row) or an evaluation."""
+        self.advance(run.progress)
         if not row:
             return
         parts = [
@@ -153,11 +135,7 @@ class _Watch:
         for role in ("chaser", "evader"):
             if f"{role}_vs_astar" in row:
                 parts.append(f"{role} vs A* {row[f'{role}_vs_astar']:6.1f}")
-        line = "  ".join(parts)
-        if self.console.is_terminal:
-            self.console.print(line, highlight=False)
-        else:
-            print(line, flush=True)
+        self.say(parts)
 
 
 def _print_results(run: SelfPlay, content: dict[str, Any]) -> None:

@@ -16,7 +16,7 @@ from train.hyperparameters import check
 from train.opponent_pool import SAMPLING
 from train.report import PALETTE
 from train.run_folder import RESULTS, read_json, read_metrics, write_beside
-from train.self_play import SETTINGS, SelfPlaySettings, load_self_play_settings
+from train.self_play_settings import SETTINGS, SelfPlaySettings, load_self_play_settings
 from train.statistics import interquartile_mean, interquartile_means, stratified_interval
 
 

@@ -12,14 +12,13 @@ from time import strftime
 from typing import Annotated, Any, Generic, TypeVar
 
 import tyro
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from train.command_line import parse
 from train.evaluation import Contest, Score
 from train.hyperparameters import DETERMINISTIC, Hyperparameters, check
 from train.pictures import draw_learning_curve, save_replay
 from train.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
+from train.progress_lines import ProgressLines
 from train.run import Run, contest_of, describe, load_policy, resume_run, start_run
 from train.run_folder import load_checkpoint, load_settings, new_folder, write_json
 from train.settings import TaskSettings, TrainSettings
@@ -76,7 +75,7 @@ def train(arguments: Sequence[str]) -> None:
     if run.env.teacher is not None:
         print(f"curriculum: {run.settings.curriculum}, over {run.env.teacher.describes}")
     print(f"folder: {run.folder}")
-    with Watch(run) as watch:
+    with Watch() as watch:
         run.train(watch)
     finish(run, given.episodes)
 
@@ -113,32 +112,12 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
     return TrainCommand(settings, first.preset)
 
 
-class Watch:
-    """Shows a run as it learns: a live line on a terminal, a line per evaluation elsewhere."""
-
-    def __init__(self, run: Run) -> None:
-        self.console = Console()
-        self.live = self.console.is_terminal
-        self.progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.percentage:>3.0f} %"),
-            TimeRemainingColumn(),
-            console=self.console,
-            disable=not self.live,
-        )
-        self.task = self.progress.add_task("learning", total=1.0)
-
-    def __enter__(self) -> Watch:
-        self.progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.progress.stop()
+class Watch(ProgressLines):
+    """Shows a run as it learns."""
 
     def __call__(self, run: Run, row: dict[str, float]) -> None:
         """Report a rollout (an empty row) or an evaluation."""
-        self.progress.update(self.task, completed=run.progress)
+        self.advance(run.progress)
         if not row:
             return
         parts = [
@@ -155,11 +134,7 @@ class Watch:
         parts.append(f"{run.settings.evaluate} {row['mean_steps']:6.2f} steps")
         if "optimality_gap" in row:
             parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
-        line = "  ".join(parts)
-        if self.live:
-            self.progress.console.print(line, highlight=False)
-        else:
-            print(line, flush=True)
+        self.say(parts)
 
 
 def finish(run: Run, episodes: int) -> None:

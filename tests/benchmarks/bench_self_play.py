@@ -14,7 +14,8 @@ from pursuit.maze import load_maze
 from scripted_agents import cop_number, solve_chase, solve_in_turns
 from scripted_agents.equilibrium import _solve
 from train.exploitability import exploitability
-from train.self_play import SelfPlay, SelfPlaySettings, self_play_ppo, start_self_play
+from train.self_play import SelfPlay, start_self_play
+from train.self_play_settings import SelfPlaySettings, self_play_ppo
 from train.settings import TaskSettings
 
 
