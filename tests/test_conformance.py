@@ -10,7 +10,7 @@ import numpy as np
 import pettingzoo
 import pytest
 
-from pursuit import chase_v0, maze_v0, race_v0
+from pursuit import chase_v0, heist_v0, maze_v0, race_v0
 from pursuit.conformance import ConformanceError, check_parallel_env
 from pursuit.maze import Maze
 from pursuit.observations import ENCODINGS
@@ -28,8 +28,8 @@ OURS: dict[str, Callable[..., PursuitParallelEnv]] = {
         maze=["3x3-open", "5x5", "4x4-tree"], stay_action=True, **settings
     ),
     "enclosed cells": lambda **settings: chase_v0.parallel_env(maze=ENCLOSED, **settings),
-    "heist": lambda **settings: chase_v0.parallel_env(
-        maze="3x3", num_evaders=2, num_goals=3, rewards="distance", **settings
+    "heist": lambda **settings: heist_v0.parallel_env(
+        maze="3x3", num_evaders=2, rewards="distance", **settings
     ),
     "maze": lambda **settings: maze_v0.parallel_env(maze="3x3", **settings),
     "race": lambda **settings: race_v0.parallel_env(maze="3x3", stay_action=True, **settings),

@@ -72,11 +72,13 @@ print("numba" in sys.modules)
 
 def test_a_missing_name_is_said() -> None:
     code = "import pursuit\ntry: pursuit.Maize\nexcept AttributeError as error: print(error)"
-    assert run(code) == "module 'pursuit' has no attribute 'Maize'\n"
+    assert run(code) == "No pursuit attribute Maize\n"
 
 
 def test_every_public_name_is_there() -> None:
     run("import pursuit\nfor name in pursuit.__all__: getattr(pursuit, name)")
+    names = "pursuit.__version__, pursuit.heist_v0.parallel_env().possible_agents"
+    assert run(f"import pursuit; print({names})").endswith(" ['chaser_0', 'evader_0']\n")
 
 
 def test_pettingzoo_without_a_registry_will_do() -> None:
