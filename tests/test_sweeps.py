@@ -256,6 +256,26 @@ def test_two_sweeps_cannot_share_a_folder_at_once(tmp_path: Path) -> None:
         run_locally(sweep, tmp_path / "out", 1, silent)
 
 
+def test_another_process_is_refused_at_once_and_a_killed_one_does_not_block(tmp_path: Path) -> None:
+    code = """
+import sys, time
+from pathlib import Path
+from train.executors import only_one
+with only_one(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(600)
+"""
+    command = [sys.executable, "-c", code, str(tmp_path / "out")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None and other.stdout.readline() == "held\n"
+        with pytest.raises(ValueError, match="another sweep"), only_one(tmp_path / "out"):
+            pass
+        other.kill()
+    for _ in range(2):  # and letting go lets the next one in
+        with only_one(tmp_path / "out"):
+            pass
+
+
 def test_a_run_that_dies_is_recorded_and_the_others_go_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import signal
 import subprocess
@@ -14,6 +13,8 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+
+from filelock import FileLock, Timeout
 
 from train.run_folder import CHECKPOINT, CONFIG, METRICS, RESULTS, write_beside
 from train.sweep import ERROR, PROGRESS, STOPPED, Sweep, SweepRun, prepare, status_of
@@ -26,11 +27,11 @@ Told = Callable[[dict[str, str], dict[str, float]], None]
 def only_one(out: Path) -> Iterator[None]:
     """Holds `out` for this process; ValueError where another one works on it."""
     out.mkdir(parents=True, exist_ok=True)
-    with (out / ".lock").open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise ValueError(f"{out}: another sweep works on this folder; wait for it") from None
+    try:  # the system lets go of the lock when its process ends, however that ends
+        held = FileLock(out / ".lock").acquire(blocking=False)
+    except Timeout:
+        raise ValueError(f"{out}: another sweep works on this folder; wait for it") from None
+    with held:
         yield
 
 

@@ -6,11 +6,9 @@ import contextlib
 import ctypes
 import os
 import platform
-import subprocess
 import warnings
 from collections.abc import Callable
 from dataclasses import asdict
-from functools import cache
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -27,6 +25,7 @@ from train.environment import SimulatorEnv
 from train.evaluation import Contest, Score, optimality_gap
 from train.hyperparameters import DETERMINISTIC
 from train.interruption import Interruption
+from train.machine import commit, has_fast_bfloat16, processor
 from train.run_folder import (
     RESULTS,
     MetricsFile,
@@ -43,17 +42,6 @@ EVALUATIONS = 20
 """How often a run is evaluated, and its checkpoint saved, over its budget."""
 
 Report = Callable[["Run", dict[str, float]], None]
-
-
-def has_fast_bfloat16() -> bool:
-    """Whether this processor multiplies bfloat16 matrices in hardware."""
-    with (
-        open("/proc/cpuinfo", encoding="utf-8")
-        if os.path.exists("/proc/cpuinfo")
-        else open(os.devnull, encoding="utf-8") as file
-    ):
-        flags = file.read()
-    return "avx512_bf16" in flags or "amx_bf16" in flags
 
 
 def keep_freed_memory() -> None:
@@ -355,34 +343,6 @@ def describe(settings: TrainSettings[Any], contest: Contest, scores: list[Score]
             "precision": "bfloat16" if uses_bfloat16(settings) else "float32",
         },
     }
-
-
-@cache
-def commit() -> str | None:
-    """The commit of the source that runs, with "+" where it was changed since; None if unknown."""
-    here = Path(__file__).parent
-    git = ["git", "-C", str(here)]
-    try:
-        found = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True)
-        changed = subprocess.run(
-            [*git, "status", "--porcelain", "--", "..", ":!../runs"], capture_output=True, text=True
-        )
-    except OSError:
-        return None
-    name = found.stdout.strip()
-    if found.returncode or "site-packages" in here.parts:
-        return None
-    return name + ("+" if changed.stdout.strip() else "")
-
-
-@cache
-def processor() -> str:
-    """The processor's name."""
-    with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as file:
-        for line in file:
-            if line.startswith("model name"):
-                return line.split(":", 1)[1].strip()
-    return platform.processor() or platform.machine()
 
 
 def start_run(settings: TrainSettings[Any], folder: Path) -> Run:

@@ -22,6 +22,7 @@ from train.algorithms.learner import Learner
 from train.exploitability import exploitability, nash_conv
 from train.hyperparameters import DETERMINISTIC, check
 from train.interruption import Interruption
+from train.machine import has_fast_bfloat16
 from train.matchups import is_exact, match, table_in
 from train.opponent_pool import (
     LATEST,
@@ -30,7 +31,7 @@ from train.opponent_pool import (
     nash_mixtures,
     weights,
 )
-from train.run import MISFITS, has_fast_bfloat16, keep_freed_memory, load_policy
+from train.run import MISFITS, keep_freed_memory, load_policy
 from train.run_folder import (
     CHECKPOINT,
     CONFIG,
