@@ -412,6 +412,14 @@ def test_the_environment_that_is_broken_here_is_sound_otherwise() -> None:
     check_parallel_env(Broken(), episodes=4, max_steps=60)
 
 
+def test_infos_may_hold_whatever_they_like() -> None:
+    def note(infos: dict[str, Any], env: Broken) -> dict[str, Any]:
+        odd = {"nan": np.full(3, np.nan), "nothing": np.array(None), "clock": iter(())}
+        return {agent: {**info, **odd} for agent, info in infos.items()}
+
+    check_parallel_env(Broken(**returning(4, note, note)), max_steps=60)
+
+
 def test_masks_are_followed_in_every_other_episode() -> None:
     bumps: list[bool] = []
 
