@@ -13,7 +13,7 @@ test: $(SETUP)
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 test-all: $(SETUP)
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "slow or not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "slow or not slow" --hypothesis-profile=random
 
 lint: $(SETUP)
 	$(BIN)/ruff check .
