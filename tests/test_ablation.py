@@ -13,11 +13,10 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.stats import mannwhitneyu
 
-from train.ablation import ABLATIONS, load_ablation
-from train.ablation_report import Curve, summary, verdict
-from train.command_line import main
-from train.results_table import CURVES, RUNS
-from train.statistics import (
+from train.commands.main import main
+from train.experiments.ablation import ABLATIONS, load_ablation
+from train.experiments.ablation_report import Curve, summary, verdict
+from train.experiments.statistics import (
     first_below,
     improvement,
     interquartile_mean,
@@ -28,7 +27,8 @@ from train.statistics import (
     resampled,
     stratified_interval,
 )
-from train.sweep import shipped
+from train.experiments.sweep import shipped
+from train.experiments.tables import CURVES, RUNS
 
 TINY = """
 title = "Tiny"

@@ -18,7 +18,6 @@ from torchrl.objectives import DQNLoss, KLPENPPOLoss
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents import RandomAgent
-from train.algorithms import make_learner
 from train.algorithms.a2c import A2C, Reinforce, actor_of, critic_of
 from train.algorithms.dqn import DQN, dqn_loss
 from train.algorithms.ppo import PPO, ppo_loss
@@ -28,18 +27,19 @@ from train.algorithms.prioritized import (
     extension_loads,
     prioritized_sampler,
 )
-from train.environment import SimulatorEnv
-from train.hyperparameters import (
+from train.algorithms.registry import make_learner
+from train.environments.simulator_env import SimulatorEnv
+from train.networks.actor_critic import ActorCritic, QNetwork
+from train.runs.folder import load_checkpoint, new_folder
+from train.runs.run import Run, load_policy, resume_run, start_run
+from train.settings.algorithms import (
     A2CSettings,
     DQNSettings,
     PPOSettings,
     ReinforceSettings,
 )
-from train.networks import ActorCritic, QNetwork
-from train.presets import THESIS
-from train.run import Run, load_policy, resume_run, start_run
-from train.run_folder import load_checkpoint, new_folder
-from train.settings import settings_of
+from train.settings.presets import THESIS
+from train.settings.run import settings_of
 
 TASK = make_task("maze", maze="3x3", num_goals=2, max_steps=12)
 

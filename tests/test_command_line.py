@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 import torch
 
-from train.command_line import main
-from train.run_folder import load_checkpoint, read_metrics, write_beside
+from train.commands.main import main
+from train.runs.folder import load_checkpoint, read_metrics, write_beside
 
 TINY = [
     *("--maze", "3x3", "--num-games", "16", "--rollout-steps", "8", "--minibatch", "64"),
@@ -71,7 +71,7 @@ def test_teams_without_a_known_optimum_are_trained_too(tmp_path: Path) -> None:
 def test_a_killed_run_resumes_to_the_same_weights_bit_for_bit(tmp_path: Path) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     run("train", *TINY, "--frames", "6144", "--out", whole)
-    command = [sys.executable, "-m", "train.command_line", "train", *TINY]
+    command = [sys.executable, "-m", "train.commands.main", "train", *TINY]
     process = subprocess.Popen(
         [*command, "--frames", "6144", "--out", str(killed)],
         stdout=subprocess.DEVNULL,
@@ -101,7 +101,7 @@ def test_control_c_saves_and_reports_and_the_run_goes_on(tmp_path: Path) -> None
     folder = tmp_path / "run"
     process = subprocess.Popen(
         [
-            *(sys.executable, "-m", "train.command_line", "train", *TINY),
+            *(sys.executable, "-m", "train.commands.main", "train", *TINY),
             *("--seconds", "60", "--out", str(folder)),
         ],
         stdout=subprocess.PIPE,

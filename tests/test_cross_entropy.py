@@ -14,11 +14,11 @@ from pursuit.observations import ENCODINGS
 from pursuit.simulator import Simulator
 from pursuit.single_agent import fill_seats
 from scripted_agents import RandomAgent
-from train.algorithms import make_learner
 from train.algorithms.cross_entropy import Candidates, CrossEntropy
-from train.environment import SimulatorEnv
-from train.evaluation import Contest
-from train.settings import settings_of
+from train.algorithms.registry import make_learner
+from train.environments.simulator_env import SimulatorEnv
+from train.evaluation.contest import Contest
+from train.settings.run import settings_of
 
 
 def make(**flat: Any) -> tuple[CrossEntropy, Contest]:

@@ -39,8 +39,8 @@ from scripted_agents import (
     solve_matrix_game,
 )
 from scripted_agents.cops_and_robbers import NEVER
-from train.evaluation import Contest
-from train.matchups import match
+from train.evaluation.contest import Contest
+from train.evaluation.matchups import match
 
 RING = Maze.from_text("+-+-+-+\n|     |\n+ +-+ +\n| |#| |\n+ +-+ +\n|     |\n+-+-+-+")
 CORRIDOR = Maze.from_text("+-+-+-+\n|     |\n+-+-+-+")

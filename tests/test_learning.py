@@ -20,12 +20,12 @@ from pursuit.task import Task, make_task
 from scripted_agents import AStarChaser, AStarEvader, RandomAgent
 from scripted_agents.environments import default_policies
 from train.algorithms.ppo import PPO, ppo_loss
-from train.environment import SimulatorEnv
-from train.evaluation import Contest
-from train.hyperparameters import PPOSettings
-from train.learned_policy import LearnedPolicy
-from train.networks import ActorCritic, IndexLayer
-from train.run import ThreadChoice
+from train.environments.simulator_env import SimulatorEnv
+from train.evaluation.contest import Contest
+from train.networks.actor_critic import ActorCritic, IndexLayer
+from train.networks.policy import LearnedPolicy
+from train.runs.run import ThreadChoice
+from train.settings.algorithms import PPOSettings
 
 TASKS = {
     "chaser": make_task("chase", maze="3x3", max_steps=12),

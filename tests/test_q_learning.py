@@ -26,12 +26,12 @@ from train.algorithms.q_learning import (
     choose_actions,
     learn,
 )
-from train.environment import SimulatorEnv
-from train.evaluation import Contest
-from train.hyperparameters import QLearningSettings
-from train.run import load_policy, resume_run, start_run
-from train.run_folder import load_checkpoint, new_folder
-from train.settings import settings_of
+from train.environments.simulator_env import SimulatorEnv
+from train.evaluation.contest import Contest
+from train.runs.folder import load_checkpoint, new_folder
+from train.runs.run import load_policy, resume_run, start_run
+from train.settings.algorithms import QLearningSettings
+from train.settings.run import settings_of
 
 # The maze of the thesis' figure 2.2 has two cells by two; goals on marks make it a fixed problem.
 FIXED = Maze.from_text("+-+-+-+\n|S    |\n+ +-+ +\n|  G  |\n+ + +-+\n|    G|\n+-+-+-+\n")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from train.ratings import (
+from train.self_play.ratings import (
     best_response_cycle,
     elo_ratings,
     nash_average,

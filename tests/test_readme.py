@@ -20,7 +20,7 @@ def test_the_python_examples_run_in_order() -> None:
 
 
 def test_every_command_of_the_readme_exists() -> None:
-    from train.command_line import COMMANDS
+    from train.commands.main import COMMANDS
 
     text = README.read_text(encoding="utf-8")
     commands = set(re.findall(r"^pursuit ([\w-]+)|`pursuit ([\w-]+)", text, re.MULTILINE))

@@ -14,10 +14,10 @@ pytest.importorskip("supersuit")
 
 from pursuit.simulator import Simulator
 from scripted_agents import NearestGoalRunner, RandomAgent
-from train.evaluation import Contest
+from train.evaluation.contest import Contest
 from train.recipes import stable_baselines, supersuit_sharing
-from train.settings import TaskSettings, settings_of
-from train.third_party import description_of, load_opponent, load_stable_baselines
+from train.runs.third_party import description_of, load_opponent, load_stable_baselines
+from train.settings.run import TaskSettings, settings_of
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def test_stable_baselines_learns_and_its_model_is_a_table(
 
 
 def test_a_saved_model_is_an_opponent(models: dict[str, Path], tmp_path: Path) -> None:
-    from train.run import start_run
+    from train.runs.run import start_run
 
     flat = {"role": "evader", "maze": "3x3", "frames": 3000, "num_games": 16, "minibatch": 64}
     chosen = settings_of(**flat, opponent=str(models["ppo"]))

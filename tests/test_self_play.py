@@ -18,23 +18,23 @@ from pursuit.policy import GameView
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents import AStarChaser, AStarEvader, RandomAgent, best_response, solve_chase
-from train.algorithms import make_learner
-from train.command_line import main
-from train.exploitability import exploitability, nash_conv
-from train.league import LeagueTable, rate
-from train.matchups import match, play_pair
-from train.networks import CentralActorCritic
-from train.opponent_pool import OpponentPool, PoolPolicy, nash_mixtures, weights
-from train.run import load_policy
-from train.run_folder import new_folder
-from train.self_play import (
+from train.algorithms.registry import make_learner
+from train.commands.main import main
+from train.environments.team_env import SelfPlayEnv
+from train.evaluation.exploitability import exploitability, nash_conv
+from train.evaluation.matchups import match, play_pair
+from train.networks.actor_critic import CentralActorCritic
+from train.runs.folder import new_folder
+from train.runs.run import load_policy
+from train.self_play.league import LeagueTable, rate
+from train.self_play.pool import OpponentPool, PoolPolicy, nash_mixtures, weights
+from train.self_play.trainee import (
     SelfPlay,
     resume_self_play,
     start_self_play,
 )
-from train.self_play_env import SelfPlayEnv
-from train.self_play_settings import SelfPlaySettings, self_play_ppo
-from train.settings import TaskSettings, settings_of
+from train.settings.run import TaskSettings, settings_of
+from train.settings.self_play import SelfPlaySettings, self_play_ppo
 
 QUICK = replace(self_play_ppo(), num_games=64, minibatch=512)
 

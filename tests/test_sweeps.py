@@ -17,13 +17,13 @@ import polars
 import pytest
 from scipy.stats import trim_mean
 
-from train.command_line import main
-from train.executors import only_one, progress_of, run_locally, run_on_ray
-from train.report import report
-from train.results_table import CURVES, RUNS, collect
-from train.statistics import bootstrap_interval, interquartile_mean
-from train.sweep import fingerprint, load_sweep, prepare, shipped, status_of
-from train.sweep_commands import SweepWatch
+from train.commands.main import main
+from train.commands.sweep import SweepWatch
+from train.experiments.executors import only_one, progress_of, run_locally, run_on_ray
+from train.experiments.report import report
+from train.experiments.statistics import bootstrap_interval, interquartile_mean
+from train.experiments.sweep import fingerprint, load_sweep, prepare, shipped, status_of
+from train.experiments.tables import CURVES, RUNS, collect
 
 TINY = """
 title = "Tiny"
@@ -296,7 +296,7 @@ def test_control_c_saves_and_the_sweep_goes_on(tmp_path: Path) -> None:
     text = TINY.replace("frames = 2000", "frames = 400000").replace("[0, 1]", "[0]")
     path = write(tmp_path / "tiny.toml", text.replace('"a2c", "q_learning"', '"a2c"'))
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "train.command_line", "sweep", path, "--out", str(out)]
+    command = [sys.executable, "-m", "train.commands.main", "sweep", path, "--out", str(out)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline and not list(out.glob("runs/*/checkpoint.pt")):

@@ -14,13 +14,13 @@ import torch
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents import AStarChaser, best_response, tour_lengths
-from train.axes import first_rows, opened
-from train.command_line import main
-from train.evaluation import won_by
-from train.run import Run, load_policy, resume_run, start_run
-from train.run_folder import load_settings, new_folder
-from train.settings import settings_of
-from train.teacher import Teacher, read_log, training_task
+from train.commands.main import main
+from train.evaluation.contest import won_by
+from train.runs.folder import load_settings, new_folder
+from train.runs.run import Run, load_policy, resume_run, start_run
+from train.settings.run import settings_of
+from train.teaching.axes import first_rows, opened
+from train.teaching.teacher import Teacher, read_log, training_task
 
 QUICK = {"num_games": 64, "minibatch": 256, "threads": 1, "frames": 30_000}
 MAZE = {"task": "maze", "maze": "5x5", "num_goals": 3, **QUICK}
@@ -30,7 +30,7 @@ CHASE = {"task": "chase", "maze": "5x5", **QUICK}
 @pytest.fixture(autouse=True)
 def few_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
     """Evaluations take most of the time of runs as short as these."""
-    monkeypatch.setattr("train.run.EVALUATIONS", 5)
+    monkeypatch.setattr("train.runs.run.EVALUATIONS", 5)
 
 
 def teacher_of(run: Run) -> Teacher:

@@ -14,8 +14,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from train.run import Run
-from train.settings import settings_of
+from train.runs.run import Run
+from train.settings.run import settings_of
 
 CASES: dict[str, dict[str, Any]] = {
     "goal-spread-start": {},

@@ -20,13 +20,13 @@ import torch
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents.environments import make_vector_env
-from train.evaluation import Contest, optimality_gap
-from train.hyperparameters import DQNSettings, PPOSettings
-from train.networks import ActorCritic
-from train.presets import tuned
-from train.run import Run, start_run
-from train.run_folder import new_folder
-from train.settings import TaskSettings, TrainSettings, settings_of
+from train.evaluation.contest import Contest, optimality_gap
+from train.networks.actor_critic import ActorCritic
+from train.runs.folder import new_folder
+from train.runs.run import Run, start_run
+from train.settings.algorithms import DQNSettings, PPOSettings
+from train.settings.presets import tuned
+from train.settings.run import TaskSettings, TrainSettings, settings_of
 
 MAZE = TaskSettings(task="maze", maze="5x5", num_goals=3)
 SAME = PPOSettings(num_games=512, rollout_steps=16, minibatch=2048, epochs=3, shared=False)

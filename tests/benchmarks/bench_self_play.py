@@ -13,10 +13,10 @@ import torch
 from pursuit.maze import load_maze
 from scripted_agents import cop_number, solve_chase, solve_in_turns
 from scripted_agents.equilibrium import _solve
-from train.exploitability import exploitability
-from train.self_play import SelfPlay, start_self_play
-from train.self_play_settings import SelfPlaySettings, self_play_ppo
-from train.settings import TaskSettings
+from train.evaluation.exploitability import exploitability
+from train.self_play.trainee import SelfPlay, start_self_play
+from train.settings.run import TaskSettings
+from train.settings.self_play import SelfPlaySettings, self_play_ppo
 
 
 def seconds(call: Any) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 
 from pursuit.maze_generation import generate_maze
 from pursuit.task import Task, make_task
-from train.bench import parallel_env_rate, rate, simulator_rate
+from train.commands.bench import parallel_env_rate, rate, simulator_rate
 
 
 def peers() -> dict[str, Callable[[float], float]]:

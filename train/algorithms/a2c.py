@@ -15,9 +15,9 @@ from torchrl.objectives import A2CLoss, ReinforceLoss
 
 from train.algorithms.learner import NetworkLearner
 from train.algorithms.rollouts import RolloutLearner, draw
-from train.environment import SimulatorEnv
-from train.hyperparameters import A2CSettings, ReinforceSettings
-from train.networks import ActorCritic
+from train.environments.simulator_env import SimulatorEnv
+from train.networks.actor_critic import ActorCritic
+from train.settings.algorithms import A2CSettings, ReinforceSettings
 
 
 def actor_of(network: ActorCritic) -> ProbabilisticTensorDictSequential:

@@ -16,10 +16,10 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 from curricula import linear
 from pursuit.compiled import compiled
 from pursuit.rules import draw_uniform, next_uniform, seed_streams
-from train.environment import SimulatorEnv
-from train.hyperparameters import CrossEntropySettings
-from train.learned_policy import LearnedPolicy
-from train.networks import ActorCritic, Convolutions, Flat, IndexLayer
+from train.environments.simulator_env import SimulatorEnv
+from train.networks.actor_critic import ActorCritic, Convolutions, Flat, IndexLayer
+from train.networks.policy import LearnedPolicy
+from train.settings.algorithms import CrossEntropySettings
 
 
 @compiled

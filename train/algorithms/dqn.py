@@ -15,9 +15,9 @@ from torchrl.data.postprocs import MultiStep
 from curricula import linear
 from train.algorithms.learner import NetworkLearner, means
 from train.algorithms.prioritized import prioritized_sampler
-from train.environment import SimulatorEnv
-from train.hyperparameters import DQNSettings
-from train.networks import QNetwork
+from train.environments.simulator_env import SimulatorEnv
+from train.networks.actor_critic import QNetwork
+from train.settings.algorithms import DQNSettings
 
 logging.getLogger("torchrl").setLevel(logging.WARNING)  # it tells of every storage it makes
 

@@ -9,9 +9,9 @@ from torch import nn
 
 from curricula import linear
 from pursuit.policy import Policy
-from train.environment import SimulatorEnv
-from train.hyperparameters import NetworkSettings
-from train.learned_policy import LearnedPolicy, PolicyNetwork
+from train.environments.simulator_env import SimulatorEnv
+from train.networks.policy import LearnedPolicy, PolicyNetwork
+from train.settings.algorithms import NetworkSettings
 
 
 class Learner(Protocol):

@@ -9,9 +9,9 @@ from tensordict import TensorDictBase
 
 from train.algorithms.learner import means
 from train.algorithms.rollouts import RolloutLearner
-from train.environment import SimulatorEnv
-from train.hyperparameters import PPOSettings
-from train.networks import ActorCritic
+from train.environments.simulator_env import SimulatorEnv
+from train.networks.actor_critic import ActorCritic
+from train.settings.algorithms import PPOSettings
 
 
 def ppo_loss(

@@ -16,8 +16,8 @@ from pursuit.policy import GameView
 from pursuit.rules import next_below, next_uniform, seed_streams
 from pursuit.simulator import Simulator
 from pursuit.task import Task
-from train.environment import SimulatorEnv
-from train.hyperparameters import QLearningSettings
+from train.environments.simulator_env import SimulatorEnv
+from train.settings.algorithms import QLearningSettings
 
 MAX_STATES = 20_000_000
 """More make no table: with four actions these are 320 MB, and as much for the visits."""

@@ -11,9 +11,9 @@ from torchrl.collectors import Collector
 from torchrl.objectives.value import GAE
 
 from train.algorithms.learner import NetworkLearner
-from train.environment import SimulatorEnv
-from train.hyperparameters import RolloutSettings
-from train.networks import ActorCritic
+from train.environments.simulator_env import SimulatorEnv
+from train.networks.actor_critic import ActorCritic
+from train.settings.algorithms import RolloutSettings
 
 
 def draw(logarithms: torch.Tensor) -> torch.Tensor:

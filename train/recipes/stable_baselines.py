@@ -15,12 +15,12 @@ from typing import Any
 
 from pursuit.single_agent import SingleAgentVectorEnv
 from pursuit.stable_baselines import StableBaselinesVecEnv
-from train.command_line import fail, parse
-from train.evaluation import Contest
-from train.hyperparameters import check
-from train.settings import TaskSettings
-from train.third_party import load_stable_baselines, save_stable_baselines
-from train.world_commands import contest_line, print_scores
+from train.commands.main import fail, parse
+from train.commands.world import contest_line, print_scores
+from train.evaluation.contest import Contest
+from train.runs.third_party import load_stable_baselines, save_stable_baselines
+from train.settings.algorithms import check
+from train.settings.run import TaskSettings
 
 
 @dataclass(frozen=True)

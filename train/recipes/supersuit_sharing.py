@@ -22,11 +22,11 @@ from pursuit import race_v0
 from pursuit.policy import Policy
 from pursuit.simulator import Simulator
 from scripted_agents import NearestGoalRunner, RandomAgent
-from train.command_line import fail, parse
-from train.evaluation import EVALUATION_SEED
-from train.hyperparameters import check
-from train.settings import TaskSettings
-from train.third_party import load_stable_baselines, save_stable_baselines
+from train.commands.main import fail, parse
+from train.evaluation.contest import EVALUATION_SEED
+from train.runs.third_party import load_stable_baselines, save_stable_baselines
+from train.settings.algorithms import check
+from train.settings.run import TaskSettings
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""The face: the command `pursuit`. Nothing imports it."""

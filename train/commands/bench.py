@@ -1,0 +1,152 @@
+"""`pursuit bench`: how fast this machine plays and learns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from pursuit import chase_v0
+from pursuit.simulator import Simulator
+from pursuit.task import Task, make_task
+from scripted_agents.environments import default_policies
+from train.commands.main import parse
+from train.settings.algorithms import check
+
+
+@dataclass(frozen=True)
+class BenchCommand:
+    """Steps per second of the simulator, the environments and PPO on this machine."""
+
+    seconds: float = 1.0
+    """Time of each measurement."""
+
+
+def rate(step: Callable[[], object], per_call: int, seconds: float) -> float:
+    """How many of `per_call` things a call there are in a second; best of three tries."""
+    step()
+    best = 0.0
+    for _ in range(3):
+        calls, began = 0, perf_counter()
+        while perf_counter() - began < seconds / 3:
+            for _ in range(8):
+                step()
+            calls += 8
+        best = max(best, calls * per_call / (perf_counter() - began))
+    return best
+
+
+def simulator_rate(
+    task: Task,
+    num_games: int,
+    seconds: float = 1.0,
+    scripted: bool = True,
+    encoding: str | None = None,
+) -> float:
+    """Game steps a second: one seat plays random moves, scripted agents fill the others.
+
+    Args:
+        task: the task.
+        num_games: games in the batch.
+        seconds: time of the measurement.
+        scripted: False has all seats play random moves drawn beforehand.
+        encoding: also encode what the first seat observes in each step.
+    """
+    simulator = Simulator(task, num_games)
+    generator = np.random.default_rng(0)
+    shape = (16, num_games, task.num_agents)
+    drawn = generator.integers(task.num_actions, size=shape, dtype=np.int32)
+    policies = default_policies(task, 0.2)
+    seats = [policies[role] if scripted else None for role in task.seat_roles]
+    seats[0] = None
+    simulator.reset()
+    out = simulator.observe(encoding, 0) if encoding else None
+    turn = 0
+
+    def step() -> None:
+        nonlocal turn
+        actions = drawn[turn % 16]
+        turn += 1
+        simulator.act(seats, actions)
+        simulator.step(actions)
+        if encoding:
+            simulator.observe(encoding, 0, out=out)
+
+    return rate(step, num_games, seconds)
+
+
+def parallel_env_rate(seconds: float = 1.0) -> float:
+    """Steps a second through the PettingZoo environment: chase 5x5, default observation."""
+    env = chase_v0.parallel_env(maze="5x5")
+    env.reset(seed=0)
+    generator = np.random.default_rng(0)
+    drawn = [
+        dict(zip(env.possible_agents, pair, strict=True))
+        for pair in generator.integers(4, size=(256, 2)).tolist()
+    ]
+    turn = 0
+
+    def step() -> None:
+        nonlocal turn
+        turn += 1
+        env.step(drawn[turn % 256])
+        if not env.agents:
+            env.reset()
+
+    return rate(step, 1, seconds)
+
+
+def bench(arguments: Sequence[str]) -> None:
+    """`pursuit bench`."""
+    given = parse(BenchCommand, arguments, "bench")
+    check(0 < given.seconds < 1000, f"seconds={given.seconds}; above 0")
+    seconds, chase = given.seconds, make_task("chase", maze="7x7")
+    lines: list[tuple[str, Callable[[], float]]] = [
+        (
+            "chase 7x7, 4096 games, no scripted agent",
+            lambda: simulator_rate(chase, 4096, seconds, scripted=False),
+        ),
+        (
+            "  with a scripted evader",
+            lambda: simulator_rate(chase, 4096, seconds),
+        ),
+        *(
+            (
+                f"  and the {encoding!r} observation",
+                lambda encoding=encoding: simulator_rate(chase, 4096, seconds, encoding=encoding),
+            )
+            for encoding in ("index", "one_hot")
+        ),
+        (
+            "chase 7x7, one game, with a scripted evader",
+            lambda: simulator_rate(chase, 1, seconds),
+        ),
+        (
+            "maze 7x7, 3 goals, 4096 games",
+            lambda: simulator_rate(make_task("maze", maze="7x7"), 4096, seconds),
+        ),
+        ("PettingZoo chase 5x5, one game", lambda: parallel_env_rate(seconds)),
+        ("PPO, maze 5x5 with 3 goals (frames)", lambda: ppo_rate(max(seconds, 3.0))),
+    ]
+    for name, measure in lines:
+        print(f"{name:<48}{measure():>16,.0f} steps/s", flush=True)
+
+
+def ppo_rate(seconds: float) -> float:
+    """Frames a second of PPO with its preset, learning included."""
+    from pathlib import Path
+    from tempfile import TemporaryDirectory
+
+    from train.runs.folder import new_folder
+    from train.runs.run import start_run
+    from train.settings.run import TaskSettings, TrainSettings
+
+    with TemporaryDirectory() as folder:
+        run = start_run(
+            TrainSettings(TaskSettings(task="maze"), seconds=seconds),
+            new_folder(Path(folder) / "run"),
+        )
+        run.train()
+        return run.learner.frames / run.seconds

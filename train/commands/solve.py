@@ -1,0 +1,191 @@
+"""`pursuit solve`: the exact game of a maze, its cop number, and a picture of both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.maze import Maze, load_maze
+from scripted_agents import ChaseSolution, cop_number, mean_over_starts, solve_chase
+from train.commands.main import parse
+from train.runs.folder import write_beside
+from train.settings.algorithms import check
+
+
+@dataclass(frozen=True)
+class SolveCommand:
+    """Solve the simultaneous chase of a maze exactly: value, saddle points, cop number, picture."""
+
+    maze: str = "5x5"
+    """A shipped maze (2x2 ... 9x9, 15x15, also -tree and -open), or the path of a maze file."""
+    discount: float = 0.95
+    """Of each step, in (0, 1)."""
+    horizon: int | None = None
+    """Solve for this number of steps instead, without discount."""
+    num_chasers: int = 1
+    """Chasers, who act as one player; 2 is for small mazes."""
+    stay_action: bool = False
+    """Whether a fifth action, stay, exists."""
+    move_order: str = "simultaneous"
+    """simultaneous, or chasers_first."""
+    chaser_cell: int | None = None
+    """Where the chaser stands in the right picture; a telling cell if left out."""
+    evader_cell: int | None = None
+    """Where the evader stands in the left picture; likewise."""
+    out: Path | None = None
+    """The picture (.png); solve-MAZE.png if left out."""
+
+
+def solve(arguments: Sequence[str]) -> None:
+    """`pursuit solve`."""
+    given = parse(SolveCommand, arguments, "solve")
+    maze = load_maze(given.maze)
+    for name in ("chaser_cell", "evader_cell"):
+        cell = getattr(given, name)
+        check(
+            cell is None or 0 <= cell < maze.num_cells,
+            f"{name}={cell}; {maze.name} has the cells 0 to {maze.num_cells - 1}",
+        )
+    out = given.out or Path(f"solve-{Path(given.maze).stem}.png")
+    check(out.suffix == ".png", f"out={out}; give a .png file")
+    began = perf_counter()
+    order: Any = given.move_order
+    solution = solve_chase(
+        maze, given.discount, given.stay_action, given.horizon, order, given.num_chasers
+    )
+    print(describe(solution, perf_counter() - began))
+    try:
+        number = cop_number(maze)
+        told = "more than 3" if number is None else str(number)
+    except ValueError as error:
+        told = f"not known ({error})"
+    print(f"{'cop number (in turns)':<32}{told}")
+    if given.num_chasers == 1:
+        chaser, evader = telling_cells(solution)
+        cells = (
+            chaser if given.chaser_cell is None else given.chaser_cell,
+            evader if given.evader_cell is None else given.evader_cell,
+        )
+        draw_solution(out, solution, *cells)
+        print(f"picture: {out}")
+
+
+def describe(solution: ChaseSolution, seconds: float) -> str:
+    """What is printed of a solution, a line each."""
+    maze, values = solution.maze, solution.values
+    size, chasers = maze.num_cells, solution.num_chasers
+    cells = np.indices(values.shape)
+    apart = (cells[:-1] != cells[-1]).all(axis=0)
+    mixed = int(solution.mixed[apart].sum())
+    discount, horizon = solution.discount, solution.horizon
+    how = f"horizon {horizon}" if horizon is not None else f"discount {discount:g}"
+    lines = [
+        f"{'maze':<32}{maze.name}: {size} cells, {maze.num_loops} loops",
+        f"{'game':<32}{chasers} chaser{'s' if chasers > 1 else ''}, 1 evader, "
+        f"{solution.move_order}, {'with' if solution.stay_action else 'no'} stay, {how}",
+    ]
+    most = float(horizon) if horizon is not None else 1.0 / (1.0 - discount)
+    mean = mean_over_starts(values, maze) if chasers == 1 else float(values[apart].mean())
+    lines.append(
+        f"{'value (mean over starts)':<32}{mean:.6f} steps"
+        f"{'' if horizon is not None else ', discounted'}; at most {most:g}"
+    )
+    escapes = int((values[apart] >= most * (1.0 - 1e-9)).sum())
+    places = int(apart.sum())
+    lines.append(f"{'never caught from':<32}{escapes:,} of {places:,} places")
+    lines.append(
+        f"{'optimal play must be random at':<32}{mixed:,} of {places:,} places "
+        f"({places - mixed:,} have a pure saddle point)"
+    )
+    lines.append(f"{'solved in':<32}{seconds:.2f} s, {solution.sweeps} sweeps")
+    return "\n".join(lines)
+
+
+def telling_cells(solution: ChaseSolution) -> tuple[int, int]:
+    """A chaser and an evader cell for which the values of the other's cells differ most."""
+    values = np.where(np.eye(len(solution.values), dtype=bool), np.nan, solution.values)
+    return int(np.nanstd(values, axis=1).argmax()), int(np.nanstd(values, axis=0).argmax())
+
+
+def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int) -> None:
+    """Values as colours and policies as arrows over the maze; the other side stands still."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    maze = solution.maze
+    side = min(7.0, 1.5 + 0.45 * max(maze.height, maze.width))
+    figure, axes = pyplot.subplots(1, 2, figsize=(2 * side + 1.2, side + 0.7), layout="constrained")
+    sides = (
+        (axes[0], solution.values[:, evader], solution.chaser_policy[:, evader], evader, "evader"),
+        (axes[1], solution.values[chaser], solution.evader_policy[:, chaser], chaser, "chaser"),
+    )
+    apart = ~np.eye(maze.num_cells, dtype=bool)
+    low, high = solution.values[apart].min(), solution.values[apart].max()
+    for axis, values, policy, other, name in sides:
+        mover = "chaser" if name == "evader" else "evader"
+        image = _draw_values(axis, maze, values, other, (low, max(high, low + 1e-9)))
+        _draw_walls(axis, maze)
+        _draw_arrows(axis, maze, policy, other)
+        color = "#D55E00" if name == "chaser" else "#0072B2"
+        axis.plot(maze.columns[other], maze.rows[other], "o", ms=11, color=color)
+        axis.set_title(f"optimal {mover}, the {name} being at ●", fontsize=10)
+        axis.set_aspect("equal")
+        axis.axis("off")
+    unit = "steps" if solution.horizon is not None else f"steps, discount {solution.discount:g}"
+    figure.colorbar(image, ax=axes, shrink=0.8, label=f"value ({unit})")
+    figure.suptitle(f"{maze.name}: the exact game, {solution.move_order}", fontsize=11)
+    write_beside(path, lambda beside: figure.savefig(beside, dpi=130, format="png"))
+    pyplot.close(figure)
+
+
+def _draw_values(
+    axis: Any, maze: Maze, values: NDArray[np.float64], other: int, limits: tuple[float, float]
+) -> Any:
+    grid = np.full((maze.height, maze.width), np.nan)
+    grid[maze.rows, maze.columns] = values
+    grid[maze.rows[other], maze.columns[other]] = np.nan
+    return axis.imshow(grid, cmap="viridis", vmin=limits[0], vmax=limits[1], alpha=0.85)
+
+
+def _draw_walls(axis: Any, maze: Maze) -> None:
+    steps = {0: (0, -0.5), 1: (0, 0.5), 2: (0.5, 0), 3: (-0.5, 0)}
+    for cell in range(maze.num_cells):
+        x, y = maze.columns[cell], maze.rows[cell]
+        for action, (dx, dy) in steps.items():
+            if maze.neighbors[cell, action] == cell:
+                ends = (
+                    ([x - 0.5, x + 0.5], [y + dy] * 2) if dy else ([x + dx] * 2, [y - 0.5, y + 0.5])
+                )
+                axis.plot(*ends, color="#222222", lw=2.2, solid_capstyle="round")
+
+
+def _draw_arrows(axis: Any, maze: Maze, policy: NDArray[np.float64], other: int) -> None:
+    """An arrow for every action, as long as it is probable; a dot for standing still."""
+    for cell in range(maze.num_cells):
+        if cell == other:
+            continue
+        still = 0.0
+        for action, chance in enumerate(policy[cell]):
+            following = maze.neighbors[cell, action]
+            if following == cell:
+                still += chance
+            elif chance > 0.02:
+                x, y = maze.columns[cell], maze.rows[cell]
+                dx, dy = maze.columns[following] - x, maze.rows[following] - y
+                length = 0.12 + 0.3 * chance
+                axis.annotate(
+                    "",
+                    (x + dx * length, y + dy * length),
+                    (x, y),
+                    arrowprops={"arrowstyle": "-|>", "color": "white", "lw": 1.4},
+                )
+        if still > 0.02:
+            axis.plot(maze.columns[cell], maze.rows[cell], "s", ms=2 + 4 * still, color="white")

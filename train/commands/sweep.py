@@ -1,0 +1,216 @@
+"""`pursuit sweep` and `pursuit report`."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from train.commands.main import parse
+from train.experiments.executors import run_locally, run_on_ray
+from train.experiments.sweep import Sweep, load_sweep, shipped, status_of
+from train.runs.folder import write_beside
+from train.settings.algorithms import check
+
+
+@dataclass(frozen=True)
+class SweepCommand:
+    """Do all runs of a sweep file; those that are complete are skipped, others are resumed.
+
+    `pursuit sweep --list` names the shipped files, which are the experiments of the thesis.
+    """
+
+    file: Annotated[str | None, tyro.conf.Positional] = None
+    """A sweep file (.toml), or the name of a shipped one."""
+    list: bool = False
+    """Name the shipped sweep files."""
+    version: str | None = None
+    """short or full, where the file has both; short if left out."""
+    out: Path | None = None
+    """The folder of the sweep; sweeps/NAME-VERSION if left out."""
+    executor: str = "local"
+    """local: processes of this machine, one core each. ray: tasks of a Ray cluster."""
+    workers: int = 0
+    """Local processes at a time; 0 is one for each core."""
+    address: str | None = None
+    """Of the Ray cluster ("auto": that of this machine); one is started here if left out."""
+    dry_run: bool = False
+    """Check the file and name the runs, but do none."""
+
+
+def sweep(arguments: Sequence[str]) -> None:
+    """`pursuit sweep`."""
+    given = parse(SweepCommand, arguments, "sweep")
+    if given.list:
+        for name in shipped():
+            print(f"{name:<28}{load_sweep(name).title}")
+        return
+    check(given.file is not None, "give a sweep file, or --list")
+    plan = load_sweep(str(given.file), given.version)
+    carry_out(plan, given, f"pursuit sweep {' '.join(arguments)}")
+
+
+def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
+    """Do the runs of `plan` as the options say, watch them, and report.
+
+    Exits with 1 where runs failed, and with 130 after Ctrl-C; `again` says how to go on.
+
+    Raises:
+        ValueError: options that make no sense.
+    """
+    check(given.executor in ("local", "ray"), f"unknown executor {given.executor!r}; local or ray")
+    check(given.workers >= 0, f"workers={given.workers}; at least 0")
+    check(
+        plan.scheduler is None or given.executor == "ray",
+        f"scheduler={plan.scheduler!r} needs --executor ray; or leave it out of [search]",
+    )
+    stem = Path(str(given.file)).stem
+    out = given.out or Path("sweeps") / (f"{stem}-{given.version}" if given.version else stem)
+    if given.dry_run:
+        for run in plan.runs:
+            print(run.name)
+        print(f"{len(plan.runs)} runs into {out}; nothing was done")
+        return
+    out.mkdir(parents=True, exist_ok=True)
+    if plan.exact:
+        print(write_exact(plan, out))
+    if not plan.runs:
+        return
+    for number in (signal.SIGINT, signal.SIGTERM):  # a background job begins with Ctrl-C ignored
+        signal.signal(number, signal.default_int_handler)
+    watch = SweepWatch(plan, given.workers or os.cpu_count() or 1)
+    print(f"{plan.title}: {len(plan.runs)} runs into {out}")
+    try:
+        if given.executor == "local":
+            statuses = run_locally(plan, out, given.workers or os.cpu_count() or 1, watch)
+        else:
+            statuses = run_on_ray(plan, out, given.address, watch)
+    except KeyboardInterrupt:
+        print(f"\ninterrupted; checkpoints are saved. Go on with: {again}", file=sys.stderr)
+        sys.exit(130)
+    counts = {status: list(statuses.values()).count(status) for status in statuses.values()}
+    print(", ".join(f"{number} {status}" for status, number in sorted(counts.items())))
+    if "complete" in counts:
+        from train.experiments.report import report as make_report
+
+        print(f"report: {make_report(out) / 'report.md'}")
+    failed = [name for name, status in statuses.items() if status not in ("complete", "stopped")]
+    if failed:
+        for name in failed:
+            print(f"{statuses[name]}: {out / 'runs' / name / 'error.txt'}", file=sys.stderr)
+        sys.exit(1)
+
+
+class SweepWatch:
+    """Says how far a sweep is: a line whenever a run begins or ends, and every half minute."""
+
+    def __init__(self, plan: Sweep, workers: int) -> None:
+        self.budgets = {run.name: run.settings.seconds for run in plan.runs}
+        self.workers, self.began, self.told = workers, time.monotonic(), 0.0
+        self.before: dict[str, str] = {}
+        self.done_before: set[str] | None = None
+        self.live = sys.stdout.isatty()
+
+    def __call__(self, statuses: dict[str, str], progress: dict[str, float]) -> None:
+        """Print what is new."""
+        if self.done_before is None:
+            self.done_before = {name for name, s in statuses.items() if s == "complete"}
+            if self.done_before:
+                print(f"{len(self.done_before)} complete already")
+        told = ("complete", "failed", "interrupted")
+        for name, status in statuses.items():
+            new = status != self.before.get(name) and name not in self.done_before
+            if new and status in told:
+                print(("\r" if self.live else "") + f"{status:<12}{name}", flush=True)
+        ended = sum(status in ("complete", "failed") for status in statuses.values())
+        now = time.monotonic()
+        if statuses != self.before or now - self.told > (1 if self.live else 30):
+            self.told, self.before = now, dict(statuses)
+            left = self.seconds_left(statuses, progress)
+            parts = [f"{ended} of {len(statuses)} done", f"{len(progress)} running"]
+            if progress:
+                parts.append(" ".join(f"{100 * share:.0f}%" for share in progress.values()))
+            if left is not None:
+                parts.append(f"about {_span(left)} left")
+            line = ", ".join(parts)
+            print(f"\r{line:<78}" if self.live else line, end="" if self.live else "\n", flush=True)
+
+    def seconds_left(self, statuses: dict[str, str], progress: dict[str, float]) -> float | None:
+        """By the budgets where they are seconds, else by what was done so far."""
+        shares = {
+            name: 1.0 - progress.get(name, 0.0)
+            for name, status in statuses.items()
+            if status not in ("complete", "failed")
+        }
+        budgets = [self.budgets[name] for name in shares]
+        if all(budget is not None for budget in budgets):
+            work = sum(s * b for s, b in zip(shares.values(), budgets, strict=True) if b)
+            return 1.15 * work / self.workers
+        done = len(statuses) - len(self.done_before or ()) - sum(shares.values())
+        if done < 0.05:
+            return None
+        return (time.monotonic() - self.began) / done * sum(shares.values())
+
+
+def _span(seconds: float) -> str:
+    minutes = round(seconds / 60)
+    if minutes < 1:
+        return f"{seconds:.0f} s"
+    return f"{minutes} min" if minutes < 120 else f"{minutes / 60:.1f} h"
+
+
+def write_exact(plan: Sweep, out: Path) -> str:
+    """The table of states and mean optimal tours that needs no learning.
+
+    Returns:
+        The table as Markdown, which is in `out/exact.md` too.
+    """
+    from pursuit.maze import load_maze
+    from scripted_agents.tour import expected_tour_length, num_states
+
+    mazes, goals = plan.exact.get("mazes", []), plan.exact.get("goals", [])
+    check(bool(mazes) and bool(goals), "[exact] needs mazes and goals, with one value at least")
+    known = {"mazes", "goals"}
+    check(set(plan.exact) <= known, f"[exact] has {sorted(plan.exact)}; it knows mazes and goals")
+    heads = [f"states, {g} goal{'s' if g > 1 else ''}" for g in goals]
+    heads += [f"mean optimum, {g} goal{'s' if g > 1 else ''}" for g in goals]
+    lines = [f"# {plan.title}", "", "| maze | cells | " + " | ".join(heads) + " |"]
+    lines.append("|---|---|" + "---|" * len(heads))
+    for name in mazes:
+        maze = load_maze(name)
+        cells = [f"{num_states(maze.num_cells, g):,}" for g in goals]
+        for number in goals:
+            mean = expected_tour_length(maze, number)
+            cells.append(f"{mean:.4f}" if mean.exact else f"{mean:.3f} ± {mean.ci95:.3f}")
+        lines.append(f"| {name} | {maze.num_cells} | " + " | ".join(cells) + " |")
+    lines += ["", "Means over all placements; those with ± are of samples, the others exact."]
+    text = "\n".join(lines) + "\n"
+    write_beside(out / "exact.md", lambda beside: beside.write_text(text, encoding="utf-8"))
+    return text
+
+
+@dataclass(frozen=True)
+class ReportCommand:
+    """Collect the runs of a sweep into Parquet tables, draw its figures, write its report."""
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    """The folder of the sweep."""
+
+
+def report(arguments: Sequence[str]) -> None:
+    """`pursuit report`."""
+    from train.experiments.report import report as make_report
+
+    given = parse(ReportCommand, arguments, "report")
+    check(given.folder.is_dir(), f"{given.folder}: no such folder")
+    folder = make_report(given.folder)
+    print((folder / "report.md").read_text(encoding="utf-8"))
+    states = [status_of(path.parent) for path in given.folder.glob("runs/*/config.json")]
+    print(f"{states.count('complete')} of {len(states)} runs; figures and tables: {folder}")

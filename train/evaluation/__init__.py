@@ -1,0 +1,1 @@
+"""How well a policy plays, beside the exact references."""

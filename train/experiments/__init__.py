@@ -1,0 +1,1 @@
+"""Sweeps and ablations: who does the runs, tables, statistics, reports."""

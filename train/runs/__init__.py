@@ -1,0 +1,1 @@
+"""One training loop, its folders, and the parts that settings become."""

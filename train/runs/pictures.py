@@ -1,0 +1,132 @@
+"""The learning curve and the replay of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pursuit.parallel_env import scene_of
+from pursuit.policy import Policy
+from pursuit.rendering import Scene, save_animation
+from pursuit.simulator import Simulator
+from pursuit.single_agent import fill_seats
+from train.evaluation.contest import Contest
+from train.runs.folder import write_beside
+
+# Okabe and Ito's palette: distinct for colour-blind readers, and in print.
+COLORS = {
+    "learned": "#0072B2",
+    "optimal": "#009E73",
+    "scripted": "#D55E00",
+    "random": "#7F7F7F",
+}
+
+
+def draw_learning_curve(
+    path: Path,
+    rows: list[dict[str, float]],
+    scores: list[dict[str, Any]],
+    title: str,
+    lessons: list[dict[str, Any]] | None = None,
+    taught: str = "",
+) -> None:
+    """Mean steps over frames with the baselines as lines; the gap and the curriculum below.
+
+    Args:
+        path: a .png file, written atomically.
+        rows: of `metrics.csv`.
+        scores: of `results.json`.
+        title: of the figure.
+        lessons: of `curriculum.csv`; none where there is no curriculum.
+        taught: what those lessons are.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    frames = np.array([row["frames"] for row in rows]) / 1e6
+    steps = np.array([row["mean_steps"] for row in rows])
+    by_name = {score["name"]: score for score in scores}
+    has_gap = "optimal" in by_name and any("optimality_gap" in row for row in rows)
+    heights = [3.0] + [2.0] * has_gap + [1.3] * bool(lessons)
+    figure, axes = pyplot.subplots(
+        len(heights),
+        1,
+        figsize=(7, 0.7 + 1.15 * sum(heights)),
+        sharex=True,
+        squeeze=False,
+        height_ratios=heights,
+        layout="constrained",
+    )
+    upper = axes[0, 0]
+    upper.plot(frames, steps, "o-", color=COLORS["learned"], ms=3.5, lw=1.8, label="learned")
+    for name, score in by_name.items():
+        if name.startswith("learned"):
+            continue
+        color = COLORS.get(name, COLORS["scripted"])
+        label = f"{name}: {score['mean_steps']:.2f}"
+        upper.axhline(score["mean_steps"], color=color, lw=1.4, ls="--", label=label)
+    upper.set_yscale("log")
+    upper.yaxis.set_major_formatter(matplotlib.ticker.ScalarFormatter())
+    upper.yaxis.set_minor_formatter(matplotlib.ticker.LogFormatter(labelOnlyBase=False))
+    upper.set_ylabel("mean episode length (steps, log)")
+    upper.set_title(title, fontsize=11, loc="left")
+    upper.legend(frameon=False, fontsize=9)
+    if has_gap:
+        lower = axes[1, 0]
+        gap = 100 * np.array([row.get("optimality_gap", np.nan) for row in rows])
+        lower.plot(frames, gap, "o-", color=COLORS["learned"], ms=3.5, lw=1.8)
+        lower.axhline(0, color=COLORS["optimal"], lw=1.4, ls="--")
+        lower.set_yscale("symlog", linthresh=1.0)
+        low, high = min(np.nanmin(gap), 0.0), max(np.nanmax(gap), 0.0)
+        lower.set_ylim(1.5 * low - 0.3, 1.5 * high + 0.3)
+        lower.yaxis.set_major_formatter(matplotlib.ticker.FormatStrFormatter("%g"))
+        lower.set_ylabel("gap to the optimum (%)")
+    if lessons:
+        draw_lessons(axes[-1, 0], lessons, frames[-1], taught)
+    axes[-1, 0].set_xlabel("frames (millions)")
+    for axis in axes[:, 0]:
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.grid(alpha=0.25, lw=0.6)
+    write_beside(path, lambda beside: figure.savefig(beside, dpi=150, format="png"))
+    pyplot.close(figure)
+
+
+def draw_lessons(axis: Any, lessons: list[dict[str, Any]], end: float, taught: str) -> None:
+    """What the curriculum gave: the mean as a step line, the range as a band; to `end` million."""
+    places = np.array([*(row["frames"] / 1e6 for row in lessons), end])
+    mean, low, high = (
+        np.array([row[name] for row in [*lessons, lessons[-1]]]) for name in ("mean", "low", "high")
+    )
+    axis.plot(places, mean, color="#CC79A7", lw=1.6, drawstyle="steps-post")
+    if (high > low).any():
+        axis.fill_between(places, low, high, color="#CC79A7", alpha=0.18, lw=0, step="post")
+    axis.set_ylabel(taught.replace("-", "\n", 1).replace("-", " "))
+
+
+def replay(contest: Contest, policy: Policy, episodes: int = 3) -> list[Scene]:
+    """The scenes of some episodes played by `policy`, one after the other."""
+    task = contest.task
+    seat, policies = fill_seats(task, contest.agent, contest.opponents)
+    policies[seat] = policy
+    scenes: list[Scene] = []
+    actions = np.zeros((1, task.num_agents), dtype=np.int32)
+    for episode in range(episodes):
+        simulator = Simulator(task, 1, contest.seed, first_game=episode, auto_restart=False)
+        simulator.reset()
+        caption = f"episode {episode + 1} of {episodes}"
+        scenes.append(scene_of(simulator, caption=caption))
+        while not simulator.ended.any():
+            simulator.act(policies, actions)
+            simulator.step(actions)
+            scenes.append(scene_of(simulator, caption=caption))
+        scenes.extend([scenes[-1]] * 3)
+    return scenes
+
+
+def save_replay(path: Path, contest: Contest, policy: Policy, episodes: int = 3) -> None:
+    """Write a replay as .gif or .mp4, by the suffix of `path`."""
+    save_animation(path, replay(contest, policy, episodes))

@@ -1,0 +1,1 @@
+"""Two sides that learn from each other: pools, leagues, ratings."""

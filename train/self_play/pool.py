@@ -1,0 +1,258 @@
+"""The opponents of self-play: snapshots on disk and scripted agents, and who is drawn how often."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pursuit.policy import GameView, Policy
+from scripted_agents import solve_matrix_game
+from train.networks.policy import LearnedPolicy
+from train.runs.folder import write_beside
+from train.settings.algorithms import check
+
+SAMPLING = ("latest", "window", "uniform", "pfsp", "psro")
+LATEST = "latest"
+"""The name of the opponent as it is now; it is no snapshot, and always there."""
+MEMORY = 200.0
+"""Episodes over which the score against an opponent is averaged, about."""
+
+
+@dataclass
+class Member:
+    """One opponent.
+
+    Attributes:
+        name: unique in its pool; of a snapshot, that of its file.
+        policy: how it plays.
+        scripted: whether it is no snapshot; those are never dropped.
+        score: the learner's mean score against it in [0, 1]; 0.5 before the first game.
+        games: episodes that the learner has played against it.
+    """
+
+    name: str
+    policy: Policy
+    scripted: bool
+    score: float = 0.5
+    games: float = 0.0
+
+
+class OpponentPool:
+    """The opponents in one role: the latest, scripted agents, and snapshots in a folder.
+
+    Args:
+        folder: of the snapshots, one .pt file each.
+        latest: the policy that is learning in this role.
+        capacity: snapshots kept at most.
+        load: makes a policy of what was saved.
+
+    Raises:
+        ValueError: a capacity below 1.
+
+    Attributes:
+        members: in order of age, the latest first, then scripted agents, then snapshots.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        latest: Policy,
+        capacity: int,
+        load: Callable[[dict[str, Any]], Policy],
+    ) -> None:
+        check(capacity >= 1, f"pool_size={capacity}; at least 1")
+        self.folder, self.capacity, self._load = folder, capacity, load
+        self.members = [Member(LATEST, latest, True)]
+
+    @property
+    def names(self) -> list[str]:
+        """Of all members, in order."""
+        return [member.name for member in self.members]
+
+    @property
+    def snapshots(self) -> list[Member]:
+        """Those from disk, the oldest first."""
+        return [member for member in self.members if not member.scripted]
+
+    def add_scripted(self, name: str, policy: Policy) -> None:
+        """A member that is never dropped.
+
+        Raises:
+            ValueError: the name is taken.
+        """
+        check(name not in self.names, f"two members of a pool are called {name!r}; rename one")
+        place = sum(member.scripted for member in self.members)
+        self.members.insert(place, Member(name, policy, True))
+
+    def add(self, name: str, state: dict[str, Any], rng: np.random.Generator) -> str | None:
+        """Save a snapshot and take it in; the name of the one that was dropped for it, or None.
+
+        A full pool drops one at random, never the newest, so that it goes on covering all of the
+        past evenly.
+
+        Raises:
+            ValueError: the name is taken.
+            OSError: it cannot be written; the pool is as it was.
+        """
+        check(name not in self.names, f"two members of a pool are called {name!r}; rename one")
+        self.folder.mkdir(parents=True, exist_ok=True)
+        write_beside(self.folder / f"{name}.pt", lambda beside: torch.save(state, beside))
+        self.members.append(Member(name, self._load(state), False))
+        old = self.snapshots[:-1]
+        if len(old) < self.capacity:
+            return None
+        dropped = old[int(rng.integers(len(old)))]
+        self.members.remove(dropped)
+        return dropped.name
+
+    def clean(self) -> None:
+        """Delete the files of snapshots that were dropped (once a checkpoint does without them)."""
+        kept = {f"{member.name}.pt" for member in self.snapshots}
+        for path in self.folder.glob("*.pt"):
+            if path.name not in kept:
+                path.unlink()
+
+    def note(self, member: int, scores: NDArray[np.float64]) -> None:
+        """Count episodes of the learner against one member, with their scores in [0, 1]."""
+        one = self.members[member]
+        for score in scores.tolist():
+            one.games += 1.0
+            one.score += (score - one.score) / min(one.games, MEMORY)
+
+    def state_dict(self) -> list[dict[str, Any]]:
+        """Who is in it, with the scores; the snapshots themselves are on disk already."""
+        return [
+            {"name": m.name, "scripted": m.scripted, "score": m.score, "games": m.games}
+            for m in self.members
+        ]
+
+    def load_state_dict(self, state: list[dict[str, Any]]) -> None:
+        """Take it back. A snapshot that is missing or damaged is left out, with a warning.
+
+        Raises:
+            KeyError: other scripted members than those of this pool.
+        """
+        scripted = {member.name: member for member in self.members}
+        members = []
+        for entry in state:
+            name = entry["name"]
+            if entry["scripted"]:
+                member = scripted[name]
+            else:
+                path = self.folder / f"{name}.pt"
+                try:
+                    saved = torch.load(path, map_location="cpu", weights_only=True)
+                    member = Member(name, self._load(saved), False)
+                except Exception as error:  # whatever a damaged file leads to
+                    reason = (str(error) or type(error).__name__).splitlines()[0]
+                    warnings.warn(
+                        f"{path}: damaged or missing snapshot, left out of the pool ({reason})",
+                        stacklevel=2,
+                    )
+                    continue
+            member.score, member.games = entry["score"], entry["games"]
+            members.append(member)
+        self.members = members
+
+
+def weights(
+    pool: OpponentPool,
+    sampling: str,
+    window: int = 5,
+    power: float = 2.0,
+    mixture: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """[members] float64 with sum 1: how often each member is drawn.
+
+    Args:
+        pool: whose members.
+        sampling: "latest": the opponent as it is now. "window": evenly among that and the last
+            `window` snapshots. "uniform": evenly among all (fictitious self-play; Heinrich et al.,
+            2015). "pfsp": by (1 - score) ** `power`, the learner's score against each: prioritised
+            fictitious self-play (Vinyals et al., 2019). "psro": by `mixture`, a Nash equilibrium of
+            the payoff matrix (double oracle, McMahan et al., 2003; Lanctot et al., 2017); until
+            there is one, the latest. Scripted members count in all but "latest" and "psro".
+        window: snapshots that count.
+        power: how strongly "pfsp" prefers hard opponents.
+        mixture: [members] of "psro".
+
+    Raises:
+        ValueError: an empty pool.
+    """
+    members = pool.members
+    check(bool(members), f"{pool.folder}: an empty pool; there is nobody to play against")
+    chosen = np.zeros(len(members))
+    if sampling == "psro" and mixture is not None:
+        chosen[:] = mixture
+    elif sampling in ("latest", "psro"):
+        chosen[0] = 1.0
+    elif sampling == "pfsp":
+        chosen[:] = [(1.0 - member.score) ** power for member in members]
+        chosen += 1e-3 * max(float(chosen.max()), 1e-6)
+    else:
+        chosen[:] = 1.0
+        if sampling == "window":
+            old = len(pool.snapshots) - window
+            first = sum(member.scripted for member in members)
+            chosen[first : first + max(old, 0)] = 0.0
+    total: NDArray[np.float64] = chosen / chosen.sum()
+    return total
+
+
+class PoolPolicy:
+    """Fills a seat with another member of a pool in every game.
+
+    Attributes:
+        opponents: [num_games] int64, the place in `pool.members` of each game's opponent.
+    """
+
+    def __init__(self, pool: OpponentPool, num_games: int) -> None:
+        self.pool = pool
+        self.opponents = np.zeros(num_games, dtype=np.int64)
+
+    def act(self, view: GameView) -> NDArray[np.int32]:
+        """[num_games] int32; one forward pass for every distinct opponent."""
+        present = np.flatnonzero(np.bincount(self.opponents))
+        if len(present) == 1:
+            return self.pool.members[int(present[0])].policy.act(view)
+        actions = np.empty(view.num_games, dtype=np.int32)
+        order = np.argsort(self.opponents, kind="stable")
+        bounds = np.searchsorted(self.opponents[order], [*present, len(self.pool.members)])
+        observed: dict[str, NDArray[Any]] = {}
+        draws = view.uniform()
+        for place, first, last in zip(present, bounds, bounds[1:], strict=False):
+            games, policy = order[first:last], self.pool.members[int(place)].policy
+            if isinstance(policy, LearnedPolicy):
+                if policy.encoding not in observed:
+                    observed[policy.encoding] = view.observe(policy.encoding)
+                seen = observed[policy.encoding][games]
+                actions[games] = policy.choose(view, seen, None if policy.greedy else draws[games])
+            else:
+                part = view.select(games)
+                actions[games] = policy.act(part)
+                view.streams[games] = part.streams
+        return actions
+
+
+def nash_mixtures(payoff: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The equilibrium of a payoff matrix [chasers, evaders] that the evaders maximise.
+
+    Returns:
+        The chasers' and the evaders' mixture.
+    """
+    game = solve_matrix_game(payoff.T)
+    return game.column, game.row
+
+
+def draw_opponents(
+    shares: Sequence[float] | NDArray[np.float64], games: int, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """[games] int64 members, drawn by their shares."""
+    return rng.choice(len(shares), size=games, p=np.asarray(shares)).astype(np.int64)

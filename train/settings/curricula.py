@@ -1,0 +1,280 @@
+"""The settings of every curriculum: frozen dataclasses, checked at birth. No torch here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+from curricula import Schedule
+from curricula.levels import SCORES
+from curricula.schedules import SHAPES, UNITS
+from train.settings.algorithms import check
+
+AXES = (
+    "opponent-epsilon",
+    "goal-spread-fixed",
+    "goal-spread-start",
+    "start-distance",
+    "num-goals",
+    "maze-size",
+    "loops",
+)
+"""What a curriculum can turn, from easy to hard."""
+
+
+@dataclass(frozen=True)
+class CurriculumSettings:
+    """No curriculum: the task as it is, from the start."""
+
+    SHARES: ClassVar[frozenset[str]] = frozenset(
+        {
+            "promote_at", "demote_at", "average_fast", "average_slow", "explore_share",
+            "replay_share", "staleness",
+        }
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        for name in (field.name for field in fields(self)):
+            value = getattr(self, name)
+            if name in self.SHARES:
+                check(0.0 <= value <= 1.0, f"{name}={value}; it lies in [0, 1]")
+
+
+@dataclass(frozen=True)
+class AxisSettings(CurriculumSettings):
+    """The ends of what is turned."""
+
+    easiest: float | None = None
+    """Value at the beginning; where left out epsilon 1, a radius or distance of 3 (around fixed
+    goals 0), one goal, the smallest maze, walls all open."""
+    hardest: float | None = None
+    """Value in the end; the task's own if left out."""
+    curriculum_mazes: str | None = None
+    """Mazes from easy to hard, with commas, for maze-size and loops; the task's maze comes last by
+    itself. Left out: its first rows, or itself with walls opened."""
+
+
+def check_unit(name: str, value: float, unit: str) -> None:
+    """ValueError for what is meant in another unit: 500 shares of the budget, or half a frame."""
+    check(
+        unit != "share" or value <= 1.0,
+        f"{name}={value:g} in shares of the budget never comes; give a share of at most 1, or "
+        "schedule_unit frames, episodes or seconds",
+    )
+    check(
+        unit not in ("frames", "episodes") or value == 0 or value >= 1.0,
+        f"{name}={value:g} {unit} is over at once; give a number of {unit}, or schedule_unit share",
+    )
+
+
+@dataclass(frozen=True)
+class ScheduleSettings(AxisSettings):
+    """One value for all games, by a schedule."""
+
+    schedule: str = "linear"
+    """constant, linear, cosine, step (by 1 every schedule_every), exponential (times
+    schedule_factor every schedule_every) or piecewise (schedule_points)."""
+    schedule_unit: str = "share"
+    """What progress is measured in: share (of the budget), frames, episodes or seconds."""
+    schedule_length: float = 0.5
+    """Of linear and cosine, in that unit; afterwards the value is the hardest."""
+    schedule_every: float = 500.0
+    """Of step and exponential, in that unit."""
+    schedule_factor: float = 0.99
+    """Of exponential."""
+    schedule_points: str = ""
+    """Of piecewise: progress:value pairs, such as 0:1,0.3:0.5,0.6:0.2."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, choices in (("schedule", SHAPES), ("schedule_unit", UNITS)):
+            value = getattr(self, name)
+            check(value in choices, f"unknown {name} {value!r}; one of {', '.join(choices)}")
+        check(
+            self.schedule_length >= 0,
+            f"schedule_length={self.schedule_length}; a length is at least 0",
+        )
+        if self.schedule in ("linear", "cosine"):
+            check_unit("schedule_length", self.schedule_length, self.schedule_unit)
+        if self.schedule in ("step", "exponential"):
+            check_unit("schedule_every", self.schedule_every, self.schedule_unit)
+        self.build(1.0, 0.0)
+
+    def points(self) -> tuple[tuple[float, float], ...]:
+        """`schedule_points` as numbers."""
+        try:
+            pairs = [pair.split(":") for pair in self.schedule_points.split(",") if pair.strip()]
+            return tuple((float(place), float(value)) for place, value in pairs)
+        except ValueError:
+            raise ValueError(
+                f"schedule_points={self.schedule_points!r}; give progress:value pairs such as "
+                "0:1,0.5:0.2"
+            ) from None
+
+    def build(self, easiest: float, hardest: float) -> Schedule:
+        """The schedule between these ends."""
+        return Schedule(
+            self.schedule,
+            easiest,
+            hardest,
+            self.schedule_unit,
+            self.schedule_length,
+            self.schedule_every,
+            self.schedule_factor,
+            self.points(),
+        )
+
+
+@dataclass(frozen=True)
+class StagedSettings(AxisSettings):
+    """Stages along one axis."""
+
+    axis: str = "auto"
+    """What is turned: opponent-epsilon, goal-spread-fixed, goal-spread-start, start-distance,
+    num-goals, maze-size or loops. auto: goal-spread-start where there are goals, else
+    start-distance."""
+    num_stages: int = 8
+    """At most this many values from easiest to hardest."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        choices = ("auto", *AXES)
+        check(self.axis in choices, f"unknown axis {self.axis!r}; one of {', '.join(choices)}")
+        check(self.num_stages >= 2, f"num_stages={self.num_stages}; at least 2")
+
+
+@dataclass(frozen=True)
+class UniformSettings(StagedSettings):
+    """A control: all stages from beginning to end, each game its own."""
+
+
+@dataclass(frozen=True)
+class TurnSettings(StagedSettings):
+    """Controls: the same stages for the same time, in another order."""
+
+    schedule_unit: str = "share"
+    """What progress is measured in: share (of the budget), frames, episodes or seconds."""
+    schedule_length: float = 0.5
+    """In that unit; afterwards all games are at the hardest."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        choices = UNITS
+        check(
+            self.schedule_unit in choices,
+            f"unknown schedule_unit {self.schedule_unit!r}; one of {', '.join(choices)}",
+        )
+        check(
+            self.schedule_length >= 0,
+            f"schedule_length={self.schedule_length}; a length is at least 0",
+        )
+        check_unit("schedule_length", self.schedule_length, self.schedule_unit)
+
+
+@dataclass(frozen=True)
+class ReversedSettings(TurnSettings):
+    """A control: hard to easy in a straight line, then the hardest."""
+
+
+@dataclass(frozen=True)
+class ShuffledSettings(TurnSettings):
+    """A control: the stages one after the other in a random order, then the hardest."""
+
+
+@dataclass(frozen=True)
+class SuccessGatedSettings(StagedSettings):
+    """One stage for all games; the next one when this is mastered."""
+
+    promote_at: float = 0.9
+    """Share of successes that leads to the next stage."""
+    demote_at: float = 0.0
+    """Share of successes that leads back; 0 never does."""
+    window: int = 1024
+    """Episodes that the share is of."""
+    solved_within: float = 0.0
+    """An episode is a success only within this many times the exact optimum of its start; 0 asks
+    for what the task asks for (all goals collected, the evader caught, or survived)."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(self.window >= 1, f"window={self.window}; at least 1")
+        check_solved_within(self.solved_within)
+
+
+@dataclass(frozen=True)
+class LearningProgressSettings(StagedSettings):
+    """A bandit over stages: those where the return changes most are played most."""
+
+    average_fast: float = 0.1
+    """Share by which the fast moving average of the return moves at each update."""
+    average_slow: float = 0.02
+    """The same of the slow one; their distance is the learning progress."""
+    explore_share: float = 0.2
+    """Share of games in stages drawn uniformly."""
+
+
+@dataclass(frozen=True)
+class LevelReplaySettings(CurriculumSettings):
+    """Prioritised level replay (Jiang et al., 2021): levels that teach are played again."""
+
+    level_score: str = "regret"
+    """regret (to the exact optimum), value_loss, or learnability (p(1-p) of success)."""
+    level_buffer: int = 2048
+    """Levels kept."""
+    replay_share: float = 0.5
+    """Share of games that play a level again; the others play new ones."""
+    level_temperature: float = 0.3
+    """The lower, the more only the highest scores count."""
+    staleness: float = 0.1
+    """Weight of levels that were not played for long."""
+    solved_within: float = 0.0
+    """An episode is a success only within this many times the exact optimum of its start; 0 asks
+    for what the task asks for."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(
+            self.level_score in SCORES,
+            f"unknown level_score {self.level_score!r}; one of {', '.join(SCORES)}",
+        )
+        check(self.level_buffer >= 2, f"level_buffer={self.level_buffer}; at least 2")
+        check(
+            self.level_temperature > 0,
+            f"level_temperature={self.level_temperature}; it is above 0",
+        )
+        check_solved_within(self.solved_within)
+
+
+@dataclass(frozen=True)
+class LearnabilitySettings(LevelReplaySettings):
+    """Level replay by learnability, p(1 - p) of success (Rutherford et al., 2024)."""
+
+    level_score: str = "learnability"
+    """regret (to the exact optimum), value_loss, or learnability (p(1-p) of success)."""
+    solved_within: float = 1.5
+    """An episode is a success only within this many times the exact optimum of its start; 0 asks
+    for what the task asks for."""
+
+
+def check_solved_within(value: float) -> None:
+    """ValueError for a factor that no episode can meet."""
+    check(value == 0 or value >= 1, f"solved_within={value}; 0, or at least 1 (the optimum)")
+
+
+CURRICULA: dict[str, type[CurriculumSettings]] = {
+    "none": CurriculumSettings,
+    **dict.fromkeys(AXES, ScheduleSettings),
+    "success-gated": SuccessGatedSettings,
+    "learning-progress": LearningProgressSettings,
+    "level-replay": LevelReplaySettings,
+    "learnability": LearnabilitySettings,
+    "uniform": UniformSettings,
+    "reversed": ReversedSettings,
+    "shuffled": ShuffledSettings,
+}
+
+
+def curriculum_form(name: str) -> type[CurriculumSettings]:
+    """The settings of a curriculum by its name; ValueError for an unknown one."""
+    check(name in CURRICULA, f"unknown curriculum {name!r}; one of {', '.join(CURRICULA)}")
+    return CURRICULA[name]

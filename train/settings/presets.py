@@ -1,0 +1,182 @@
+"""Settings that work, by algorithm and task; and the thesis', to compare with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from train.settings.algorithms import (
+    HYPERPARAMETERS,
+    A2CSettings,
+    DQNSettings,
+    Hyperparameters,
+    NetworkSettings,
+    PPOSettings,
+    QLearningSettings,
+    RolloutSettings,
+    check,
+)
+from train.settings.curricula import CurriculumSettings, ScheduleSettings, curriculum_form
+from train.settings.run import TaskSettings
+
+TUNED = "tuned"
+
+
+def thesis_ppo() -> PPOSettings:
+    """The thesis' table A.5; whatever it does not name is RLlib's default of 2020.
+
+    RLlib collected 4000 frames with few environments; 20 games × 200 steps are that many.
+    """
+    return PPOSettings(
+        num_games=20,
+        rollout_steps=200,
+        minibatch=128,
+        epochs=30,
+        learning_rate=5e-5,
+        anneal=False,
+        gamma=0.99,
+        gae_lambda=1.0,
+        clip=0.5,
+        kl_target=0.01,
+        kl_weight=0.2,
+        entropy=0.0,
+        value_weight=1.0,
+        max_grad_norm=1e9,
+        width=256,
+        activation="tanh",
+        shared=False,
+    )
+
+
+def thesis_a2c() -> A2CSettings:
+    """The thesis' table A.6 (no critic, no generalised advantages), else RLlib's defaults.
+
+    RLlib's batch of 200 frames in fragments of 20: 10 games × 20 steps.
+    """
+    return A2CSettings(
+        num_games=10,
+        rollout_steps=20,
+        learning_rate=1e-4,
+        anneal=False,
+        gamma=0.99,
+        gae=False,
+        critic=False,
+        entropy=0.01,
+        max_grad_norm=40.0,
+        width=256,
+        activation="tanh",
+        shared=False,
+    )
+
+
+def thesis_dqn() -> DQNSettings:
+    """The thesis' table A.4 (dueling, prioritised, 50 000 transitions), else RLlib's defaults.
+
+    RLlib: one game, a batch of 32 for every 4 frames, epsilon 1 to 0.02 over 10 000 frames (here
+    0.5 % of the budget, as budgets differ), the target network copied every 500 frames.
+    """
+    return DQNSettings(
+        num_games=1,
+        rollout_steps=4,
+        updates=1,
+        batch=32,
+        buffer=50_000,
+        warm_up=1000,
+        target_period=125,
+        learning_rate=5e-4,
+        anneal=False,
+        gamma=0.99,
+        max_grad_norm=40.0,
+        epsilon_end=0.02,
+        exploration_share=0.005,
+        double=True,
+        dueling=True,
+        prioritized=True,
+        n_steps=1,
+        width=256,
+        activation="tanh",
+    )
+
+
+THESIS: dict[str, Callable[[], Hyperparameters]] = {
+    "thesis-ppo": thesis_ppo,
+    "thesis-a2c": thesis_a2c,
+    "thesis-dqn": thesis_dqn,
+}
+PRESETS = (TUNED, *THESIS)
+
+
+def preset_algorithm(preset: str) -> str | None:
+    """The algorithm that a preset is for; None for `tuned`, which every algorithm has.
+
+    Raises:
+        ValueError: an unknown preset.
+    """
+    check(preset in PRESETS, f"unknown preset {preset!r}; one of {', '.join(PRESETS)}")
+    return None if preset == TUNED else preset.removeprefix("thesis-")
+
+
+def hyperparameters(algorithm: str, task: TaskSettings, preset: str = TUNED) -> Hyperparameters:
+    """The settings of `algorithm` for `task`.
+
+    Raises:
+        ValueError: an unknown algorithm or preset, or a preset of another algorithm.
+    """
+    check(
+        algorithm in HYPERPARAMETERS,
+        f"unknown algorithm {algorithm!r}; one of {', '.join(HYPERPARAMETERS)}",
+    )
+    owner = preset_algorithm(preset)
+    check(
+        owner in (None, algorithm),
+        f"preset={preset!r} is for algorithm {owner!r}, not {algorithm!r}",
+    )
+    return tuned(algorithm, task) if owner is None else THESIS[preset]()
+
+
+def tuned(algorithm: str, task: TaskSettings) -> Hyperparameters:
+    """Our own settings: the defaults of each form, and what differs by task.
+
+    The defaults were tuned on maze 5x5 with 3 goals. On larger mazes rewards are farther off: the
+    discount is weaker there, and chance is kept for longer. See `lessons_for` for the curriculum.
+    """
+    hyper = HYPERPARAMETERS[algorithm]()
+    if isinstance(hyper, QLearningSettings):
+        # Against random opponents averages over visits count instead of the last outcome.
+        return hyper if task.task == "maze" else replace(hyper, learning_rate_power=0.7)
+    cells = task.build().max_cells
+    if not isinstance(hyper, NetworkSettings) or task.start != "random":
+        return hyper
+    if task.agent.startswith("chaser") and cells > 36:
+        hyper = replace(hyper, gamma=0.98)
+        if isinstance(hyper, RolloutSettings):
+            return replace(hyper, entropy=0.06, gae_lambda=0.8)
+        return hyper
+    if task.agent.startswith("runner") and cells > 60:
+        hyper = replace(hyper, gamma=0.97)
+        if isinstance(hyper, PPOSettings):
+            return replace(hyper, num_games=2048, minibatch=8192, learning_rate=8e-3, entropy=3e-3)
+    return hyper
+
+
+def lessons_for(
+    algorithm: str, task: TaskSettings, preset: str = TUNED, curriculum: str | None = None
+) -> tuple[str, CurriculumSettings]:
+    """A curriculum and its settings: the one named, or else that of the preset.
+
+    Ours have episodes begin near their end at first, where mazes are too large to find the goal or
+    the evader by chance.
+
+    Raises:
+        ValueError: an unknown curriculum.
+    """
+    if curriculum is not None:
+        return curriculum, curriculum_form(curriculum)()
+    hyper = HYPERPARAMETERS[algorithm]
+    if preset == TUNED and issubclass(hyper, NetworkSettings) and task.start == "random":
+        cells = task.build().max_cells
+        if task.agent.startswith("chaser") and cells > 36 and task.build().is_duel:
+            return "start-distance", ScheduleSettings(schedule_length=0.2)
+        if task.agent.startswith("runner") and cells > 60:
+            return "goal-spread-start", ScheduleSettings(schedule_length=0.5)
+    return "none", CurriculumSettings()

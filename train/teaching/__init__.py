@@ -1,0 +1,1 @@
+"""Carries the lessons of `curricula` to the games."""
