@@ -41,7 +41,7 @@ task = "maze"
 maze = "3x3"
 frames = 20000
 num_games = 32
-minibatch = 128
+minibatch_size = 128
 
 [[arms]]
 name = "none"

@@ -76,7 +76,7 @@ def test_the_penalty_on_the_divergence_equals_torchrls() -> None:
         batch_size=[256],
     )
     # No clipping, so that the objective is that of the penalised form alone.
-    ours = ppo_loss(network, minibatch, PPOSettings(clip=1e9, value_weight=1.0), 0.0, 0.7)[0]
+    ours = ppo_loss(network, minibatch, PPOSettings(clip=1e9, value_coef=1.0), 0.0, 0.7)[0]
     loss = KLPENPPOLoss(
         actor_of(network),
         critic_of(network),
@@ -100,13 +100,13 @@ def test_the_penalty_on_the_divergence_equals_torchrls() -> None:
 
 def test_the_weight_of_the_divergence_follows_its_target() -> None:
     env = make_env(16)
-    learner = PPO(PPOSettings(16, minibatch=64, kl_target=0.01), env, make_network(env), "cpu")
+    learner = PPO(PPOSettings(16, minibatch_size=64, kl_target=0.01), env, make_network(env), "cpu")
     learner._adapt_kl_weight(0.021)
-    assert learner.kl_weight == pytest.approx(0.3)
+    assert learner.kl_coef == pytest.approx(0.3)
     learner._adapt_kl_weight(0.004)
-    assert learner.kl_weight == pytest.approx(0.15)
+    assert learner.kl_coef == pytest.approx(0.15)
     learner._adapt_kl_weight(0.01)
-    assert learner.kl_weight == pytest.approx(0.15)
+    assert learner.kl_coef == pytest.approx(0.15)
     assert {"kl", "loss_objective"} <= set(learner.iterate(0.0))
     learner.close()
 
@@ -258,7 +258,7 @@ def test_the_loss_of_dqn_and_its_gradients_equal_torchrls(double: bool, weighted
 def test_what_dqn_remembers_equals_a_plain_loop(n_steps: int) -> None:
     env = make_env(16)
     networks = make_network(env, QNetwork), make_network(env, QNetwork)
-    chosen = DQNSettings(16, 0.9, rollout_steps=20, n_steps=n_steps, buffer=1000, batch=8)
+    chosen = DQNSettings(16, 0.9, rollout_steps=20, n_steps=n_steps, buffer_size=1000, batch_size=8)
     learner = DQN(chosen, env, *networks, "cpu", 0)
     rollout = next(learner._batches).clone()
     learner.remember(rollout)
@@ -337,10 +337,10 @@ def test_the_compiled_sampler_is_used_where_it_loads() -> None:
 
 EASY = {"task": "maze", "maze": "3x3", "num_goals": 2, "threads": 1}
 SMALL: dict[str, dict[str, Any]] = {
-    "ppo": {"num_games": 64, "minibatch": 256},
+    "ppo": {"num_games": 64, "minibatch_size": 256},
     "a2c": {"num_games": 64},
     "reinforce": {},
-    "dqn": {"num_games": 64, "batch": 128, "warm_up": 1000},
+    "dqn": {"num_games": 64, "batch_size": 128, "learning_starts": 1000},
 }
 VARIANTS: dict[str, dict[str, Any]] = {
     "ppo with a target for the divergence": {"algorithm": "ppo", "kl_target": 0.01},
@@ -390,7 +390,7 @@ def test_chasers_and_evaders_learn_with_every_kind_of_learner(
     [
         {"algorithm": "a2c"},
         {"algorithm": "reinforce", "num_games": 16},
-        {"algorithm": "dqn", "prioritized": True, "dueling": True, "buffer": 3000},
+        {"algorithm": "dqn", "prioritized": True, "dueling": True, "buffer_size": 3000},
         {"algorithm": "ppo", "kl_target": 0.01},
     ],
     ids=lambda flat: flat["algorithm"],
@@ -447,7 +447,7 @@ def test_what_a_learner_cannot_do_it_says_at_once() -> None:
     for flat, message in (
         ({"algorithm": "q_learning", "observation": "cells"}, "table over states"),
         ({"algorithm": "q_learning", "device": "cuda"}, "cpu only"),
-        ({"algorithm": "dqn", "batch": 10, "buffer": 5}, "buffer"),
+        ({"algorithm": "dqn", "batch_size": 10, "buffer_size": 5}, "buffer_size"),
         ({"algorithm": "dqn", "lerning_rate": 0.1}, "did you mean 'learning_rate'"),
         ({"algorithm": "sarsa"}, "unknown algorithm"),
         ({"preset": "thesis-ddpg"}, "unknown preset"),

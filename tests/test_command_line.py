@@ -20,7 +20,7 @@ from train.commands.main import main
 from train.runs.folder import load_checkpoint, read_metrics, write_beside
 
 TINY = [
-    *("--maze", "3x3", "--num-games", "16", "--rollout-steps", "8", "--minibatch", "64"),
+    *("--maze", "3x3", "--num-games", "16", "--rollout-steps", "8", "--minibatch-size", "64"),
     *("--width", "16", "--threads", "1", "--episodes", "50"),
 ]
 
@@ -188,7 +188,7 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
         (["train", "--seed", "-1"], ["seed"]),
         (["train", "--learning-rate", "0"], ["learning_rate"]),
         (["train", "--gamma", "1.1"], ["gamma"]),
-        (["train", "--minibatch", "99999999"], ["minibatch"]),
+        (["train", "--minibatch-size", "99999999"], ["minibatch_size"]),
         (["train", "--width", "wide"], ["wide"]),
         (["train", "--no-such-option", "3"], ["no-such-option"]),
         (["train", "--device", "tpu"], ["tpu", "cuda"]),

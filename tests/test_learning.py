@@ -106,7 +106,9 @@ def test_the_two_forms_of_the_first_layer_are_one_function_and_blind_to_the_orde
 def test_advantages_equal_a_plain_loop_and_never_cross_an_episode() -> None:
     env = make_env("runner", games=16)
     network = ActorCritic(env.simulator.encoder("index"), 1, 4, 16)
-    settings = PPOSettings(num_games=16, rollout_steps=30, minibatch=64, gamma=0.9, gae_lambda=0.8)
+    settings = PPOSettings(
+        num_games=16, rollout_steps=30, minibatch_size=64, gamma=0.9, gae_lambda=0.8
+    )
     learner = PPO(settings, env, network, "cpu")
     rollout = next(learner._batches)
     learner._add_next_values(rollout)
@@ -150,7 +152,7 @@ def test_the_loss_and_its_gradients_equal_torchrls(shared: bool) -> None:
         },
         batch_size=[256],
     )
-    settings = PPOSettings(num_games=256, minibatch=256, clip=0.2, value_weight=0.7)
+    settings = PPOSettings(num_games=256, minibatch_size=256, clip=0.2, value_coef=0.7)
     ours, parts = ppo_loss(network, minibatch, settings, 0.03)
     gradients = torch.autograd.grad(ours, list(network.parameters()))
     distribution = {"distribution_class": torch.distributions.Categorical}
@@ -207,7 +209,7 @@ def learn(
 ) -> LearnedPolicy:
     """A short seeded run of PPO against scripted opponents."""
     torch.manual_seed(0)
-    ppo = PPOSettings(num_games=128, rollout_steps=16, minibatch=512, **settings)  # type: ignore[arg-type]
+    ppo = PPOSettings(num_games=128, rollout_steps=16, minibatch_size=512, **settings)  # type: ignore[arg-type]
     simulator = Simulator(task, ppo.num_games, 0, auto_restart=False)
     policies = default_policies(task, 0.2)
     seat = task.seat(agent)

@@ -57,7 +57,7 @@ def test_stable_baselines_learns_and_its_model_is_a_table(
 def test_a_saved_model_is_an_opponent(models: dict[str, Path], tmp_path: Path) -> None:
     from train.runs.run import start_run
 
-    flat = {"role": "evader", "maze": "3x3", "frames": 3000, "num_games": 16, "minibatch": 64}
+    flat = {"role": "evader", "maze": "3x3", "frames": 3000, "num_games": 16, "minibatch_size": 64}
     chosen = settings_of(**flat, opponent=str(models["ppo"]))
     run = start_run(chosen, tmp_path)
     run.train()
@@ -79,7 +79,7 @@ def test_runners_share_their_network_through_supersuit(
         for line in capsys.readouterr().out.splitlines()
         if line.endswith("steps")
     }
-    assert steps["learned, shared, drawn"] < 0.6 * steps["random"]
+    assert steps["learned, shared, sampled"] < 0.6 * steps["random"]
     assert steps["nearest goal"] < steps["random"]
     task = TaskSettings("race", maze="3x3", num_runners=2, num_goals=2)
     again = supersuit_sharing.mean_length(task, NearestGoalRunner())

@@ -36,7 +36,7 @@ from train.self_play.trainee import (
 from train.settings.run import TaskSettings, settings_of
 from train.settings.self_play import SelfPlaySettings, self_play_ppo
 
-QUICK = replace(self_play_ppo(), num_games=64, minibatch=512)
+QUICK = replace(self_play_ppo(), num_games=64, minibatch_size=512)
 
 
 class Always:
@@ -197,7 +197,7 @@ def test_a_team_is_one_batch_and_follows_the_rules(tmp_path: Path, role: str) ->
 
 def test_learning_leaves_out_what_idle_agents_recorded(tmp_path: Path) -> None:
     env = make_env(tmp_path, "evader", num_chasers=2, num_evaders=2)
-    hyper = replace(QUICK, num_games=64, minibatch=64)
+    hyper = replace(QUICK, num_games=64, minibatch_size=64)
     task = TaskSettings(maze="5x5", role="evader", num_chasers=2, num_evaders=2, max_steps=12)
     base = settings_of(task="chase", frames=1, role="evader")
     learner: Any = make_learner(replace(base, task=task, hyper=hyper), env)
@@ -454,8 +454,10 @@ def test_the_commands_from_self_play_to_league(
     run = ["self-play", "--maze", "3x3", "--frames", "20000", "--num-games", "64"]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        main([*run, "--minibatch", "512", "--out", "a"])
-        main([*run, "--minibatch", "512", "--seed", "1", "--sampling", "uniform", "--out", "b"])
+        main([*run, "--minibatch-size", "512", "--out", "a"])
+        main(
+            [*run, "--minibatch-size", "512", "--seed", "1", "--sampling", "uniform", "--out", "b"]
+        )
     printed = capsys.readouterr().out
     assert "NashConv" in printed and "chasers down, evaders across" in printed
     results = json.loads((tmp_path / "a" / "results.json").read_text())
@@ -481,7 +483,7 @@ def test_schemes_are_compared_and_done_runs_skipped(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["self-play", "--maze", "3x3", "--frames", "6000", "--num-games", "64"]
-    command += ["--minibatch", "512", "--compare", "latest", "psro", "--seeds", "0", "1"]
+    command += ["--minibatch-size", "512", "--compare", "latest", "psro", "--seeds", "0", "1"]
     main([*command, "--out", str(tmp_path)])
     printed = capsys.readouterr().out
     assert "4 of 4 done" in printed and "| psro |" in printed

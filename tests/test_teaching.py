@@ -22,7 +22,7 @@ from train.settings.run import settings_of
 from train.teaching.axes import first_rows, opened
 from train.teaching.teacher import Teacher, read_log, training_task
 
-QUICK = {"num_games": 64, "minibatch": 256, "threads": 1, "frames": 30_000}
+QUICK = {"num_games": 64, "minibatch_size": 256, "threads": 1, "frames": 30_000}
 MAZE = {"task": "maze", "maze": "5x5", "num_goals": 3, **QUICK}
 CHASE = {"task": "chase", "maze": "5x5", **QUICK}
 
@@ -166,7 +166,7 @@ def test_stages_lie_on_the_axis_and_the_last_is_the_task(name: str, tmp_path: Pa
 @pytest.mark.parametrize("algorithm", ["a2c", "reinforce", "dqn", "cross_entropy", "q_learning"])
 @pytest.mark.parametrize("curriculum", ["goal-spread-start", "level-replay"])
 def test_every_learner_can_be_taught(algorithm: str, curriculum: str, tmp_path: Path) -> None:
-    small = {"batch": 64, "warm_up": 100} if algorithm == "dqn" else {}
+    small = {"batch_size": 64, "learning_starts": 100} if algorithm == "dqn" else {}
     small |= {"population": 16} if algorithm == "cross_entropy" else {}
     settings = settings_of(
         task="maze", maze="3x3", num_goals=2, frames=20_000, num_games=64, threads=1,
@@ -367,7 +367,7 @@ def test_a_policy_taught_on_several_mazes_is_evaluated_on_the_last(tmp_path: Pat
 )  # fmt: skip
 def test_what_cannot_be_taught_is_said_at_once(flat: dict[str, Any], message: str) -> None:
     if "algorithm" in flat:
-        flat = {k: v for k, v in flat.items() if k != "minibatch"}
+        flat = {k: v for k, v in flat.items() if k != "minibatch_size"}
     with pytest.raises(ValueError, match=message):
         settings_of(**flat)
 
@@ -392,7 +392,7 @@ def test_large_mazes_have_a_curriculum_unless_told_otherwise() -> None:
 def test_options_are_checked_together_and_warnings_are_heard(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    common = "--frames 2048 --num-games 64 --minibatch 256 --threads 1 --episodes 5 --maze 3x3"
+    common = "--frames 2048 --num-games 64 --minibatch-size 256 --threads 1 --episodes 5 --maze 3x3"
     main(
         f"train --task race {common} --curriculum level-replay --level-score learnability "
         f"--out {tmp_path / 'race'}".split()
@@ -421,7 +421,7 @@ def test_the_command_line_teaches_and_shows_levels(
 ) -> None:
     folder = tmp_path / "run"
     main(
-        f"train --task maze --maze 3x3 --frames 16384 --num-games 64 --minibatch 256 --threads 1 "
+        f"train --task maze --maze 3x3 --frames 16384 --num-games 64 --minibatch-size 256 --threads 1 "
         f"--curriculum level-replay --level-buffer 50 --episodes 20 --out {folder}".split()
     )
     told = capsys.readouterr().out
@@ -435,7 +435,7 @@ def test_the_command_line_teaches_and_shows_levels(
         main(["train", "--curriculum", "uniform", "--help"])
     assert "--num-stages" in capsys.readouterr().out
     other = tmp_path / "other"
-    main(f"train --maze 3x3 --frames 2048 --num-games 64 --minibatch 256 --episodes 5 "
+    main(f"train --maze 3x3 --frames 2048 --num-games 64 --minibatch-size 256 --episodes 5 "
          f"--out {other}".split())  # fmt: skip
     with pytest.raises(SystemExit):
         main(["levels", str(other)])

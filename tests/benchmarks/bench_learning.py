@@ -29,7 +29,7 @@ from train.settings.presets import tuned
 from train.settings.run import TaskSettings, TrainSettings, settings_of
 
 MAZE = TaskSettings(task="maze", maze="5x5", num_goals=3)
-SAME = PPOSettings(num_games=512, rollout_steps=16, minibatch=2048, epochs=3, shared=False)
+SAME = PPOSettings(num_games=512, rollout_steps=16, minibatch_size=2048, epochs=3, shared=False)
 
 
 def layers(seconds: float) -> None:
@@ -75,13 +75,13 @@ def sb3_model(settings: PPOSettings, seed: int = 0) -> object:
         "MlpPolicy",
         StableBaselinesVecEnv(env),
         n_steps=settings.rollout_steps,
-        batch_size=settings.minibatch,
+        batch_size=settings.minibatch_size,
         n_epochs=settings.epochs,
         learning_rate=lambda left: settings.learning_rate * left,
         gamma=settings.gamma,
         gae_lambda=settings.gae_lambda,
-        ent_coef=settings.entropy,
-        vf_coef=settings.value_weight,
+        ent_coef=settings.entropy_coef,
+        vf_coef=settings.value_coef,
         max_grad_norm=settings.max_grad_norm,
         policy_kwargs={"net_arch": [width, width], "activation_fn": torch.nn.ReLU},
         seed=seed,
@@ -154,7 +154,7 @@ def gap(limit: float, target: float = 0.02) -> None:
     contest = Contest(task, "runner", {}, 1000)
     optimum = contest.optimal()
     best = PPOSettings(
-        num_games=64, rollout_steps=64, minibatch=512, epochs=4, learning_rate=1e-3, gamma=0.95
+        num_games=64, rollout_steps=64, minibatch_size=512, epochs=4, learning_rate=1e-3, gamma=0.95
     )
     for budget in (b for b in budgets if b >= 4 * found.get("ours", limit / 4)):
         reached = sb3_gap(best, budget, contest, optimum)
@@ -244,14 +244,14 @@ def products(seconds: float) -> None:
             rate = (run.learner.frames - frames) / (perf_counter() - began)
             play = product_seconds(hyper.num_games, rows, width, outputs, False) / hyper.num_games
             if isinstance(hyper, PPOSettings):
-                update = product_seconds(hyper.minibatch, rows, width, outputs + 1, True)
-                learn = hyper.epochs * update / hyper.minibatch
+                update = product_seconds(hyper.minibatch_size, rows, width, outputs + 1, True)
+                learn = hyper.epochs * update / hyper.minibatch_size
             else:
                 assert isinstance(hyper, DQNSettings)
-                batch = hyper.batch  # online on both observations, target on the next
+                batch = hyper.batch_size  # online on both observations, target on the next
                 update = product_seconds(batch, rows, width, outputs, True)
                 update += 2 * product_seconds(batch, rows, width, outputs, False)
-                learn = hyper.updates * update / (hyper.num_games * hyper.rollout_steps)
+                learn = hyper.gradient_steps * update / (hyper.num_games * hyper.rollout_steps)
             rates.append(rate)
             shares.append(rate * (play + learn))
         print(

@@ -67,7 +67,7 @@ def pools(folder: Path) -> None:
         for size in speeds:
             settings = SelfPlaySettings(
                 task=TaskSettings(maze="5x5", rewards="zero_sum"),
-                hyper=replace(self_play_ppo(), num_games=1024, minibatch=4096),
+                hyper=replace(self_play_ppo(), num_games=1024, minibatch_size=4096),
                 frames=1,
                 sampling="uniform",
             )

@@ -58,8 +58,8 @@ class A2C(RolloutLearner):
         self.loss = A2CLoss(
             actor_of(network),
             critic_of(network),
-            entropy_coeff=settings.entropy,
-            critic_coeff=settings.value_weight,
+            entropy_coeff=settings.entropy_coef,
+            critic_coeff=settings.value_coef,
             loss_critic_type="l2",
         )
 
@@ -70,7 +70,7 @@ class A2C(RolloutLearner):
         advantage = frames["advantage"]
         frames["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
         frames["policy_hidden"], frames["value_hidden"] = self.network.hidden(frames["prepared"])
-        self.loss.entropy_coeff.fill_(self.annealed(self.settings.entropy, progress))
+        self.loss.entropy_coeff.fill_(self.annealed(self.settings.entropy_coef, progress))
         losses = self.loss(frames)
         total = losses["loss_objective"] + losses["loss_entropy"]
         if self.settings.critic:
@@ -120,9 +120,9 @@ class Reinforce(NetworkLearner):
         losses = self.loss(frames)
         logarithms = self.network.policy_head(frames["policy_hidden"]).log_softmax(dim=-1)
         entropy = -(logarithms.exp() * logarithms).sum(dim=-1).mean()
-        total = losses["loss_actor"] - self.annealed(settings.entropy, progress) * entropy
+        total = losses["loss_actor"] - self.annealed(settings.entropy_coef, progress) * entropy
         if settings.baseline:
-            total = total + settings.value_weight * losses["loss_value"]
+            total = total + settings.value_coef * losses["loss_value"]
         self.descend(total)
         return {
             "loss_objective": float(losses["loss_actor"].detach()),

@@ -110,14 +110,16 @@ class DQN(NetworkLearner):
         self.multi_step = MultiStep(settings.gamma, settings.n_steps)
         self.generator = torch.Generator().manual_seed(seed)
         self.replay = TensorDictReplayBuffer(
-            storage=LazyTensorStorage(settings.buffer),
-            batch_size=settings.batch,
+            storage=LazyTensorStorage(settings.buffer_size),
+            batch_size=settings.batch_size,
             priority_key="td_error",
             generator=self.generator,
             **(
                 {
                     "sampler": prioritized_sampler(
-                        settings.buffer, settings.priority_exponent, settings.importance_exponent
+                        settings.buffer_size,
+                        settings.priority_exponent,
+                        settings.importance_exponent,
                     )
                 }
                 if settings.prioritized
@@ -144,11 +146,11 @@ class DQN(NetworkLearner):
         explored = min(progress / max(settings.exploration_share, 1e-9), 1.0)
         self.explorer.epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
         self.remember(next(self._batches))
-        if self.frames < settings.warm_up or len(self.replay) < settings.batch:
+        if self.frames < settings.learning_starts or len(self.replay) < settings.batch_size:
             return {"epsilon": self.explorer.epsilon}
         logged: list[dict[str, torch.Tensor]] = []
-        for _ in range(settings.updates):
-            if self.updates % settings.target_period == 0:
+        for _ in range(settings.gradient_steps):
+            if self.updates % settings.target_update_interval == 0:
                 self.target.load_state_dict(self.network.state_dict())
             self.updates += 1
             batch = self.replay.sample()

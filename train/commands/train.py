@@ -192,7 +192,7 @@ def evaluate(arguments: Sequence[str]) -> None:
     scores = [*contest.baselines(), contest.score("learned", policy)]
     if settings.algorithm not in DETERMINISTIC:
         drawn = load_policy(given.run, greedy=False)
-        scores.append(contest.score("learned, drawn", drawn))
+        scores.append(contest.score("learned, sampled", drawn))
     print(contest_line(contest))
     print_scores(scores)
     if given.out is not None:

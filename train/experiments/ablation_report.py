@@ -44,7 +44,7 @@ class Curve:
         lesson: [evaluations] mean of what was trained on since the evaluation before; NaN without a
             curriculum.
         final: per cent short of the optimum in the final evaluation.
-        greedy, drawn: the same of the policy that takes the most probable action, and of the one
+        greedy, sampled: the same of the policy that takes the most probable action, and of the one
             that draws; NaN where an algorithm has no such policy.
         seed, task: whose.
     """
@@ -56,7 +56,7 @@ class Curve:
     lesson: NDArray[np.float64]
     final: float
     greedy: float
-    drawn: float
+    sampled: float
     seed: int
     task: str
 
@@ -88,7 +88,7 @@ def curve_of(row: dict[str, Any], evaluations: list[dict[str, Any]]) -> Curve:
         column("lesson") if any("lesson" in e for e in evaluations) else np.full(len(gap), np.nan),
         100.0 * sign * float(row["optimality_gap"]),
         short("greedy"),
-        short("drawn"),
+        short("sampled"),
         int(row["seed"]),
         str(row["_x"]),
     )
@@ -151,7 +151,7 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
     row: dict[str, Any] = {"arm": name, "runs": len(curves)}
     row |= {"gap": interquartile_mean(finals), "gap_low": low, "gap_high": high}
     row |= {"best": min(finals), "worst": max(finals)}
-    for kind in ("greedy", "drawn"):
+    for kind in ("greedy", "sampled"):
         each = [getattr(curve, kind) for curve in curves]
         row |= {f"{kind}_best": min(each), f"{kind}_worst": max(each)}
     for threshold in THRESHOLDS:
@@ -202,7 +202,7 @@ def markdown(
     figures: list[str],
 ) -> str:
     """The report as Markdown."""
-    heads = ["arm", "runs", "final gap, % [95 %]", "best to worst", "greedy, %", "drawn, %"]
+    heads = ["arm", "runs", "final gap, % [95 %]", "best to worst", "greedy, %", "sampled, %"]
     heads += [f"to {t:g} %: seconds, M frames (runs)" for t in THRESHOLDS]
     heads += ["optimality over training [95 %]", f"P(better than {control}) [95 %]", "verdict"]
     lines = [f"# {title}", "", "| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
@@ -210,7 +210,7 @@ def markdown(
         cells = [row["arm"], str(row["runs"])]
         cells.append(_with(row["gap"], (row["gap_low"], row["gap_high"])))
         cells.append(f"{_number(row['best'])} to {_number(row['worst'])}")
-        for kind in ("greedy", "drawn"):
+        for kind in ("greedy", "sampled"):
             ends = (row[f"{kind}_best"], row[f"{kind}_worst"])
             cells.append("" if np.isnan(ends[0]) else " to ".join(map(_number, ends)))
         for t in THRESHOLDS:
@@ -239,8 +239,8 @@ def markdown(
         "Every arm is evaluated on the same task at its final difficulty, throughout training. The "
         f"gap is by how many per cent the {' or '.join(kinds)} policy is worse than the exact "
         "optimum: the interquartile mean over runs, with a stratified bootstrap. Greedy takes the "
-        "most probable action, drawn plays the policy as it is learned: where the greedy one steps "
-        "to and fro between two cells for ever, that gets away; both are given, best to worst run. "
+        "most probable action, sampled plays the policy as it is learned: where the greedy one "
+        "steps to and fro between two cells for ever, that gets away; both are given, best to worst run. "
         "Times are those of the first "
         "evaluation at or below the threshold, medians over runs; a run that never got there "
         "counts as infinitely late, not as missing. Optimality is optimum / steps (for evaders "

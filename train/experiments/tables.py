@@ -21,7 +21,7 @@ from train.settings.algorithms import check
 if TYPE_CHECKING:
     import polars
 
-KINDS = {"random": "random_steps", "learned": "greedy_steps", "learned, drawn": "drawn_steps"}
+KINDS = {"random": "random_steps", "learned": "greedy_steps", "learned, sampled": "sampled_steps"}
 RUNS, CURVES = "results.parquet", "curves.parquet"
 
 
@@ -31,7 +31,7 @@ def collect(out: Path) -> tuple[polars.DataFrame, polars.DataFrame]:
     Returns:
         Runs: "run", "status", "variant" where there is one, all settings, "frames", "seconds",
         "frames_per_second", the evaluation ("mean_steps", "ci95", "success_rate", "optimal_steps",
-        "optimality_gap", "exact", "episodes"), "greedy_steps", "drawn_steps",
+        "optimality_gap", "exact", "episodes"), "greedy_steps", "sampled_steps",
         the baselines ("random_steps", "scripted_steps"), versions, "commit", "machine" and "error".
         Curves: "run" and the columns of `metrics.csv`.
 

@@ -114,7 +114,7 @@ def run(recipe: Recipe) -> None:
     policies: tuple[tuple[str, Policy], ...] = (
         ("random", RandomAgent()),
         ("nearest goal", NearestGoalRunner()),
-        ("learned, shared, drawn", learned),
+        ("learned, shared, sampled", learned),
     )
     for name, policy in policies:
         print(f"{name:<26}{mean_length(recipe.task, policy):8.2f} steps")

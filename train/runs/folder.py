@@ -27,7 +27,7 @@ CONFIG, METRICS, RESULTS, CHECKPOINT = (
     "results.json",
     "checkpoint.pt",
 )
-FORMAT = 3
+FORMAT = 4
 """Of `config.json` and `checkpoint.pt`; raised whenever older ones can no longer be read."""
 
 

@@ -308,7 +308,7 @@ class Run:
         contest = contest_of(self.settings, episodes)
         scores = [*contest.baselines(), contest.score("learned", self.learner.policy())]
         if self.learner.stochastic:
-            scores.append(contest.score("learned, drawn", self.learner.policy(greedy=False)))
+            scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
         content = describe(self.settings, contest, scores) | {
             "frames": self.learner.frames,
             "seconds": round(self.seconds, 3),
@@ -322,7 +322,7 @@ class Run:
 def describe(settings: TrainSettings[Any], contest: Contest, scores: list[Score]) -> dict[str, Any]:
     """The content of `results.json`, as far as evaluation goes."""
     by_name = {score.name: score for score in scores}
-    name = "learned" if settings.evaluate == "greedy" else "learned, drawn"
+    name = "learned" if settings.evaluate == "greedy" else "learned, sampled"
     learned, optimum = by_name[name], by_name.get("optimal")
     return {
         "task": settings.task.task,

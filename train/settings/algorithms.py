@@ -20,8 +20,8 @@ class Hyperparameters:
 
     COUNTS: ClassVar[frozenset[str]] = frozenset(
         {
-            "num_games", "rollout_steps", "minibatch", "epochs", "width", "batch", "buffer",
-            "n_steps", "updates", "target_period", "population", "episodes_each",
+            "num_games", "rollout_steps", "minibatch_size", "epochs", "width", "batch_size",
+            "buffer_size", "n_steps", "gradient_steps", "target_update_interval", "population",
         }
     )  # fmt: skip
     POSITIVE: ClassVar[frozenset[str]] = frozenset(
@@ -83,9 +83,9 @@ class NetworkSettings(Hyperparameters):
 class ActorCriticSettings(NetworkSettings):
     """Policy and value."""
 
-    entropy: float = 0.01
+    entropy_coef: float = 0.01
     """Weight of the entropy bonus at the start."""
-    value_weight: float = 0.5
+    value_coef: float = 0.5
     """Weight of the value loss."""
     shared: bool = True
     """Whether policy and value share their hidden layers."""
@@ -105,7 +105,7 @@ class RolloutSettings(ActorCriticSettings):
 class PPOSettings(RolloutSettings):
     """Proximal policy optimisation (Schulman et al., 2017)."""
 
-    minibatch: int = 4096
+    minibatch_size: int = 4096
     """Frames of one gradient step."""
     epochs: int = 2
     """Passes over each rollout."""
@@ -114,7 +114,7 @@ class PPOSettings(RolloutSettings):
     kl_target: float = 0.0
     """Above 0 a penalty on the divergence from the policy that collected is added to the clipped
     objective, and its weight adapted to keep the divergence near this target."""
-    kl_weight: float = 0.2
+    kl_coef: float = 0.2
     """Weight of that penalty at the start."""
     central_critic: bool = False
     """In self-play with several agents of a role: one value of what all of them observe (MAPPO)
@@ -124,9 +124,9 @@ class PPOSettings(RolloutSettings):
         super().__post_init__()
         frames = self.num_games * self.rollout_steps
         check(
-            self.minibatch <= frames,
-            f"minibatch={self.minibatch} is more than a rollout of num_games × rollout_steps = "
-            f"{frames} frames; lower it",
+            self.minibatch_size <= frames,
+            f"minibatch_size={self.minibatch_size} is more than a rollout of num_games × "
+            f"rollout_steps = {frames} frames; lower it",
         )
 
 
@@ -170,15 +170,15 @@ class DQNSettings(NetworkSettings):
     """Gradients are scaled down to this norm."""
     rollout_steps: int = 8
     """Steps of every game between two rounds of gradient steps."""
-    updates: int = 8
+    gradient_steps: int = 8
     """Gradient steps in a round."""
-    batch: int = 1024
+    batch_size: int = 1024
     """Transitions of one gradient step."""
-    buffer: int = 200_000
+    buffer_size: int = 200_000
     """Transitions that the replay buffer holds."""
-    warm_up: int = 10_000
+    learning_starts: int = 10_000
     """Frames before the first gradient step."""
-    target_period: int = 50
+    target_update_interval: int = 50
     """Gradient steps between two copies to the target network."""
     epsilon_start: float = 1.0
     """Share of random actions at the start."""
@@ -203,10 +203,12 @@ class DQNSettings(NetworkSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         check(
-            self.batch <= self.buffer,
-            f"batch={self.batch} is more than the buffer={self.buffer} holds; lower it",
+            self.batch_size <= self.buffer_size,
+            f"batch_size={self.batch_size} is more than buffer_size={self.buffer_size}; lower it",
         )
-        check(self.warm_up >= 0, f"warm_up={self.warm_up}; it is at least 0")
+        check(
+            self.learning_starts >= 0, f"learning_starts={self.learning_starts}; it is at least 0"
+        )
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ def thesis_ppo() -> PPOSettings:
     return PPOSettings(
         num_games=20,
         rollout_steps=200,
-        minibatch=128,
+        minibatch_size=128,
         epochs=30,
         learning_rate=5e-5,
         anneal=False,
@@ -38,9 +38,9 @@ def thesis_ppo() -> PPOSettings:
         gae_lambda=1.0,
         clip=0.5,
         kl_target=0.01,
-        kl_weight=0.2,
-        entropy=0.0,
-        value_weight=1.0,
+        kl_coef=0.2,
+        entropy_coef=0.0,
+        value_coef=1.0,
         max_grad_norm=1e9,
         width=256,
         activation="tanh",
@@ -61,7 +61,7 @@ def thesis_a2c() -> A2CSettings:
         gamma=0.99,
         gae=False,
         critic=False,
-        entropy=0.01,
+        entropy_coef=0.01,
         max_grad_norm=40.0,
         width=256,
         activation="tanh",
@@ -78,11 +78,11 @@ def thesis_dqn() -> DQNSettings:
     return DQNSettings(
         num_games=1,
         rollout_steps=4,
-        updates=1,
-        batch=32,
-        buffer=50_000,
-        warm_up=1000,
-        target_period=125,
+        gradient_steps=1,
+        batch_size=32,
+        buffer_size=50_000,
+        learning_starts=1000,
+        target_update_interval=125,
         learning_rate=5e-4,
         anneal=False,
         gamma=0.99,
@@ -150,12 +150,14 @@ def tuned(algorithm: str, task: TaskSettings) -> Hyperparameters:
     if task.agent.startswith("chaser") and cells > 36:
         hyper = replace(hyper, gamma=0.98)
         if isinstance(hyper, RolloutSettings):
-            return replace(hyper, entropy=0.06, gae_lambda=0.8)
+            return replace(hyper, entropy_coef=0.06, gae_lambda=0.8)
         return hyper
     if task.agent.startswith("runner") and cells > 60:
         hyper = replace(hyper, gamma=0.97)
         if isinstance(hyper, PPOSettings):
-            return replace(hyper, num_games=2048, minibatch=8192, learning_rate=8e-3, entropy=3e-3)
+            return replace(
+                hyper, num_games=2048, minibatch_size=8192, learning_rate=8e-3, entropy_coef=3e-3
+            )
     return hyper
 
 

@@ -24,7 +24,7 @@ from train.settings.algorithms import (
 from train.settings.curricula import CURRICULA, CurriculumSettings, curriculum_form
 
 H = TypeVar("H", bound=Hyperparameters, covariant=True)
-EVALUATED = ("greedy", "drawn")
+EVALUATED = ("greedy", "sampled")
 PRECISIONS = ("auto", "float32", "bfloat16")
 FIRST_LAYERS = ("auto", "bag", "dense")
 
@@ -158,7 +158,7 @@ class TrainSettings(Generic[H]):
     """What the network is given: index (the same network as one_hot, faster), one_hot, positions,
     cells, walls or planes (convolutions)."""
     evaluate: str = "greedy"
-    """Which policy is evaluated: greedy (the most probable action), or drawn (as it is learned: it
+    """Which policy is evaluated: greedy (the most probable action), or sampled (as it is learned: it
     gets away where the greedy one steps to and fro for ever). Final results have both."""
     seconds: float | None = None
     """Budget of training time; evaluations are not counted."""
@@ -212,7 +212,7 @@ class TrainSettings(Generic[H]):
         )
         check(
             self.evaluate == "greedy" or self.algorithm not in DETERMINISTIC,
-            f"evaluate='drawn'; {self.algorithm} learns no distribution over actions",
+            f"evaluate='sampled'; {self.algorithm} learns no distribution over actions",
         )
         if self.algorithm in ("q_learning", "cross_entropy"):
             check(

@@ -21,7 +21,7 @@ LEARN = "learn"
 
 def self_play_ppo() -> PPOSettings:
     """The settings of PPO in self-play: the discount is that of the exact game."""
-    return PPOSettings(num_games=512, learning_rate=3e-3, entropy=0.02, minibatch=2048)
+    return PPOSettings(num_games=512, learning_rate=3e-3, entropy_coef=0.02, minibatch_size=2048)
 
 
 @dataclass(frozen=True)
@@ -155,8 +155,10 @@ class SelfPlaySettings:
         games = max(hyper.num_games // members, 1) * members
         central = self.hyper.central_critic and members > 1
         if algorithm == "ppo":
-            batch = min(self.hyper.minibatch, games * self.hyper.rollout_steps)
-            hyper = replace(self.hyper, num_games=games, minibatch=batch, central_critic=central)
+            batch = min(self.hyper.minibatch_size, games * self.hyper.rollout_steps)
+            hyper = replace(
+                self.hyper, num_games=games, minibatch_size=batch, central_critic=central
+            )
         else:
             hyper = replace(hyper, num_games=games)
         own = {
