@@ -158,7 +158,7 @@ class TrainSettings(Generic[H]):
     """What the network is given: index (the same network as one_hot, faster), one_hot, positions,
     cells, walls or planes (convolutions)."""
     evaluate: str = "greedy"
-    """Which policy is evaluated: greedy (the most probable action), or sampled (as it is learned: it
+    """Which policy is evaluated: greedy (the most probable action), or sampled (as learned: it
     gets away where the greedy one steps to and fro for ever). Final results have both."""
     seconds: float | None = None
     """Budget of training time; evaluations are not counted."""
