@@ -16,7 +16,9 @@ from pursuit.policy import GameView
 from pursuit.rules import next_below, next_uniform, seed_streams
 from pursuit.simulator import Simulator
 from pursuit.task import Task
+from train.algorithms.learner import Build
 from train.environments.simulator_env import SimulatorEnv
+from train.networks.policy import Seat
 from train.settings.algorithms import QLearningSettings
 
 MAX_STATES = 20_000_000
@@ -261,7 +263,7 @@ class QLearning:
 
     Args:
         settings: the hyperparameters.
-        env: the games.
+        env: the games; its simulator is stepped directly.
         seed: of the exploration.
 
     Raises:
@@ -271,8 +273,6 @@ class QLearning:
         q_values: [states, actions] float64.
         visits: [states, actions] uint32.
     """
-
-    stochastic = False
 
     def __init__(self, settings: QLearningSettings, env: SimulatorEnv, seed: int) -> None:
         self.settings, self.env, self.frames = settings, env, 0
@@ -334,8 +334,8 @@ class QLearning:
             raise ValueError(
                 "q_learning learns no distribution over actions; take the greedy policy"
             )
-        task = self.env.simulator.task
-        return QTablePolicy(task, task.agent_names[self.env.seat], self.q_values)
+        seat = self.env.player
+        return QTablePolicy(seat.task, seat.agent, self.q_values)
 
     def state_dict(self) -> dict[str, Any]:
         """The table, the visits, the random streams and the frames."""
@@ -359,13 +359,20 @@ class QLearning:
         """Nothing is held open."""
 
 
-def policy_from_state(task: Task, agent: str, state: dict[str, Any]) -> QTablePolicy:
+def build(settings: QLearningSettings, env: SimulatorEnv, how: Build) -> QLearning:
+    """The learner over its games."""
+    return QLearning(settings, env, how.seed)
+
+
+def load(
+    settings: QLearningSettings, seat: Seat, state: dict[str, Any], greedy: bool = True
+) -> QTablePolicy:
     """The policy in what `QLearning.state_dict` gave.
 
     Raises:
         RuntimeError: a table of another shape.
     """
-    policy = QTablePolicy(task, agent, state["q_values"].numpy())
-    if policy.q_values.shape != (policy.numbers.count, task.num_actions):
+    policy = QTablePolicy(seat.task, seat.agent, state["q_values"].numpy())
+    if policy.q_values.shape != (policy.numbers.count, seat.num_actions):
         raise RuntimeError("a table of another shape")
     return policy

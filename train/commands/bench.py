@@ -13,7 +13,7 @@ from pursuit.simulator import Simulator
 from pursuit.task import Task, make_task
 from scripted_agents.environments import default_policies
 from train.commands.main import parse
-from train.settings.algorithms import check
+from train.settings.checks import check
 
 
 @dataclass(frozen=True)

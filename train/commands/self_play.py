@@ -22,7 +22,7 @@ from train.self_play.trainee import (
     resume_self_play,
     start_self_play,
 )
-from train.settings.algorithms import check
+from train.settings.checks import check
 from train.settings.self_play import SelfPlaySettings
 
 COLORS = {"nash_conv": "#000000", "chaser": "#D55E00", "evader": "#0072B2"}

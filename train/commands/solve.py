@@ -15,7 +15,7 @@ from pursuit.maze import Maze, load_maze
 from scripted_agents import ChaseSolution, cop_number, mean_over_starts, solve_chase
 from train.commands.main import parse
 from train.runs.folder import write_beside
-from train.settings.algorithms import check
+from train.settings.checks import check
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from train.commands.main import parse
 from train.experiments.executors import run_locally, run_on_ray
 from train.experiments.sweep import Sweep, load_sweep, shipped, status_of
 from train.runs.folder import write_beside
-from train.settings.algorithms import check
+from train.settings.checks import check
 
 
 @dataclass(frozen=True)

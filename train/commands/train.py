@@ -13,17 +13,26 @@ from typing import Annotated, Any, Generic, TypeVar
 
 import tyro
 
+from train.algorithms.registry import entry
 from train.commands.main import parse
 from train.commands.progress import ProgressLines
 from train.commands.world import contest_line, print_scores
 from train.evaluation.contest import Contest, Score
 from train.runs.folder import load_checkpoint, load_settings, new_folder, write_json
 from train.runs.pictures import draw_learning_curve, save_replay
-from train.runs.run import Run, contest_of, describe, load_policy, resume_run, start_run
-from train.settings.algorithms import DETERMINISTIC, Hyperparameters, check
+from train.runs.run import (
+    Run,
+    contest_of,
+    describe,
+    load_policy,
+    plan_of,
+    resume_run,
+    start_run,
+)
+from train.settings.algorithms import Hyperparameters
+from train.settings.checks import check
 from train.settings.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
 from train.settings.run import TaskSettings, TrainSettings
-from train.teaching.teacher import axis_of_run, make_curriculum
 
 H = TypeVar("H", bound=Hyperparameters, covariant=True)
 
@@ -72,8 +81,8 @@ def train(arguments: Sequence[str]) -> None:
         name = f"{task.task}-{task.agent}-{Path(task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
         run = start_run(settings, new_folder(given.out or Path("runs") / name))
     print(contest_line(run.contest))
-    if run.env.teacher is not None:
-        print(f"curriculum: {run.settings.curriculum}, over {run.env.teacher.describes}")
+    if run.teacher is not None:
+        print(f"curriculum: {run.settings.curriculum}, over {run.teacher.describes}")
     print(f"folder: {run.folder}")
     with Watch() as watch:
         run.train(watch)
@@ -100,11 +109,11 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
             config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
         )
     algorithm = first.algorithm or preset_algorithm(first.preset) or "ppo"
-    hyper = hyperparameters(algorithm, first.task, first.preset)
+    hyper = hyperparameters(algorithm, first.task.setting, first.preset)
     budget: dict[str, Any] = {"seconds": 60.0}
     if any(a == "--frames" or a.startswith("--frames=") for a in arguments):
         budget = {"frames": 1}
-    curriculum, lessons = lessons_for(algorithm, first.task, first.preset, first.curriculum)
+    curriculum, lessons = lessons_for(algorithm, first.task.setting, first.preset, first.curriculum)
     settings = TrainSettings(first.task, hyper, algorithm=algorithm, **budget)
     # Set behind the checks of the form: these are defaults, which the options may yet change.
     object.__setattr__(settings, "curriculum", curriculum)
@@ -146,7 +155,7 @@ def finish(run: Run, episodes: int) -> None:
     print_scores([Score(**score) for score in content["scores"]])
     contest = contest_of(run.settings, episodes)
     title = f"{contest_line(contest).split(', at most')[0]}; {run.settings.algorithm.upper()}"
-    teacher = run.env.teacher
+    teacher = run.teacher
     if teacher is not None:
         title += f"; {run.settings.curriculum}"
     draw_learning_curve(
@@ -190,7 +199,7 @@ def evaluate(arguments: Sequence[str]) -> None:
     check(given.out is None or not given.out.exists(), f"{given.out}: exists already")
     settings, policy, contest = _load(given.run, given.opponent_epsilon, given.episodes)
     scores = [*contest.baselines(), contest.score("learned", policy)]
-    if settings.algorithm not in DETERMINISTIC:
+    if entry(settings.algorithm).learns_distribution:
         drawn = load_policy(given.run, greedy=False)
         scores.append(contest.score("learned, sampled", drawn))
     print(contest_line(contest))
@@ -230,7 +239,8 @@ def levels(arguments: Sequence[str]) -> None:
     check(given.run.is_dir(), f"{given.run}: no such folder")
     check(given.count >= 1, f"count={given.count}; at least 1")
     settings = load_settings(given.run)
-    curriculum = make_curriculum(settings, axis_of_run(settings))
+    plan = plan_of(settings)
+    curriculum = None if plan is None else plan.curriculum()
     if not isinstance(curriculum, LevelReplay):
         raise ValueError(
             f"{given.run}: curriculum {settings.curriculum!r} keeps no levels; level-replay and "

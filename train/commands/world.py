@@ -18,7 +18,7 @@ from pursuit.task import ROLES
 from scripted_agents.tour import expected_tour_length, num_states
 from train.commands.main import parse
 from train.evaluation.contest import Contest, Score, optimality_gap
-from train.settings.algorithms import check
+from train.settings.checks import check
 from train.settings.run import TaskSettings
 
 

@@ -17,7 +17,7 @@ from train.commands.main import parse
 from train.commands.sweep import SweepCommand, carry_out
 from train.experiments.sweep import Sweep, choose_version, multiply_out, read_file, shipped
 from train.runs.run import contest_of
-from train.settings.algorithms import check
+from train.settings.checks import check
 from train.settings.run import TaskSettings
 
 ABLATIONS = Path(__file__).with_name("files") / "ablations"

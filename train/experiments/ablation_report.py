@@ -24,7 +24,7 @@ from train.experiments.statistics import (
 from train.experiments.sweep import HINTS
 from train.experiments.tables import collect
 from train.runs.folder import read_json, write_beside
-from train.settings.algorithms import check
+from train.settings.checks import check
 
 THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
 """Per cent above the optimum that are waited for."""

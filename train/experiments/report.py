@@ -12,7 +12,7 @@ from train.experiments.statistics import bootstrap_interval, interquartile_mean
 from train.experiments.sweep import HINTS
 from train.experiments.tables import collect
 from train.runs.folder import read_json, write_beside
-from train.settings.algorithms import check
+from train.settings.checks import check
 
 # Okabe and Ito's palette: distinct for colour-blind readers, and in print.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#000000")

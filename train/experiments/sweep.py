@@ -23,7 +23,7 @@ from train.runs.folder import (
     write_beside,
     write_json,
 )
-from train.settings.algorithms import check
+from train.settings.checks import check
 from train.settings.run import TrainSettings, settings_of
 
 EXPERIMENTS = Path(__file__).with_name("files")

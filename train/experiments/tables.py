@@ -16,7 +16,7 @@ from train.runs.folder import (
     read_metrics,
     write_beside,
 )
-from train.settings.algorithms import check
+from train.settings.checks import check
 
 if TYPE_CHECKING:
     import polars

@@ -19,7 +19,7 @@ from train.commands.main import fail, parse
 from train.commands.world import contest_line, print_scores
 from train.evaluation.contest import Contest
 from train.runs.third_party import load_stable_baselines, save_stable_baselines
-from train.settings.algorithms import check
+from train.settings.checks import check
 from train.settings.run import TaskSettings
 
 

@@ -25,7 +25,7 @@ from scripted_agents import NearestGoalRunner, RandomAgent
 from train.commands.main import fail, parse
 from train.evaluation.contest import EVALUATION_SEED
 from train.runs.third_party import load_stable_baselines, save_stable_baselines
-from train.settings.algorithms import check
+from train.settings.checks import check
 from train.settings.run import TaskSettings
 
 

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import pickle
 import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from pursuit.maze import library_names
-from train.settings.algorithms import check
+from train.files import write_beside as write_beside
+from train.settings.checks import check
 from train.settings.run import TrainSettings
 
 CONFIG, METRICS, RESULTS, CHECKPOINT = (
@@ -29,20 +29,6 @@ CONFIG, METRICS, RESULTS, CHECKPOINT = (
 )
 FORMAT = 4
 """Of `config.json` and `checkpoint.pt`; raised whenever older ones can no longer be read."""
-
-
-def write_beside(path: Path, write: Callable[[Path], object]) -> None:
-    """Have `write` make a file beside `path`, then put it in its place in one step.
-
-    Raises:
-        OSError: the disk is full, say; whatever was at `path` is still there.
-    """
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        write(beside)
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -22,9 +22,10 @@ import pursuit
 from pursuit.policy import Policy
 from pursuit.simulator import Simulator, SimulatorState
 from pursuit.single_agent import fill_seats
-from train.algorithms.registry import make_learner, policy_of
+from train.algorithms.registry import Build, entry
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import Contest, Score, optimality_gap
+from train.networks.policy import Seat
 from train.runs.folder import (
     RESULTS,
     MetricsFile,
@@ -35,9 +36,10 @@ from train.runs.folder import (
     write_json,
 )
 from train.runs.interruption import Interruption
-from train.settings.algorithms import DETERMINISTIC
 from train.settings.run import TrainSettings
-from train.teaching.teacher import Teacher, training_task
+from train.teaching.log import write_log
+from train.teaching.plan import Plan, check_learner, plan_lessons, training_task
+from train.teaching.teacher import Teacher
 
 EVALUATIONS = 20
 """How often a run is evaluated, and its checkpoint saved, over its budget."""
@@ -123,6 +125,36 @@ _MISFIT = (
 )
 
 
+def plan_of(settings: TrainSettings[Any]) -> Plan | None:
+    """What a run is taught; None where it has no curriculum."""
+    task, lessons = settings.task, settings.lessons
+    return plan_lessons(
+        settings.curriculum,
+        lessons,
+        task.build(),
+        task.agent,
+        task.opponents() if lessons.needs_optimum else {},
+        opponent_epsilon=task.opponent_epsilon,
+        learned_opponent=task.opponent,
+        seed=settings.seed,
+    )
+
+
+def check_settings(settings: TrainSettings[Any]) -> None:
+    """Raise ValueError for what the algorithm or the curriculum of a run cannot do."""
+    algorithm, greedy = entry(settings.algorithm), settings.evaluate == "greedy"
+    algorithm.check(observation=settings.observation, device=settings.device, greedy=greedy)
+    plan = plan_of(settings)
+    if plan is not None:
+        check_learner(plan, algorithm)
+
+
+def seat_of(settings: TrainSettings[Any]) -> Seat:
+    """Who learns, in the task of the training games."""
+    task = training_task(settings.curriculum, settings.lessons, settings.task.build())
+    return Seat(task, settings.task.agent, settings.observation)
+
+
 def load_policy(folder: Path, greedy: bool = True) -> Policy:
     """The policy of a run, from its last checkpoint, on the CPU.
 
@@ -130,12 +162,13 @@ def load_policy(folder: Path, greedy: bool = True) -> Policy:
         ValueError: no run, a damaged one, or one without the distribution asked for.
     """
     settings, state = load_settings(folder), load_checkpoint(folder)
-    if not greedy and settings.algorithm in DETERMINISTIC:
+    algorithm = entry(settings.algorithm)
+    if not greedy and not algorithm.learns_distribution:
         raise ValueError(
             f"{folder}: {settings.algorithm} learns no distribution over actions; take greedy=True"
         )
     try:
-        return policy_of(settings, state["learner"], greedy)
+        return algorithm.load(settings.hyper, seat_of(settings), state["learner"], greedy)
     except MISFITS:
         raise ValueError(_MISFIT.format(folder=folder)) from None
 
@@ -167,7 +200,7 @@ class Run:
     def __init__(self, settings: TrainSettings[Any], folder: Path, resume: bool = False) -> None:
         if settings.device.startswith("cuda") and not torch.cuda.is_available():
             raise ValueError("device='cuda', but torch finds no GPU here; use --device cpu")
-        if getattr(settings.hyper, "central_critic", False):
+        if settings.hyper.central_critic:
             raise ValueError(
                 "central_critic=True is for several agents that learn at once; use it "
                 "in `pursuit self-play`"
@@ -176,24 +209,24 @@ class Run:
         keep_freed_memory()
         torch.set_num_threads(settings.threads or os.cpu_count() or 1)
         torch.manual_seed(settings.seed)
-        task, games = training_task(settings), settings.hyper.num_games
-        self.simulator = Simulator(task, games, settings.seed, auto_restart=False)
-        seat, policies = fill_seats(task, settings.task.agent, settings.task.opponents())
-        self.env = SimulatorEnv(self.simulator, seat, policies, settings.observation)
-        if settings.curriculum != "none":
-            self.env.teacher = Teacher(settings, self.simulator, seat)
+        player, plan, games = seat_of(settings), plan_of(settings), settings.hyper.num_games
+        self.simulator = Simulator(player.task, games, settings.seed, auto_restart=False)
+        seat, policies = fill_seats(player.task, player.agent, settings.task.opponents())
+        self.teacher = None if plan is None else Teacher(plan, self.simulator, seat)
+        self.env = SimulatorEnv(self.simulator, player, policies, self.teacher)
         self.seconds = 0.0
         self._evaluations = 0
         state = load_checkpoint(folder) if resume else None
         if state is not None:
             self._restore_games(state["simulator"])
-            if self.env.teacher is not None:
+            if self.teacher is not None:
                 try:
-                    self.env.teacher.load_state_dict(state["teacher"])
+                    self.teacher.load_state_dict(state["teacher"])
                 except MISFITS:
                     raise ValueError(_MISFIT.format(folder=folder)) from None
             self.env.resume = True
-        self.learner = make_learner(settings, self.env, uses_bfloat16(settings))
+        how = Build(settings.device, uses_bfloat16(settings), settings.first_layer, settings.seed)
+        self.learner = entry(settings.algorithm).build(settings.hyper, self.env, how)
         self.policy = self.learner.policy(greedy=settings.evaluate == "greedy")
         if state is not None:
             try:
@@ -222,7 +255,7 @@ class Run:
         from torchrl.record.loggers import TensorboardLogger
 
         board = TensorboardLogger("tensorboard", str(self.folder))
-        settings, teacher = self.settings, self.env.teacher
+        settings, teacher = self.settings, self.teacher
         # A change of threads changes the last bits, so runs that must repeat exactly keep theirs.
         choice = None
         if settings.seconds is not None and settings.threads == 0 and (os.cpu_count() or 1) > 1:
@@ -273,15 +306,15 @@ class Run:
             row["episode_length"] = float(np.concatenate(lengths).mean())
         returns.clear()
         lengths.clear()
-        if self.env.teacher is not None:
-            row |= self.env.teacher.figures()
+        if self.teacher is not None:
+            row |= self.teacher.figures()
         return {**row, **losses}
 
     def save(self) -> None:
         """Write the checkpoint: whatever a resumed run needs to go on exactly."""
-        games, teacher = self.simulator.get_state(), self.env.teacher
+        games, teacher = self.simulator.get_state(), self.teacher
         if teacher is not None:
-            teacher.write_log(self.folder)
+            write_log(self.folder, teacher.rows)
         save_checkpoint(
             self.folder,
             {
@@ -307,7 +340,7 @@ class Run:
         """Evaluate what was learned beside the baselines, and write `results.json`."""
         contest = contest_of(self.settings, episodes)
         scores = [*contest.baselines(), contest.score("learned", self.learner.policy())]
-        if self.learner.stochastic:
+        if entry(self.settings.algorithm).learns_distribution:
             scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
         content = describe(self.settings, contest, scores) | {
             "frames": self.learner.frames,

@@ -16,9 +16,9 @@ import torch
 
 from pursuit.policy import Policy
 from pursuit.simulator import Simulator
-from train.networks.policy import LearnedPolicy
+from train.networks.policy import LearnedPolicy, Seat
 from train.runs.folder import read_json, write_json
-from train.settings.algorithms import check
+from train.settings.checks import check
 from train.settings.run import TaskSettings
 
 ALGORITHMS = ("ppo", "a2c", "dqn")
@@ -128,7 +128,7 @@ def load_stable_baselines(path: Path, greedy: bool = True) -> LearnedPolicy:
             f"{path}: damaged, or weights of another network ({type(error).__name__})"
         ) from None
     policy.set_training_mode(False)
-    return LearnedPolicy(StableBaselinesNetwork(policy), built, task.agent, encoding, greedy)
+    return LearnedPolicy(StableBaselinesNetwork(policy), Seat(built, task.agent, encoding), greedy)
 
 
 def load_opponent(path: Path) -> Policy:

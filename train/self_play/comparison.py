@@ -20,7 +20,7 @@ from train.experiments.statistics import (
 )
 from train.runs.folder import RESULTS, read_json, read_metrics, write_beside
 from train.self_play.pool import SAMPLING
-from train.settings.algorithms import check
+from train.settings.checks import check
 from train.settings.self_play import SETTINGS, SelfPlaySettings, load_self_play_settings
 
 

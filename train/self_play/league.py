@@ -30,7 +30,7 @@ from train.self_play.ratings import (
     preference_cycle,
 )
 from train.self_play.trainee import check_fits
-from train.settings.algorithms import check
+from train.settings.checks import check
 from train.settings.run import TaskSettings
 from train.settings.self_play import ROLES, SETTINGS
 

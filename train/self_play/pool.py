@@ -16,7 +16,7 @@ from pursuit.policy import GameView, Policy
 from scripted_agents import solve_matrix_game
 from train.networks.policy import LearnedPolicy
 from train.runs.folder import write_beside
-from train.settings.algorithms import check
+from train.settings.checks import check
 
 SAMPLING = ("latest", "window", "uniform", "pfsp", "psro")
 LATEST = "latest"

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from pursuit.policy import Policy
 from pursuit.simulator import Simulator, SimulatorState
@@ -18,10 +19,12 @@ from pursuit.task import Task
 from scripted_agents import mean_over_starts
 from scripted_agents.environments import SCRIPTED, scripted_policy
 from train.algorithms.learner import Learner
-from train.algorithms.registry import make_learner, policy_of
-from train.environments.team_env import SelfPlayEnv
+from train.algorithms.registry import Build, entry
+from train.environments.hooks import EpisodeHook
+from train.environments.team_env import TeamEnv
 from train.evaluation.exploitability import exploitability, nash_conv
 from train.evaluation.matchups import is_exact, match, table_in
+from train.networks.policy import Seat
 from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -40,10 +43,11 @@ from train.self_play.pool import (
     LATEST,
     OpponentPool,
     PoolPolicy,
+    draw_opponents,
     nash_mixtures,
     weights,
 )
-from train.settings.algorithms import DETERMINISTIC, check
+from train.settings.checks import check
 from train.settings.self_play import (
     LEARN,
     ROLES,
@@ -61,6 +65,45 @@ PAIR_EPISODES = 200
 Report = Callable[["SelfPlay", dict[str, float]], None]
 
 
+class OpponentDraws(EpisodeHook):
+    """Draws an opponent for every episode, and notes how the learner fares against it.
+
+    Args:
+        simulator: the games.
+        role: the learner's.
+        opponent: fills all other seats.
+        discount: of the scores that the pool keeps.
+        seed: of the draws.
+
+    Attributes:
+        shares: how often each member of the pool is drawn.
+        rng: what draws them.
+    """
+
+    def __init__(
+        self, simulator: Simulator, role: str, opponent: PoolPolicy, discount: float, seed: int
+    ) -> None:
+        self.simulator, self.role, self.opponent = simulator, role, opponent
+        self.discount, self.rng = discount, np.random.default_rng(seed)
+        self.shares: NDArray[np.float64] = np.ones(1)
+
+    def after_restart(self, games: NDArray[np.intp]) -> None:
+        """Draw their opponents."""
+        self.opponent.opponents[games] = draw_opponents(self.shares, len(games), self.rng)
+
+    def episode_ended(self, games: NDArray[np.bool_]) -> None:
+        """Note the learner's scores against their opponents.
+
+        An evader's score is 1 - discount ** steps: what it got of the most that it could get, in
+        the discounted game; a chaser's is discount ** steps.
+        """
+        left = self.discount ** self.simulator.steps[games].astype(np.float64)
+        scores = left if self.role == "chaser" else 1.0 - left
+        opponents = self.opponent.opponents[games]
+        for member in np.unique(opponents).tolist():
+            self.opponent.pool.note(member, scores[opponents == member])
+
+
 class Side:
     """One role that learns: its games, its learner, and the opponents it meets.
 
@@ -74,37 +117,41 @@ class Side:
     ) -> None:
         own = settings.of_role(role)
         self.role, self.settings = role, own
-        task = own.task.build()
+        player = Seat(own.task.build(), role, own.observation)
+        self.player, self.algorithm = player, entry(own.algorithm)
         number = ROLES.index(role)
-        games = own.hyper.num_games // task.count(role)
+        games = own.hyper.num_games // player.members
         # Both roles' games begin differently though they share a seed.
         self.simulator = Simulator(
-            task, games, settings.seed, first_game=number * 2**20, auto_restart=False
+            player.task, games, settings.seed, first_game=number * 2**20, auto_restart=False
         )
         empty: Any = None
         self.opponent = PoolPolicy(empty, games)
-        self.env = SelfPlayEnv(
+        self.draws = OpponentDraws(
+            self.simulator, role, self.opponent, settings.hyper.gamma, 2 * settings.seed + number
+        )
+        self.env = TeamEnv(
             self.simulator,
-            role,
-            self.opponent,
-            own.observation,
-            getattr(own.hyper, "central_critic", False),
-            settings.hyper.gamma,
+            player,
+            [None if r == role else self.opponent for r in player.task.seat_roles],
+            self.draws,
+            central=own.hyper.central_critic,
             # Discounted steps, up to 1 / (1 - gamma) of them, would drown the policy in value loss.
-            1.0 - settings.hyper.gamma if own.task.rewards == "zero_sum" else 1.0,
-            2 * settings.seed + number,
+            scale=1.0 - settings.hyper.gamma if own.task.rewards == "zero_sum" else 1.0,
         )
         if state is not None:  # before there is a collector, which begins with what it finds
             self._restore_games(state)
-        self.learner: Learner = make_learner(own, self.env, has_fast_bfloat16())
+        how = Build(own.device, has_fast_bfloat16(), own.first_layer, own.seed)
+        self.learner: Learner = self.algorithm.build(own.hyper, self.env, how)
 
     def policy(self) -> Policy:
         """As it plays while it learns: drawn, where there is a distribution."""
-        return self.learner.policy(greedy=not self.learner.stochastic)
+        return self.learner.policy(greedy=not self.algorithm.learns_distribution)
 
     def load(self, state: dict[str, Any]) -> Policy:
         """The policy of a snapshot."""
-        return policy_of(self.settings, state, greedy=not self.learner.stochastic)
+        greedy = not self.algorithm.learns_distribution
+        return self.algorithm.load(self.settings.hyper, self.player, state, greedy)
 
     def snapshot(self) -> dict[str, Any]:
         """What `load` needs."""
@@ -122,7 +169,7 @@ class Side:
             },
             "opponents": torch.from_numpy(self.opponent.opponents.copy()),
             "idle": torch.from_numpy(self.env.idle.copy()),
-            "rng": self.env.rng.bit_generator.state,
+            "rng": self.draws.rng.bit_generator.state,
         }
 
     def _restore_games(self, state: dict[str, Any]) -> None:
@@ -131,7 +178,7 @@ class Side:
         self.simulator.set_state(SimulatorState(**arrays))
         self.opponent.opponents[:] = state["opponents"].numpy()
         self.env.idle[:] = state["idle"].numpy()
-        self.env.rng.bit_generator.state = state["rng"]
+        self.draws.rng.bit_generator.state = state["rng"]
         self.env.resume = True
 
 
@@ -241,7 +288,7 @@ class SelfPlay:
                 mixture = shares / shares.sum() if shares.sum() > 0 else None
             sampling = settings.sampling if _other(role) in self.sides else "latest"
             arguments = (settings.window, settings.pfsp_power, mixture)
-            side.env.shares = weights(pool, sampling, *arguments)
+            side.draws.shares = weights(pool, sampling, *arguments)
 
     def _take_snapshots(self) -> None:
         self.taken = int(self.progress * self.settings.snapshots)
@@ -473,7 +520,9 @@ def frozen_policy(name: str, role: str, settings: SelfPlaySettings) -> Policy:
 
     folder = Path(name)
     if (folder / CONFIG).exists():
-        policy = load_policy(folder, greedy=load_settings(folder).algorithm in DETERMINISTIC)
+        policy = load_policy(
+            folder, greedy=not entry(load_settings(folder).algorithm).learns_distribution
+        )
     else:
         policy = load_opponent(folder)
     check_fits(policy, role, settings.task.build(), name)

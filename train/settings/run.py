@@ -13,15 +13,20 @@ from pursuit.policy import Policy
 from pursuit.task import TASK_NAMES, Task, make_task
 from scripted_agents.environments import SCRIPTED, default_policies, scripted_policy
 from train.settings.algorithms import (
-    ALGORITHMS,
-    DETERMINISTIC,
     HYPERPARAMETERS,
     Hyperparameters,
     PPOSettings,
-    algorithm_of,
-    check,
+    algorithm_name,
 )
+from train.settings.checks import check
 from train.settings.curricula import CURRICULA, CurriculumSettings, curriculum_form
+from train.settings.presets import (
+    TUNED,
+    Setting,
+    hyperparameters,
+    lessons_for,
+    preset_algorithm,
+)
 
 H = TypeVar("H", bound=Hyperparameters, covariant=True)
 EVALUATED = ("greedy", "sampled")
@@ -89,6 +94,13 @@ class TaskSettings:
         if self.role != "auto":
             return self.role
         return "runner" if self.task in ("maze", "race") else "chaser"
+
+    @property
+    def setting(self) -> Setting:
+        """What presets depend on."""
+        task = self.build()
+        role = task.seat_roles[task.seat(self.agent)]
+        return Setting(self.task, role, task.max_cells, self.start == "random", task.is_duel)
 
     def build(self) -> Task:
         """The `Task`."""
@@ -179,7 +191,7 @@ class TrainSettings(Generic[H]):
 
     def __post_init__(self) -> None:
         for name, choices in (
-            ("algorithm", ALGORITHMS),
+            ("algorithm", HYPERPARAMETERS),
             ("observation", ENCODINGS),
             ("evaluate", EVALUATED),
             ("precision", PRECISIONS),
@@ -188,8 +200,8 @@ class TrainSettings(Generic[H]):
             value = getattr(self, name)
             check(value in choices, f"unknown {name} {value!r}; one of {', '.join(choices)}")
         check(
-            algorithm_of(self.hyper) == self.algorithm,
-            f"algorithm={self.algorithm!r} with settings of {algorithm_of(self.hyper)!r}",
+            algorithm_name(self.hyper) == self.algorithm,
+            f"algorithm={self.algorithm!r} with settings of {algorithm_name(self.hyper)!r}",
         )
         check(
             (self.seconds is None) != (self.frames is None),
@@ -210,24 +222,9 @@ class TrainSettings(Generic[H]):
             type(self.lessons) is curriculum_form(self.curriculum),
             f"curriculum={self.curriculum!r} with settings of {type(self.lessons).__name__}",
         )
-        check(
-            self.evaluate == "greedy" or self.algorithm not in DETERMINISTIC,
-            f"evaluate='sampled'; {self.algorithm} learns no distribution over actions",
-        )
-        if self.algorithm in ("q_learning", "cross_entropy"):
-            check(
-                self.device == "cpu",
-                f"device={self.device!r}; {self.algorithm} runs on the cpu only",
-            )
-        check(
-            self.algorithm != "q_learning" or self.observation == "index",
-            f"observation={self.observation!r}; q_learning has a table over states, not over "
-            "observations; leave it out",
-        )
-        if self.curriculum != "none":
-            from train.teaching.teacher import check_curriculum
+        from train.runs.run import check_settings
 
-            check_curriculum(self)
+        check_settings(self)
 
     def to_plain(self) -> dict[str, Any]:
         """As nested dicts of plain values, for JSON."""
@@ -259,15 +256,13 @@ def settings_of(**flat: Any) -> TrainSettings[Any]:
     Raises:
         ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
     """
-    from train.settings.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
-
     given = dict(flat)
     preset = given.pop("preset", TUNED)
     algorithm = given.get("algorithm", preset_algorithm(preset) or "ppo")
     task_names = {field.name for field in fields(TaskSettings)}
     task = TaskSettings(**_typed(TaskSettings, {k: v for k, v in given.items() if k in task_names}))
-    hyper = hyperparameters(algorithm, task, preset)
-    curriculum, lessons = lessons_for(algorithm, task, preset, given.get("curriculum"))
+    hyper = hyperparameters(algorithm, task.setting, preset)
+    curriculum, lessons = lessons_for(algorithm, task.setting, preset, given.get("curriculum"))
     hyper_names = {field.name for field in fields(hyper)}
     lesson_names = {field.name for field in fields(lessons)}
     own_names = {field.name for field in fields(TrainSettings)} - {"task", "hyper", "lessons"}

@@ -10,7 +10,8 @@ from pursuit.maze import library_names
 from scripted_agents.environments import SCRIPTED
 from train.runs.folder import FORMAT, read_json
 from train.self_play.pool import SAMPLING
-from train.settings.algorithms import ALGORITHMS, Hyperparameters, PPOSettings, check
+from train.settings.algorithms import Hyperparameters, PPOSettings
+from train.settings.checks import check
 from train.settings.presets import hyperparameters
 from train.settings.run import TaskSettings, TrainSettings
 
@@ -109,18 +110,10 @@ class SelfPlaySettings:
         for name in self.members:
             check(name in SCRIPTED, f"unknown member {name!r}; of {', '.join(SCRIPTED)}")
             check(self.members.count(name) == 1, f"member {name!r} is given twice")
+        from train.algorithms.registry import entry
+
         for role in self.learning:
-            algorithm = self.algorithm(role)
-            check(
-                algorithm in ("ppo", "a2c", "dqn"),
-                f"{role}_algorithm={algorithm!r}; of {', '.join(ALGORITHMS)} only ppo, a2c and dqn "
-                "learn in self-play",
-            )
-            check(
-                algorithm != "dqn" or task.count(role) == 1,
-                f"{role}_algorithm='dqn' with {task.count(role)} {role}s; several agents of a role "
-                "learn by ppo or a2c",
-            )
+            entry(self.algorithm(role)).check_self_play(role, task.count(role))
         both = all(self.algorithm(role) == "ppo" and role in self.learning for role in ROLES)
         check(
             not self.share_networks or (both and not self.hyper.central_critic),
@@ -150,7 +143,7 @@ class SelfPlaySettings:
         algorithm = self.algorithm(role)
         hyper: Hyperparameters = self.hyper
         if algorithm != "ppo":
-            hyper = replace(hyperparameters(algorithm, task), gamma=self.hyper.gamma)
+            hyper = replace(hyperparameters(algorithm, task.setting), gamma=self.hyper.gamma)
         members = built.count(role)
         games = max(hyper.num_games // members, 1) * members
         central = self.hyper.central_critic and members > 1
