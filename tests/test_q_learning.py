@@ -28,6 +28,7 @@ from train.algorithms.q_learning import (
 )
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import Contest
+from train.networks.policy import Seat
 from train.runs.folder import load_checkpoint, new_folder
 from train.runs.run import load_policy, resume_run, start_run
 from train.settings.algorithms import QLearningSettings
@@ -39,7 +40,8 @@ FIXED = Maze.from_text("+-+-+-+\n|S    |\n+ +-+ +\n|  G  |\n+ + +-+\n|    G|\n+-
 
 def learned(task: Any, frames: int, **flat: Any) -> tuple[QLearning, QTablePolicy]:
     chosen = QLearningSettings(**{"num_games": 256, **flat})
-    env = SimulatorEnv(Simulator(task, chosen.num_games, 0, auto_restart=False), 0, [None])
+    simulator = Simulator(task, chosen.num_games, 0, auto_restart=False)
+    env = SimulatorEnv(simulator, Seat(task, "runner"), [None])
     learner = QLearning(chosen, env, 0)
     while learner.frames < frames:
         learner.iterate(learner.frames / frames)
@@ -179,7 +181,8 @@ def test_episodes_end_as_those_of_the_environment_do(agent: str, evaders: int) -
     task = make_task("chase", maze="3x3", num_evaders=evaders, max_steps=12)
     seat, policies = fill_seats(task, agent, default_policies(task, 0.2, own=agent))
     own, other = (
-        SimulatorEnv(Simulator(task, 32, 5, auto_restart=False), seat, policies) for _ in range(2)
+        SimulatorEnv(Simulator(task, 32, 5, auto_restart=False), Seat(task, agent), policies)
+        for _ in range(2)
     )
     # Actions at random depend on the learner's streams alone.
     chosen = QLearningSettings(num_games=32, epsilon_start=1.0, epsilon_end=1.0)

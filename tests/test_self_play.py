@@ -18,22 +18,25 @@ from pursuit.policy import GameView
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents import AStarChaser, AStarEvader, RandomAgent, best_response, solve_chase
-from train.algorithms.registry import make_learner
+from train.algorithms.registry import Build, entry
 from train.commands.main import main
-from train.environments.team_env import SelfPlayEnv
+from train.environments.team_env import TeamEnv
 from train.evaluation.exploitability import exploitability, nash_conv
 from train.evaluation.matchups import match, play_pair
 from train.networks.actor_critic import CentralActorCritic
+from train.networks.layers import Hidden
+from train.networks.policy import Seat
 from train.runs.folder import new_folder
 from train.runs.run import load_policy
 from train.self_play.league import LeagueTable, rate
 from train.self_play.pool import OpponentPool, PoolPolicy, nash_mixtures, weights
 from train.self_play.trainee import (
+    OpponentDraws,
     SelfPlay,
     resume_self_play,
     start_self_play,
 )
-from train.settings.run import TaskSettings, settings_of
+from train.settings.run import TaskSettings
 from train.settings.self_play import SelfPlaySettings, self_play_ppo
 
 QUICK = replace(self_play_ppo(), num_games=64, minibatch_size=512)
@@ -158,12 +161,14 @@ def test_the_mixture_of_double_oracle_is_the_equilibrium() -> None:
 # -- the games -------------------------------------------------------------------------------------
 
 
-def make_env(tmp_path: Path, role: str, central: bool = False, **counts: int) -> SelfPlayEnv:
+def make_env(tmp_path: Path, role: str, central: bool = False, **counts: int) -> TeamEnv:
     task = make_task("chase", maze="5x5", max_steps=12, **counts)
     simulator = Simulator(task, 32, seed=1, auto_restart=False)
     pool = OpponentPool(tmp_path, RandomAgent(), 3, lambda state: Always(0))
     opponent = PoolPolicy(pool, 32)
-    return SelfPlayEnv(simulator, role, opponent, "index", central, 0.95, 1.0, seed=0)
+    policies = [None if seat == role else opponent for seat in task.seat_roles]
+    draws = OpponentDraws(simulator, role, opponent, 0.95, seed=0)
+    return TeamEnv(simulator, Seat(task, role), policies, draws, central=central)
 
 
 @pytest.mark.parametrize("role", ["chaser", "evader"])
@@ -198,9 +203,7 @@ def test_a_team_is_one_batch_and_follows_the_rules(tmp_path: Path, role: str) ->
 def test_learning_leaves_out_what_idle_agents_recorded(tmp_path: Path) -> None:
     env = make_env(tmp_path, "evader", num_chasers=2, num_evaders=2)
     hyper = replace(QUICK, num_games=64, minibatch_size=64)
-    task = TaskSettings(maze="5x5", role="evader", num_chasers=2, num_evaders=2, max_steps=12)
-    base = settings_of(task="chase", frames=1, role="evader")
-    learner: Any = make_learner(replace(base, task=task, hyper=hyper), env)
+    learner: Any = entry("ppo").build(hyper, env, Build())
     sizes = [len(learner.collect()) for _ in range(4)]
     assert min(sizes) < 64 * 16 and learner.frames == 4 * 64 * 16
     frames = learner.collect()
@@ -216,7 +219,7 @@ def test_a_central_critic_sees_the_whole_team_and_the_policy_does_not(tmp_path: 
     for member in (0, 1):
         assert (seen[:, 1 + member].view(32, 2, -1).numpy() == own[:, None, member]).all()
     torch.manual_seed(0)
-    network = CentralActorCritic(env.simulator.encoder("index"), 3, 4, 2, 32)
+    network = CentralActorCritic(env.player.features, 4, env.player.members, Hidden(32))
     logits, value = network(seen)
     assert torch.equal(logits, network.logits(seen[:, 0]))
     assert torch.allclose(value.view(32, 2)[:, 0], value.view(32, 2)[:, 1])
@@ -232,7 +235,7 @@ def test_scores_are_the_share_of_the_discounted_payoff(tmp_path: Path) -> None:
     for _ in range(40):
         _, state = env.step_and_maybe_reset(env.rand_action(state))
     lengths = np.concatenate(env.finished_lengths).astype(float)
-    member = env.opponent.pool.members[0]
+    member = env.hook.opponent.pool.members[0]
     assert member.games == len(lengths)
     if len(lengths) <= 200:
         assert member.score == pytest.approx((1 - 0.95**lengths).mean())
@@ -352,7 +355,9 @@ def test_teams_networks_and_algorithms_of_every_kind(tmp_path: Path, changes: An
     for role, side in run.sides.items():
         after = side.snapshot()["network"]
         assert any(not torch.equal(before[role][name], after[name]) for name in after)
-        policy: Any = load_policy(tmp_path / "run" / role, greedy=not side.learner.stochastic)
+        policy: Any = load_policy(
+            tmp_path / "run" / role, greedy=not side.algorithm.learns_distribution
+        )
         state = policy.network.state_dict()
         assert all(torch.equal(state[name], after[name]) for name in after)
     if not run.task.is_duel:

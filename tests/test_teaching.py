@@ -18,9 +18,14 @@ from train.commands.main import main
 from train.evaluation.contest import won_by
 from train.runs.folder import load_settings, new_folder
 from train.runs.run import Run, load_policy, resume_run, start_run
+from train.settings.curricula import AXES as AXIS_NAMES
+from train.settings.curricula import CURRICULA
 from train.settings.run import settings_of
-from train.teaching.axes import first_rows, opened
-from train.teaching.teacher import Teacher, read_log, training_task
+from train.teaching.axes import AXIS_MAKERS
+from train.teaching.log import read_log
+from train.teaching.mazes import first_rows, opened
+from train.teaching.plan import CURRICULUM_MAKERS, training_task
+from train.teaching.teacher import Teacher
 
 QUICK = {"num_games": 64, "minibatch_size": 256, "threads": 1, "frames": 30_000}
 MAZE = {"task": "maze", "maze": "5x5", "num_goals": 3, **QUICK}
@@ -34,21 +39,20 @@ def few_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def teacher_of(run: Run) -> Teacher:
-    assert run.env.teacher is not None
-    return run.env.teacher
+    assert run.teacher is not None
+    return run.teacher
 
 
 def watch_restarts(run: Run, look: Any) -> None:
     """Have `look(teacher, games)` called after every restart, with the games that begin anew."""
     teacher = teacher_of(run)
-    restart = teacher.restart
+    after_restart = teacher.after_restart
 
     def spied(games: Any) -> None:
-        restart(games)
-        everything = np.arange(run.simulator.num_games)
-        look(teacher, everything if games is None else everything[games])
+        after_restart(games)
+        look(teacher, games)
 
-    teacher.restart = spied  # type: ignore[method-assign]
+    teacher.after_restart = spied  # type: ignore[method-assign]
 
 
 def test_the_opponents_share_of_random_moves_follows_the_schedule(tmp_path: Path) -> None:
@@ -125,6 +129,11 @@ AXES = {
     "loops": (MAZE, maze_number),
     "opponent-epsilon": (CHASE, epsilon),
 }
+
+
+def test_every_axis_and_curriculum_that_can_be_named_can_be_made() -> None:
+    assert set(AXIS_MAKERS) == set(AXIS_NAMES)
+    assert set(CURRICULUM_MAKERS) == set(CURRICULA.values()) - {CURRICULA["none"]}
 
 
 @pytest.mark.parametrize("axis", AXES)
@@ -207,7 +216,7 @@ def test_the_regret_of_an_episode_is_against_the_optimum_of_its_own_start(tmp_pa
         run = Run(settings_of(**flat, curriculum="level-replay"), tmp_path)
         simulator, teacher = run.simulator, teacher_of(run)
         maze, seat = simulator.task.mazes[0], run.env.seat
-        teacher.restart(None)
+        run.env.restart()
         positions, goals = simulator.positions.copy(), simulator.goals.copy()
         if flat is MAZE:
             best: Any = tour_lengths(maze, positions[:, 0], goals)
@@ -224,7 +233,7 @@ def test_the_regret_of_an_episode_is_against_the_optimum_of_its_own_start(tmp_pa
             actions[:, seat] = rng.integers(0, 4, simulator.num_games)
             simulator.step(actions)
             ended = simulator.terminated | simulator.truncated
-        teacher.finish(ended)
+        teacher.episode_ended(ended)
         lessons, _, _, lengths, regrets = teacher._outcomes[-1]
         share = lengths / best[ended]
         wanted = 1 - share if flat.get("role") == "evader" else share - 1
@@ -288,7 +297,7 @@ def test_a_checkpoint_of_another_curriculum_is_refused(tmp_path: Path) -> None:
 
 def test_mazes_of_a_curriculum_agree_with_the_last_one() -> None:
     settings = settings_of(**{**MAZE, "maze": "7x7"}, curriculum="maze-size")
-    mazes = training_task(settings).mazes
+    mazes = training_task("maze-size", settings.lessons, settings.task.build()).mazes
     final = mazes[-1]
     assert final == settings.task.build().mazes[0] and len(mazes) >= 4
     sizes = [maze.num_cells for maze in mazes]
@@ -421,8 +430,8 @@ def test_the_command_line_teaches_and_shows_levels(
 ) -> None:
     folder = tmp_path / "run"
     main(
-        f"train --task maze --maze 3x3 --frames 16384 --num-games 64 --minibatch-size 256 --threads 1 "
-        f"--curriculum level-replay --level-buffer 50 --episodes 20 --out {folder}".split()
+        "train --task maze --maze 3x3 --frames 16384 --num-games 64 --minibatch-size 256 "
+        f"--threads 1 --curriculum level-replay --level-buffer 50 --episodes 20 --out {folder}".split()
     )
     told = capsys.readouterr().out
     assert "curriculum: level-replay, over levels" in told

@@ -58,7 +58,7 @@ def share(curriculum: str, maze: str, seconds: float, more: dict[str, Any]) -> t
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         run = Run(settings, Path(folder))
-        teacher = run.env.teacher
+        teacher = run.teacher
         assert teacher is not None
         inside, games = Stopwatch(), Stopwatch()
         for name in ("restart", "finish", "update", "note_advantages"):

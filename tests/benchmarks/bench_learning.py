@@ -22,6 +22,8 @@ from pursuit.task import make_task
 from scripted_agents.environments import make_vector_env
 from train.evaluation.contest import Contest, optimality_gap
 from train.networks.actor_critic import ActorCritic
+from train.networks.layers import Hidden
+from train.networks.policy import Seat
 from train.runs.folder import new_folder
 from train.runs.run import Run, start_run
 from train.settings.algorithms import DQNSettings, PPOSettings
@@ -38,15 +40,15 @@ def layers(seconds: float) -> None:
     print(f"{'cells, width':<16}{'bag f32':>10}{'bag bf16':>10}{'dense f32':>11}{'dense bf16':>11}")
     for width in (128, 256):
         for maze in ("5x5", "9x9", "15x15"):
-            simulator = Simulator(make_task("maze", maze=maze), 4096)
+            player = Seat(make_task("maze", maze=maze), "runner")
+            simulator = Simulator(player.task, 4096)
             simulator.reset()
             observed = torch.from_numpy(simulator.observe("index", 0))
             speeds = []
             for form in ("bag", "dense"):
                 for bfloat16 in (False, True):
-                    network = ActorCritic(
-                        simulator.encoder("index"), 1, 4, width, True, form, bfloat16
-                    )
+                    hidden = Hidden(width, form=form, bfloat16=bfloat16)
+                    network = ActorCritic(player.features, 4, hidden)
                     optimizer = torch.optim.Adam(network.parameters())
                     count, began = 0, 0.0
                     while count < 4 or perf_counter() - began < seconds / 10:
@@ -143,7 +145,7 @@ def gap(limit: float, target: float = 0.02) -> None:
     budgets = [b for b in (10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 90.0, 120.0, 240.0) if b <= limit]
     found: dict[str, float] = {}
     for budget in budgets:
-        run = our_run(TrainSettings(MAZE, tuned("ppo", MAZE), seconds=budget))
+        run = our_run(TrainSettings(MAZE, tuned("ppo", MAZE.setting), seconds=budget))
         run.train()
         reached = run.metrics.rows[-1]["optimality_gap"]
         print(f"  ours {budget:5.0f} s: gap {100 * reached:.2f} %", flush=True)
