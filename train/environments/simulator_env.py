@@ -101,7 +101,8 @@ class SimulatorEnv(EnvBase):
 
     def finish(self, games: NDArray[np.bool_]) -> None:
         """Note the games of the mask [num_games], whose episodes have just ended."""
-        self.finished_returns.append(self.simulator.returns[games, self.seats].mean(axis=1))
+        returns = self.simulator.returns[games, self.seats]
+        self.finished_returns.append(returns.mean(axis=1) if self.members > 1 else returns[:, 0])
         self.finished_lengths.append(self.simulator.steps[games].copy())
         self.hook.episode_ended(games)
 
@@ -139,14 +140,15 @@ class SimulatorEnv(EnvBase):
         """
         simulator = self.simulator
         simulator.act(self.policies, self._actions)
-        self._actions[:, self.seats] = actions.view(-1, self.members).numpy()
+        self._actions[:, self.seats] = actions.numpy().reshape(-1, self.members)
         simulator.step(self._actions)
         caught = simulator.active[:, self.seats] == 0
         terminated = simulator.terminated[:, None] | caught
         truncated = simulator.truncated[:, None] & ~caught
         done = terminated | truncated
         over = done.all(axis=1)
-        self.idle = caught & ~over[:, None]
+        if self.members > 1:
+            self.idle[:] = caught & ~over[:, None]
         ending = over if alive is None else over & alive
         if ending.any():
             self.finish(ending)
