@@ -431,7 +431,8 @@ def test_the_command_line_teaches_and_shows_levels(
     folder = tmp_path / "run"
     main(
         "train --task maze --maze 3x3 --frames 16384 --num-games 64 --minibatch-size 256 "
-        f"--threads 1 --curriculum level-replay --level-buffer 50 --episodes 20 --out {folder}".split()
+        "--threads 1 --curriculum level-replay --level-buffer 50 --episodes 20 "
+        f"--out {folder}".split()
     )
     told = capsys.readouterr().out
     assert "curriculum: level-replay, over levels" in told
