@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit import rules
 from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
+from pursuit.rules import layout
 
 ROLES = ("chaser", "evader", "runner")
 MOVE_ORDERS = ("simultaneous", "chasers_first")
@@ -233,31 +233,29 @@ class Task:
             0,
         )
 
-    def fields_for_kernels(self) -> NDArray[np.int64]:
-        """[NUM_TASK_FIELDS] int64, in the order of the rule book."""
-        table = np.zeros(rules.NUM_TASK_FIELDS, dtype=np.int64)
-        table[rules.NUM_CHASERS] = self.num_chasers
-        table[rules.NUM_EVADERS] = self.num_evaders
-        table[rules.NUM_RUNNERS] = self.num_runners
-        table[rules.NUM_GOALS] = self.num_goals
-        table[rules.MAX_STEPS] = self.max_steps
-        table[rules.NUM_ACTIONS] = self.num_actions
-        table[rules.CHASERS_FIRST] = self.move_order == "chasers_first"
-        table[rules.START_AT_MARKS] = self.start == "marks"
-        table[rules.NUM_MAZES] = len(self.mazes)
-        table[rules.MAX_CELLS] = self.max_cells
-        return table
+    def numbers_for_kernels(self) -> NDArray[np.int64]:
+        """[NUM_RULES] int64, as `layout.rules_of` takes them."""
+        numbers = np.zeros(layout.NUM_RULES, dtype=np.int64)
+        numbers[layout.NUM_CHASERS] = self.num_chasers
+        numbers[layout.NUM_EVADERS] = self.num_evaders
+        numbers[layout.NUM_RUNNERS] = self.num_runners
+        numbers[layout.NUM_GOALS] = self.num_goals
+        numbers[layout.MAX_STEPS] = self.max_steps
+        numbers[layout.NUM_ACTIONS] = self.num_actions
+        numbers[layout.CHASERS_FIRST] = self.move_order == "chasers_first"
+        numbers[layout.START_AT_MARKS] = self.start == "marks"
+        return numbers
 
     def rewards_for_kernels(self) -> NDArray[np.float64]:
-        """[3 roles, 5] float64, in the order of the rule book."""
-        table = np.zeros((3, 5))
+        """[roles, NUM_PAYS] float64, as `layout.rules_of` takes them."""
+        table = np.zeros((len(ROLES), layout.NUM_PAYS))
         for number, role in enumerate(ROLES):
             paid = self.role_rewards[role]
-            table[number, rules.STEP_REWARD] = paid.step
-            table[number, rules.CAPTURE_REWARD] = paid.capture
-            table[number, rules.GOAL_REWARD] = paid.goal
-            table[number, rules.DISTANCE_REWARD] = paid.distance
-            table[number, rules.ON_COMPLETION] = paid.on_completion
+            table[number, layout.PAY_STEP] = paid.step
+            table[number, layout.PAY_CAPTURE] = paid.capture
+            table[number, layout.PAY_GOAL] = paid.goal
+            table[number, layout.PAY_DISTANCE] = paid.distance
+            table[number, layout.PAY_ON_COMPLETION] = paid.on_completion
         return table
 
 

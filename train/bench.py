@@ -61,7 +61,6 @@ def simulator_rate(
     policies = default_policies(task, 0.2)
     seats = [policies[role] if scripted else None for role in task.seat_roles]
     seats[0] = None
-    simulator.reset()
     out = simulator.observe(encoding, 0) if encoding else None
     turn = 0
 

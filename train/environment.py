@@ -37,6 +37,7 @@ class SimulatorEnv(EnvBase):
     Attributes:
         finished_returns, finished_lengths: of the episodes that ended since they were last cleared.
         resume: set it to have the next full reset go on with the games as they stand.
+        begun: whether `begin` was called.
         teacher: gives every episode its lesson; None where there is no curriculum.
     """
 
@@ -58,6 +59,7 @@ class SimulatorEnv(EnvBase):
         self.finished_returns: list[np.ndarray[Any, Any]] = []
         self.finished_lengths: list[np.ndarray[Any, Any]] = []
         self.resume = False
+        self.begun = False
         self.teacher: Teacher | None = None
         self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
         games, space = simulator.num_games * copies, simulator.encoder(encoding).space
@@ -87,6 +89,13 @@ class SimulatorEnv(EnvBase):
         else:
             self.simulator.reset(games=games)
 
+    def begin(self) -> None:
+        """New episodes in all games; the first time those of the simulator's seed, with lessons."""
+        if not self.begun and self.simulator.last_seed is not None:
+            self.simulator.seed(self.simulator.last_seed)
+        self.begun = True
+        self.restart()
+
     def finish(self, games: NDArray[np.bool_]) -> None:
         """Note the games of the mask, whose episodes have just ended, before they restart."""
         self.finished_returns.append(self.simulator.returns[games, self.seat])
@@ -101,7 +110,7 @@ class SimulatorEnv(EnvBase):
         if tensordict is not None and tensordict.get("_reset", None) is not None:
             self.restart(tensordict["_reset"].view(-1).numpy())
         elif not self.resume:
-            self.restart()
+            self.begin()
         self.resume = False
         return TensorDict(
             {"observation": self._observe()}, batch_size=self.batch_size, device=self.device
@@ -114,7 +123,8 @@ class SimulatorEnv(EnvBase):
         simulator.act(self.policies, self._actions)
         self._actions[:, self.seat] = tensordict["action"].numpy()
         simulator.step(self._actions)
-        terminated, truncated = torch.from_numpy(simulator.ended.copy())
+        terminated = torch.from_numpy(simulator.terminated.copy())
+        truncated = torch.from_numpy(simulator.truncated.copy())
         if simulator.task.num_evaders > 1:
             captured = torch.from_numpy(simulator.active[:, self.seat] == 0)
             terminated, truncated = terminated | captured, truncated & ~captured

@@ -85,9 +85,7 @@ class Contest:
 
     def starts(self) -> Simulator:
         """The games of the evaluation at their starts."""
-        simulator = Simulator(self.task, self.episodes, self.seed, auto_restart=False)
-        simulator.reset()
-        return simulator
+        return Simulator(self.task, self.episodes, self.seed, auto_restart=False)
 
     def _opponent_table(self) -> NDArray[np.float64]:
         other = "evader" if self.role == "chaser" else "chaser"

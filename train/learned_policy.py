@@ -10,8 +10,8 @@ import torch
 from numpy.typing import NDArray
 
 from pursuit.maze import Maze
-from pursuit.policy import GameView
-from pursuit.simulator import Simulator
+from pursuit.observations import Encoder
+from pursuit.policy import GameView, pairs_of_cells
 from pursuit.task import Task
 
 
@@ -50,7 +50,7 @@ class LearnedPolicy:
     ) -> None:
         self.network, self.task, self.agent, self.encoding = network, task, agent, encoding
         self.greedy = greedy
-        self._shape = Simulator(task).encoder(encoding).shape
+        self._shape = Encoder(task, encoding).shape
 
     def probabilities(self, observations: NDArray[Any]) -> NDArray[np.float64]:
         """[..., actions] float64: the distribution played, for observations [..., *shape]."""
@@ -107,10 +107,6 @@ class LearnedPolicy:
                 "no table over pairs of cells of this maze; only one chaser against one evader is"
             )
         size, seat = maze.num_cells, task.seat(self.agent)
-        simulator = Simulator(task, 1)
-        rows = np.zeros((size * size, simulator.rows.shape[1]), dtype=np.int32)
-        own, other = np.divmod(np.arange(size * size, dtype=np.int32), size)
-        rows[:, seat], rows[:, 1 - seat], rows[:, 2:4] = own, other, 1
-        rows[:, -1] = task.mazes.index(maze)
-        observed = simulator.encoder(self.encoding).encode(rows, slice(seat, seat + 1))[:, 0]
+        pairs = pairs_of_cells(task, maze, seat)
+        observed = Encoder(task, self.encoding).encode(pairs, slice(seat, seat + 1))[:, 0]
         return self.probabilities(observed).reshape(size, size, task.num_actions)

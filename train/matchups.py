@@ -54,7 +54,6 @@ def play_pair(
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Play from the starts of `seed`: lengths [episodes], and whether all evaders were caught."""
     simulator = Simulator(task, episodes, seed, auto_restart=False)
-    simulator.reset()
     policies = [chaser if role == "chaser" else evader for role in task.seat_roles]
     evaders = [role == "evader" for role in task.seat_roles]
     actions = np.zeros((episodes, task.num_agents), dtype=np.int32)
@@ -64,7 +63,7 @@ def play_pair(
     for step in range(1, task.max_steps + 1):
         simulator.act(policies, actions)
         simulator.step(actions)
-        ended = running & (simulator.terminated | simulator.truncated)
+        ended = running & simulator.ended
         lengths[ended] = step
         caught[ended] = (simulator.active[ended][:, evaders] == 0).all(axis=1)
         running &= ~ended

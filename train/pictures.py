@@ -116,7 +116,6 @@ def replay(contest: Contest, policy: Policy, episodes: int = 3) -> list[Scene]:
     actions = np.zeros((1, task.num_agents), dtype=np.int32)
     for episode in range(episodes):
         simulator = Simulator(task, 1, contest.seed, first_game=episode, auto_restart=False)
-        simulator.reset()
         caption = f"episode {episode + 1} of {episodes}"
         scenes.append(scene_of(simulator, caption=caption))
         while not simulator.ended.any():

@@ -96,7 +96,7 @@ class SelfPlayEnv(SimulatorEnv):
     def _seen(self) -> dict[str, torch.Tensor]:
         """The observations [batch, ...] of all seats of the role, and who is idle."""
         simulator = self.simulator
-        each = simulator.encoder(self.encoding).encode(simulator.rows, self.seats)
+        each = simulator.encoder(self.encoding).encode(simulator.games, self.seats)
         seen = torch.from_numpy(each)
         if self.central:
             team = seen[:, None].expand(-1, self.members, *seen.shape[1:])
@@ -111,7 +111,7 @@ class SelfPlayEnv(SimulatorEnv):
             over = tensordict["_reset"].view(-1, self.members).all(dim=1)
             self.restart(over.numpy())
         elif not self.resume:
-            self.restart()
+            self.begin()
         self.resume = False
         return TensorDict(self._seen(), batch_size=self.batch_size, device=self.device)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -255,7 +254,7 @@ class CrossEntropy:
             )
             simulator.step(self._actions)
             self.frames += int(running.sum())
-            done = simulator.ended[0] | simulator.ended[1]
+            done = simulator.ended
             if several:
                 done |= simulator.active[:, env.seat] == 0
             ending = running & done
@@ -268,14 +267,8 @@ class CrossEntropy:
     def _share_starts(self, population: int, each: int) -> None:
         """Give every candidate's games the same random streams, so that all get the same starts."""
         simulator = self.env.simulator
-        simulator.reset()
-        state = simulator.get_state()
-        shared = {
-            name: np.concatenate([array[:each]] * population)
-            for name, array in vars(state).items()
-            if name in ("rows", "streams")
-        }
-        simulator.set_state(replace(state, **shared))
+        chosen = np.tile(np.arange(each), population)
+        simulator.set_state(simulator.get_state(chosen))
 
     def policy(self, greedy: bool = True) -> LearnedPolicy:
         """That of the mean."""

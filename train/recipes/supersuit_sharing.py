@@ -63,9 +63,8 @@ def mean_length(task: TaskSettings, policy: Policy, episodes: int = 1000) -> flo
     """Mean episode length with `policy` in every seat, on the starts of every evaluation."""
     built = task.build()
     simulator = Simulator(built, episodes, EVALUATION_SEED, auto_restart=False)
-    simulator.reset()
     actions = np.zeros((episodes, built.num_agents), dtype=np.int32)
-    while not simulator.ended.any(axis=0).all():
+    while not simulator.ended.all():
         simulator.act([policy] * built.num_agents, actions)
         simulator.step(actions)
     return float(simulator.steps.mean())
