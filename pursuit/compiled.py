@@ -54,7 +54,11 @@ def inlined(function: Function) -> Function:
 
 
 def allocating(function: Function) -> Function:
-    """Like `compiled`, for a kernel that makes arrays of its own."""
+    """Like `compiled`, for a kernel that makes arrays of its own, and so counts references.
+
+    It must call nothing that returns arrays (`layout.world_of` and the like): kernels that do not
+    count would hand it uncounted ones, which it would free.
+    """
     return _compile(function)
 
 

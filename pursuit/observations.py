@@ -122,7 +122,7 @@ class Encoder:
             out[:] = self._background[games.maze][:, None]
             flat = out.reshape(*shape[:2], math.prod(self.shape))
             if self.encoding == "planes":
-                flat = flat.reshape(*shape[:2], len(PLANES), -1)
+                flat = flat.reshape(*shape[:2], len(PLANES), math.prod(self.shape[1:]))
                 encode_planes(*games, order, team, self._places, flat)
             else:
                 encode_grid(*games, order, team, self._places, flat)

@@ -69,7 +69,12 @@ class TourRunner(Scripted):
         if self._kept_for is not view.mazes or self._kept.goals.shape != view.goals.shape:
             self._kept_for, self._kept = view.mazes, Plans.empty(view.num_games, goals)
         if goals <= MAX_EXACT_GOALS and (view.mazes.world.table >= 0).all():
-            plan_next_goals(*view.games, view.seat, *view.mazes, *self._kept)
+            room = (
+                np.empty((1 << goals, goals), dtype=np.int32),
+                np.empty((1 + goals, 1 + goals), dtype=np.int32),
+                np.empty(1 + goals, dtype=np.int64),
+            )
+            plan_next_goals(*view.games, view.seat, *view.mazes, *self._kept, *room)
         else:
             self._plan_one_by_one(view)
         # The kernel of the nearest goal sees one goal only: the next of the tour.

@@ -263,7 +263,7 @@ def first_of_tour(between: Any, num_goals: int, best: Any) -> int:
     return chosen
 
 
-@allocating
+@compiled
 def plan_next_goals(
     position: Any,
     active: Any,
@@ -280,18 +280,20 @@ def plan_next_goals(
     last_maze: Any,
     last_own: Any,
     last_goals: Any,
+    best: Any,
+    between: Any,
+    cells: Any,
 ) -> None:
     """Find the next goal of a shortest tour of every game, keeping a plan while it holds.
 
-    The last four are the plans (`scripted_agents.runner.Plans`). A tour stays shortest along its
-    way, so it is planned anew only where the goals changed or the agent was moved off the way.
+    `next_goal` to `last_goals` are the plans (`scripted_agents.runner.Plans`), and the last three
+    are room to work: [1 << goals, goals] and [1 + goals, 1 + goals] int32, [1 + goals] int64. A
+    tour stays shortest along its way, so it is planned anew only where the goals changed or the
+    agent was moved off the way.
     """
     games = Games(position, active, event, goal, steps, maze_of)
     world = world_of(mazes, neighbors, facts, tables)
     num_goals = goal.shape[1]
-    best = np.empty((1 << num_goals, max(num_goals, 1)), dtype=np.int32)
-    between = np.empty((num_goals + 1, num_goals + 1), dtype=np.int32)
-    cells = np.empty(num_goals + 1, dtype=np.int64)
     for game in range(next_goal.shape[0]):
         maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
         aim, before = np.int64(next_goal[game]), np.int64(last_own[game])

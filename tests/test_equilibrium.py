@@ -284,7 +284,6 @@ def test_optimal_agents_play_the_equilibrium_in_the_simulator() -> None:
     assert (chaser.action_probabilities(maze) == solved.chaser_policy).all()
     assert (evader.action_probabilities(maze) == solved.evader_policy).all()
     simulator = Simulator(task, 40_000, seed=3)
-    simulator.reset()
     starts = simulator.positions.copy()
     left, total, discount = np.ones(40_000, dtype=bool), np.zeros(40_000), 1.0
     actions = np.zeros((40_000, 2), dtype=np.int32)

@@ -78,7 +78,6 @@ def test_the_two_forms_of_the_first_layer_are_one_function_and_blind_to_the_orde
 ):
     task = make_task("maze", maze="4x4", num_goals=3)
     simulator = Simulator(task, 64)
-    simulator.reset()
     encoder = simulator.encoder("index")
     torch.manual_seed(0)
     bag = IndexLayer(encoder, 1, 16, "bag")
@@ -134,7 +133,6 @@ def test_advantages_equal_a_plain_loop_and_never_cross_an_episode() -> None:
 @pytest.mark.parametrize("shared", [True, False])
 def test_the_loss_and_its_gradients_equal_torchrls(shared: bool) -> None:
     simulator = Simulator(TASKS["runner"], 256)
-    simulator.reset()
     torch.manual_seed(0)
     network = ActorCritic(simulator.encoder("index"), 1, 4, 16, shared)
     with torch.no_grad():
@@ -286,7 +284,6 @@ def test_a_learned_policy_refuses_games_that_look_different() -> None:
     network = ActorCritic(Simulator(task).encoder("index"), 2, 4, 16)
     policy = LearnedPolicy(network, task, "chaser", "index")
     other = Simulator(make_task("chase", maze="3x3", num_evaders=2))
-    other.reset()
     with pytest.raises(ValueError, match="observations of shape"):
         policy.act(other.view("chaser"))
     with pytest.raises(ValueError, match="no table"):

@@ -74,7 +74,6 @@ def test_every_game_meets_its_own_opponent(tmp_path: Path) -> None:
     policy = PoolPolicy(pool, 1000)
     policy.opponents[:] = np.random.default_rng(0).integers(4, size=1000)
     simulator = Simulator(make_task("chase"), 1000)
-    simulator.reset()
     actions = policy.act(simulator.view("evader"))
     assert (actions == policy.opponents).all()
     counts = np.bincount(policy.opponents)
@@ -88,7 +87,6 @@ def test_scripted_opponents_draw_from_their_games_own_streams(tmp_path: Path) ->
     policy = PoolPolicy(pool, 64)
     policy.opponents[::2] = 1
     simulator = Simulator(make_task("chase"), 64)
-    simulator.reset()
     first, second = (policy.act(simulator.view("evader")) for _ in range(2))
     assert (first != second).any()  # the streams have moved on
     moves = np.take_along_axis(
@@ -183,7 +181,7 @@ def test_a_team_is_one_batch_and_follows_the_rules(tmp_path: Path, role: str) ->
         state["action"] = torch.from_numpy(rng.integers(4, size=64))
         stepped, following = env.step_and_maybe_reset(state)
         after = stepped["next"]
-        over = simulator.ended.any(axis=0)  # false again where games began anew
+        over = simulator.ended  # false again where games began anew
         assert not over.any()
         done = after["done"].view(32, 2).numpy()
         caught_now = after["terminated"].view(32, 2).numpy()

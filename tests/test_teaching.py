@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from game_rows import rows_of
 
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
@@ -195,7 +196,7 @@ def test_a_level_is_played_again_exactly() -> None:
         simulator.reset()
         simulator.seed_starts(games, [11, 12, 13, 11, 2**53 - 1])
         simulator.reset()
-    one, other = first.rows, second.rows[[7, 2, 3, 0, 5]]
+    one, other = rows_of(first), rows_of(second)[[7, 2, 3, 0, 5]]
     assert (one == other).all() and (one[0] == one[3]).all() and (one[0] != one[1]).any()
     for wrong in ([-1], [0.5], [1, 2]):
         with pytest.raises(ValueError):

@@ -121,6 +121,6 @@ def distance_within(world: World, search: Search, maze: int, a: int, b: int, lim
 
 @inlined
 def manhattan(world: World, first_cell: int, a: int, b: int) -> int:
-    """Rows plus columns between two cells of the maze that begins at `first_cell`, walls ignored."""
+    """Rows plus columns between cells of the maze that begins at `first_cell`, walls ignored."""
     a, b = first_cell + a, first_cell + b
     return abs(world.row[a] - world.row[b]) + abs(world.column[a] - world.column[b])

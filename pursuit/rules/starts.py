@@ -127,9 +127,11 @@ def place_agents(
         if world.start_mark[maze] >= 0:
             games.position[game, 0] = world.start_mark[maze]
         if teams.goals == 0:
-            marks = min(teams.evaders, world.num_goal_marks[maze])
-            for mark, evader in zip(range(marks), evaders_of(teams)):
-                games.position[game, evader] = world.goal_marks[mark, maze]
+            mark = 0
+            for evader in evaders_of(teams):
+                if mark < world.num_goal_marks[maze]:
+                    games.position[game, evader] = world.goal_marks[mark, maze]
+                    mark += 1
     for agent in agents_of(teams):
         if games.position[game, agent] < 0:
             cell = draw_free_cell(games, game, streams, rules, world, marked_goals)

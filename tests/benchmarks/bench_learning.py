@@ -39,7 +39,6 @@ def layers(seconds: float) -> None:
     for width in (128, 256):
         for maze in ("5x5", "9x9", "15x15"):
             simulator = Simulator(make_task("maze", maze=maze), 4096)
-            simulator.reset()
             observed = torch.from_numpy(simulator.observe("index", 0))
             speeds = []
             for form in ("bag", "dense"):
