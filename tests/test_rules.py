@@ -306,7 +306,12 @@ def _step_as_any_task(
     memory = layout.Memory(agents, goals, clocks, coming, reals, flags, rewards, streams)
     rules_of_task = layout.rules_of(layout.teams_of(numbers), numbers, pay)
     world = layout.world_of(mazes, neighbors, facts, tables)
-    return batches.step_each(memory, actions, rules_of_task, world, scratch, auto_restart)
+    done = batches.step_each(memory, actions, rules_of_task, world, scratch, not auto_restart)
+    outcome = layout.outcome_of(memory)
+    for game in range(actions.shape[0]):
+        if auto_restart and (outcome.terminated[game] or outcome.truncated[game]):
+            batches.start_game(memory, game, rules_of_task, world, scratch)
+    return done
 
 
 @settings(max_examples=150, deadline=None)

@@ -67,13 +67,24 @@ def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: A
 
 
 @inlined
+def fits(memory: Memory, actions: Any, teams: Teams) -> bool:
+    """Whether the arrays are those of these teams; it also tells the compiler their width."""
+    num_agents = teams.chasers + teams.evaders + teams.runners
+    if memory.agents.shape[2] != num_agents or memory.reals.shape[2] != num_agents:
+        return False
+    return memory.rewards.shape[1] == num_agents and actions.shape[1] == num_agents
+
+
+@inlined
 def step_each(
-    memory: Memory, actions: Any, rules: Rules, world: World, scratch: Any, auto_restart: bool
+    memory: Memory, actions: Any, rules: Rules, world: World, scratch: Any, skip_ended: bool
 ) -> int:
-    """Move every game by one step; OK or NO_PLACEMENT."""
+    """Move every game by one step, or every game that goes on; OK or BAD_ACTION (of what shape)."""
+    if not fits(memory, actions, rules.teams):
+        return BAD_ACTION
     games, outcome, plan = games_of(memory), outcome_of(memory), plan_of(scratch)
     for game in range(actions.shape[0]):
-        if not auto_restart and (outcome.terminated[game] or outcome.truncated[game]):
+        if skip_ended and (outcome.terminated[game] or outcome.truncated[game]):
             for agent in agents_of(rules.teams):
                 outcome.rewards[game, agent] = 0.0
             continue
@@ -82,8 +93,6 @@ def step_each(
         outcome.truncated[game] = end == TRUNCATED
         if end != GOING_ON:
             keep_final(games, game, rules.teams, outcome)
-            if auto_restart and not start_game(memory, game, rules, world, scratch):
-                return NO_PLACEMENT
     return OK
 
 
@@ -115,19 +124,27 @@ def step_games(
     memory = Memory(agents, goals, clocks, coming, reals, flags, rewards, streams)
     teams, world = teams_of(numbers), world_of(mazes, neighbors, facts, tables)
     rules = rules_of(teams, numbers, pay)
-    bad = 0
-    for game in range(actions.shape[0]):
-        for agent in agents_of(teams):
-            bad |= np.uint32(actions[game, agent]) >= np.uint32(rules.num_actions)
-    if bad:
+    most = np.uint32(0)
+    for action in actions.flat:
+        most = max(most, np.uint32(action))
+    if most >= rules.num_actions:
         return BAD_ACTION
     if teams == Teams(1, 1, 0, 0):
         duel = rules_of(Teams(1, 1, 0, 0), numbers, pay)
-        return step_each(memory, actions, duel, world, scratch, auto_restart)
-    if teams == Teams(0, 0, 1, teams.goals):
+        done = step_each(memory, actions, duel, world, scratch, not auto_restart)
+    elif teams == Teams(0, 0, 1, teams.goals):
         alone = rules_of(Teams(0, 0, 1, teams.goals), numbers, pay)
-        return step_each(memory, actions, alone, world, scratch, auto_restart)
-    return step_each(memory, actions, rules, world, scratch, auto_restart)
+        done = step_each(memory, actions, alone, world, scratch, not auto_restart)
+    else:
+        done = step_each(memory, actions, rules, world, scratch, not auto_restart)
+    if done != OK or not auto_restart:
+        return done
+    outcome = outcome_of(memory)
+    for game in range(actions.shape[0]):
+        ended = outcome.terminated[game] | outcome.truncated[game]
+        if ended and not start_game(memory, game, rules, world, scratch):
+            return NO_PLACEMENT
+    return OK
 
 
 @compiled

@@ -106,11 +106,17 @@ def table_distance(world: World, maze: int, a: int, b: int) -> int:
     return np.int64(world.tables[pair_index(world, maze, a, b)])
 
 
-@subroutine
+@inlined
 def distance_within(world: World, search: Search, maze: int, a: int, b: int, limit: int) -> int:
     """Steps between cells a and b, or limit + 1 where there are more (or no path)."""
     if has_table(world, maze):
         return min(table_distance(world, maze, a, b), limit + 1)
+    return searched_distance(world, search, maze, a, b, limit)
+
+
+@subroutine
+def searched_distance(world: World, search: Search, maze: int, a: int, b: int, limit: int) -> int:
+    """`distance_within` where there is no table."""
     if manhattan(world, world.first_cell[maze], a, b) > limit:
         return limit + 1
     reached = search_within(world, maze, a, limit, b, search)
@@ -122,5 +128,5 @@ def distance_within(world: World, search: Search, maze: int, a: int, b: int, lim
 @inlined
 def manhattan(world: World, first_cell: int, a: int, b: int) -> int:
     """Rows plus columns between cells of the maze that begins at `first_cell`, walls ignored."""
-    a, b = first_cell + a, first_cell + b
+    a, b = np.uint64(first_cell + a), np.uint64(first_cell + b)
     return abs(world.row[a] - world.row[b]) + abs(world.column[a] - world.column[b])

@@ -35,7 +35,7 @@ from pursuit.rules.randomness import next_below
 MAX_PLACEMENT_TRIES = 10_000
 
 
-@subroutine
+@inlined
 def start(
     games: Games,
     game: int,
@@ -54,6 +54,8 @@ def start(
     for _ in range(MAX_PLACEMENT_TRIES):
         place_agents(games, game, streams[game], coming, rules, world)
         if starts_apart(games, game, coming, rules, world, search):
+            if rules.teams.goals == 0:
+                return True
             return place_goals(games, game, streams[game], coming, rules, world, search)
     return False
 
@@ -100,7 +102,7 @@ def draw_free_cell(
     return cell
 
 
-@subroutine
+@inlined
 def place_goals_on_marks(
     games: Games, game: int, coming: NextEpisode, rules: Rules, world: World
 ) -> int:
@@ -114,7 +116,7 @@ def place_goals_on_marks(
     return count
 
 
-@subroutine
+@inlined
 def place_agents(
     games: Games, game: int, streams: Any, coming: NextEpisode, rules: Rules, world: World
 ) -> None:
@@ -138,7 +140,7 @@ def place_agents(
             games.position[game, agent] = cell
 
 
-@subroutine
+@inlined
 def starts_apart(
     games: Games, game: int, coming: NextEpisode, rules: Rules, world: World, search: Search
 ) -> bool:
@@ -180,8 +182,6 @@ def place_goals(
     """
     for goal in goals_of(rules.teams):
         games.goal[game, goal] = -1
-    if rules.teams.goals == 0:
-        return True
     placed = place_goals_on_marks(games, game, coming, rules, world)
     radius = np.int64(coming.goal_radius[game])
     around_marks = coming.goals_around_marks[game] > 0

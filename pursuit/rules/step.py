@@ -33,7 +33,6 @@ from pursuit.rules.layout import (
     Rules,
     Teams,
     World,
-    agents_of,
     chasers_of,
     collectors_of,
     evaders_of,
@@ -53,10 +52,16 @@ def step(
     games: Games, game: int, actions: Any, rules: Rules, world: World, plan: Plan, outcome: Outcome
 ) -> int:
     """Move one game by one step; GOING_ON, TERMINATED or TRUNCATED."""
-    teams, first_cell = rules.teams, world.first_cell[games.maze[game]]
+    teams, first_cell = rules.teams, world.first_cell[np.uint64(games.maze[game])]
     steps = games.steps[game] + 1
-    for agent in agents_of(teams):
-        plan.after[agent] = destination(games, game, agent, actions, world, first_cell)
+    for chaser in chasers_of(teams):
+        plan.after[chaser] = destination(games, game, chaser, actions, world, first_cell)
+    for evader in evaders_of(teams):
+        plan.after[evader] = games.position[game, evader]
+        if games.active[game, evader]:
+            plan.after[evader] = destination(games, game, evader, actions, world, first_cell)
+    for runner in runners_of(teams):
+        plan.after[runner] = destination(games, game, runner, actions, world, first_cell)
     captures = decide_captures(games, game, rules, plan)
     collected, goals_left = decide_goals(games, game, teams, plan)
     end = ended(games, game, rules, plan, collected > 0 and goals_left == 0, steps)
@@ -124,11 +129,10 @@ def write(
 def destination(
     games: Games, game: int, agent: int, actions: Any, world: World, first_cell: int
 ) -> int:
-    """The cell that an agent's action leads to; its own for a captured evader."""
-    cell = games.position[game, agent]
-    if not games.active[game, agent]:
-        return cell
-    return world.neighbors[first_cell + cell, actions[game, agent]]
+    """The cell that an agent's action leads to."""
+    # Unsigned indices: a signed one, loaded from memory, is first asked whether it is negative.
+    cell = np.uint64(first_cell + games.position[game, agent])
+    return world.neighbors[cell, np.uint64(actions[game, agent])]
 
 
 @inlined
