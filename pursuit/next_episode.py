@@ -44,7 +44,7 @@ def configure(
     for name, value in given.items():
         array, (least, most) = np.asarray(value), limits[name]
         if array.dtype.kind not in "iu" or array.min() < least or array.max() > most:
-            raise ValueError(f"{name}={value}; whole numbers from {least} to {most}")
+            raise ValueError(f"{name}={value!r}; whole numbers from {least} to {most}")
         np.broadcast_to(array, games.shape)  # or ValueError
     if goals_around not in (None, "start", "marks"):
         raise ValueError(f"goals_around={goals_around!r}; one of start, marks")

@@ -33,8 +33,9 @@ class Plans(NamedTuple):
     @classmethod
     def empty(cls, num_games: int, num_goals: int) -> Plans:
         """Plans that hold for nothing."""
-        each = (np.full(num_games, -2, dtype=np.int32) for _ in range(3))
-        return cls(*each, np.full((num_games, num_goals), -2, dtype=np.int32))
+        never = np.full(num_games, -2, dtype=np.int32)
+        goals = np.full((num_games, num_goals), -2, dtype=np.int32)
+        return cls(never, never.copy(), never.copy(), goals)
 
 
 class NearestGoalRunner(Scripted):
