@@ -61,7 +61,7 @@ def configure(
 def _shares(epsilon: ArrayLike, for_all_seats: bool) -> NDArray[np.float64]:
     shares = np.asarray(epsilon, dtype=np.float64)
     if ((shares < 0) | (shares > 1)).any():
-        raise ValueError(f"epsilon={epsilon}; a share of random moves lies in [0, 1]")
+        raise ValueError(f"epsilon={epsilon!r}; a share of random moves lies in [0, 1]")
     return shares[:, None] if shares.ndim == 1 and for_all_seats else shares
 
 

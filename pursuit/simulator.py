@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -14,35 +14,11 @@ from pursuit.maze_arrays import lay_out
 from pursuit.observations import Encoder
 from pursuit.policy import GameView, Policy
 from pursuit.rules import layout
+from pursuit.simulator_state import SimulatorState, check_fits
 from pursuit.task import Task
 from pursuit.views import Views
 
-
-@dataclass(frozen=True)
-class SimulatorState:
-    """An exact copy of games, random streams and pending settings included.
-
-    Every array has one row a game; they are named as in `Simulator` and, from `next_maze` on, as in
-    `Simulator.configure`.
-    """
-
-    positions: NDArray[np.int32]
-    active: NDArray[np.int32]
-    events: NDArray[np.int32]
-    goals: NDArray[np.int32]
-    steps: NDArray[np.int32]
-    maze_index: NDArray[np.int32]
-    streams: NDArray[np.uint64]
-    epsilon: NDArray[np.float64]
-    returns: NDArray[np.float64]
-    episode_returns: NDArray[np.float64]
-    next_maze: NDArray[np.int32]
-    next_num_goals: NDArray[np.int32]
-    next_goal_radius: NDArray[np.int32]
-    next_goals_around_marks: NDArray[np.int32]
-    next_min_start_distance: NDArray[np.int32]
-    next_max_start_distance: NDArray[np.int32]
-    next_epsilon: NDArray[np.float64]
+__all__ = ["Simulator", "SimulatorState"]
 
 
 class Simulator:
@@ -319,19 +295,7 @@ class Simulator:
             ValueError: the number of games, or the task, is another one.
         """
         chosen = self._slots(games)
-        task = self.task
-        found = (len(state.steps), state.positions.shape[1], state.goals.shape[1])
-        needed = (len(chosen), task.num_agents, task.num_goals)
-        if found != needed:
-            raise ValueError(
-                f"a state of (games, agents, goals) = {found}; {needed} is needed: the same task, "
-                "and as many games as slots"
-            )
-        cells = np.concatenate([state.positions, state.goals], axis=1)
-        if (state.maze_index >= len(task.mazes)).any() or (
-            cells >= self._num_cells[state.maze_index][:, None]
-        ).any():
-            raise ValueError("a state of other mazes than these; it must come from the same task")
+        check_fits(state, self.task, len(chosen))
         for name, array in vars(self._state()).items():
             array[chosen] = getattr(state, name)
         self.terminated[chosen] = self.truncated[chosen] = False
