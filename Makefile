@@ -13,12 +13,13 @@ test: $(SETUP)
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 test-all: $(SETUP)
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "slow or not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "slow or not slow" --hypothesis-profile=random
 
 lint: $(SETUP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 bench: $(SETUP)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[bench]'

@@ -1,4 +1,8 @@
-"""Schedules: a value as a function of how far a run is. Pure functions, and numbers only."""
+"""Schedules: a value as a function of how far a run is. Pure functions, and numbers only.
+
+They begin exactly at their start, finish exactly at their end, and never leave the range between
+the two, whatever rounding would have them do.
+"""
 
 from __future__ import annotations
 
@@ -34,6 +38,12 @@ def _share(progress: float, length: float) -> float:
     return min(max(progress / length, 0.0), 1.0) if length else 1.0
 
 
+def _between(value: float, start: float, end: float) -> float:
+    """`value`, kept in the range from `start` to `end`."""
+    low, high = (start, end) if start <= end else (end, start)
+    return min(max(value, low), high)
+
+
 def constant(value: float, progress: float = 0.0) -> float:
     """`value`, whatever the progress."""
     return value
@@ -45,7 +55,7 @@ def linear(start: float, end: float, progress: float, length: float = 1.0) -> fl
     Outside it stays at `start` or `end`. ValueError for a negative length.
     """
     share = _share(progress, length)
-    return (1.0 - share) * start + share * end  # exactly `end` in the end
+    return _between((1.0 - share) * start + share * end, start, end)
 
 
 def cosine(start: float, end: float, progress: float, length: float = 1.0) -> float:
@@ -53,7 +63,10 @@ def cosine(start: float, end: float, progress: float, length: float = 1.0) -> fl
 
     ValueError for a negative length.
     """
-    return end + (start - end) * 0.5 * (1.0 + cos(pi * _share(progress, length)))
+    share = _share(progress, length)
+    if share == 0.0:  # where end + (start - end) is not always start
+        return start
+    return _between(end + (start - end) * 0.5 * (1.0 + cos(pi * share)), start, end)
 
 
 def step(start: float, end: float, progress: float, every: float, size: float = 1.0) -> float:
@@ -63,8 +76,10 @@ def step(start: float, end: float, progress: float, every: float, size: float = 
         ValueError: `every` or `size` is not above 0.
     """
     _check_positive(every=every, size=size)
-    moved = min(floor(max(progress, 0.0) / every) * size, abs(end - start))
-    return start + moved if end >= start else start - moved
+    moved = floor(max(progress, 0.0) / every) * size
+    if moved >= abs(end - start):
+        return end
+    return _between(start + moved if end >= start else start - moved, start, end)
 
 
 def exponential(start: float, floor_: float, progress: float, every: float, factor: float) -> float:
@@ -73,11 +88,14 @@ def exponential(start: float, floor_: float, progress: float, every: float, fact
     The thesis annealed epsilon like this: times 0.99 every n episodes, down to 0.2.
 
     Raises:
-        ValueError: a floor above the start, a factor outside (0, 1), or `every` not above 0.
+        ValueError: a start below 0 (it would rise), a floor above the start, a factor outside
+            (0, 1), or `every` not above 0.
     """
     _check_positive(every=every)
     if not 0.0 < factor < 1.0:
         raise ValueError(f"factor={factor}; a factor lies between 0 and 1")
+    if start < 0.0:
+        raise ValueError(f"start={start}; a value that decays begins at 0 or above")
     if floor_ > start:
         raise ValueError(f"the floor {floor_} lies above the start {start}; swap them")
     return max(start * factor ** floor(max(progress, 0.0) / every), floor_)

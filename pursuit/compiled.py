@@ -3,7 +3,7 @@
 Numba's own cache looks at the file of the compiled function only. A kernel that inlines a function
 of another file would go on running the old rules after an edit, silently. Here the cache entry is
 stamped with the contents of the kernel's file *and* of the rule book, so the one law is: a kernel
-calls kernels of its own file and of `rules.py`, and nothing else that is compiled.
+calls kernels of its own file and of the package `pursuit.rules`, and nothing else that is compiled.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from typing import Any, TypeVar
 import numba
 from numba.core import event
 
-RULE_BOOK = Path(__file__).with_name("rules.py")
+RULE_BOOK = Path(__file__).with_name("rules")
+
+NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -27,7 +29,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 def source_stamp(path: str) -> str:
     """A fingerprint of the kernel file `path` together with the rule book and of this file."""
     digest = hashlib.sha256()
-    for file in (Path(path), RULE_BOOK, Path(__file__)):
+    for file in (Path(path), *sorted(RULE_BOOK.glob("*.py")), Path(__file__)):
         digest.update(file.read_bytes())
     return digest.hexdigest()
 
@@ -41,13 +43,22 @@ def compiled(function: Function) -> Function:
     return _compile(function, _nrt=False)
 
 
+def subroutine(function: Function) -> Function:
+    """`compiled`, for kernels to call, not for Python: it needs no wrapper, which takes seconds."""
+    return _compile(function, _nrt=False, **NO_WRAPPERS)
+
+
 def inlined(function: Function) -> Function:
-    """`compiled`, and merged into every kernel that calls it, so that constants reach its loops."""
-    return _compile(function, _nrt=False, forceinline=True)
+    """A `subroutine` merged into every kernel that calls it, so that constants reach its loops."""
+    return _compile(function, _nrt=False, forceinline=True, **NO_WRAPPERS)
 
 
 def allocating(function: Function) -> Function:
-    """Like `compiled`, for a kernel that makes arrays of its own."""
+    """Like `compiled`, for a kernel that makes arrays of its own, and so counts references.
+
+    It must call nothing that returns arrays (`layout.world_of` and the like): kernels that do not
+    count would hand it uncounted ones, which it would free.
+    """
     return _compile(function)
 
 

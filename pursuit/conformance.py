@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
+from gymnasium.utils.env_checker import data_equivalence
 from pettingzoo import ParallelEnv
 
 STARTS = 16
@@ -258,9 +258,8 @@ def _moment(
         problem = _outside(state_space, returned["state"])
         if problem:
             _fail(where, f"state() {problem}")
-    # Of an info only arrays are kept: other things need not be comparable, or even copyable.
     returned["infos"] = {
-        agent: {key: value for key, value in info.items() if isinstance(value, np.ndarray)}
+        agent: {key: value for key, value in info.items() if _comparable(value)}
         for agent, info in returned["infos"].items()
     }
     return _Moment(where, returned, deepcopy(returned))
@@ -291,6 +290,14 @@ def _bad_mask(mask: Any, num_actions: int) -> str:
     if not ((mask == 0) | (mask == 1)).all():
         return f"is {mask}; it holds 0 and 1 only"
     return "" if mask.any() else "allows no action; at least one must be allowed"
+
+
+def _comparable(value: Any) -> bool:
+    """Whether it is kept of an info: an array of numbers, none of them NaN, which equals nothing.
+
+    Other things need not be comparable, or even copyable.
+    """
+    return isinstance(value, np.ndarray) and value.dtype.kind in "biufc" and _same(value, value)
 
 
 def _check_not_overwritten(moment: _Moment, where: str) -> None:
@@ -332,15 +339,5 @@ def _first_difference(one: Any, other: Any) -> str:
 
 
 def _same(one: Any, other: Any) -> bool:
-    """Whether two structures of dicts, sequences, arrays and values are equal, NaN included."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(_same(one[key], other[key]) for key in one)
-    if isinstance(one, (list, tuple)) and isinstance(other, (list, tuple)):
-        return len(one) == len(other) and all(map(_same, one, other))
-    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
-        left: NDArray[Any] = np.asarray(one)
-        right: NDArray[Any] = np.asarray(other)
-        if left.dtype != right.dtype or left.shape != right.shape:
-            return False
-        return left.tobytes() == right.tobytes() or np.array_equal(left, right)
-    return bool(one == other) or bool(one != one and other != other)
+    """Whether two structures of dicts, sequences, arrays and values are equal to the last bit."""
+    return bool(data_equivalence(one, other, exact=True))

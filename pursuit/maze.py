@@ -260,13 +260,11 @@ class Maze:
     @cached_property
     def num_components(self) -> int:
         """How many parts the maze falls into; 1 where every cell reaches every other."""
-        from scipy.sparse import coo_matrix
-        from scipy.sparse.csgraph import connected_components
-
-        size = self.num_cells
-        ends = (np.repeat(np.arange(size), 4), self.neighbors[:, :4].ravel())
-        graph = coo_matrix((np.ones(4 * size, dtype=np.int8), ends), shape=(size, size))
-        return int(connected_components(graph, directed=False)[0])
+        unseen, parts = np.ones(self.num_cells, dtype=bool), 0
+        while unseen.any():
+            unseen &= self.distances_from(int(unseen.argmax())) == UNREACHABLE
+            parts += 1
+        return parts
 
     @property
     def is_connected(self) -> bool:

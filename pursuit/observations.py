@@ -13,8 +13,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit import rules
 from pursuit.compiled import compiled, inlined
+from pursuit.rules.layout import COLLECTED, Games
 from pursuit.task import Task
 
 ENCODINGS = ("one_hot", "positions", "cells", "walls", "planes", "index")
@@ -32,6 +32,8 @@ PLANES = (
     "wall east",
     "wall west",
 )
+"""The first three follow the codes from SELF on."""
+GOALS_PLANE, COLLECTED_PLANE = PLANES.index("goals"), PLANES.index("just collected")
 
 
 class Encoder:
@@ -51,7 +53,6 @@ class Encoder:
     Args:
         task: the task.
         encoding: one of ENCODINGS.
-        mazes: the kernels' description of the mazes (see `Simulator`).
 
     Raises:
         ValueError: an unknown encoding.
@@ -61,11 +62,10 @@ class Encoder:
         space: its Gymnasium space (one object, the same at every call).
     """
 
-    def __init__(self, task: Task, encoding: str, mazes: NDArray[np.int64]) -> None:
+    def __init__(self, task: Task, encoding: str) -> None:
         if encoding not in ENCODINGS:
             raise ValueError(f"unknown observation {encoding!r}; one of {', '.join(ENCODINGS)}")
-        self.encoding, self._agents, self._goals = encoding, task.num_agents, task.num_goals
-        self._size, self._mazes = task.max_cells, mazes
+        self.encoding, self._size = encoding, task.max_cells
         roles = task.seat_roles
         order = [
             sorted(
@@ -93,15 +93,15 @@ class Encoder:
         self.shape, self.dtype = self.space.shape, self.space.dtype
 
     def encode(
-        self, rows: NDArray[np.int32], seats: slice = slice(None), out: NDArray[Any] | None = None
+        self, games: Games, seats: slice = slice(None), out: NDArray[Any] | None = None
     ) -> NDArray[Any]:
-        """[games, seats, *shape]: what these seats observe in these rows of the rule book.
+        """[games, seats, *shape]: what these seats observe in these games, played or not.
 
         Raises:
             ValueError: `out` has another shape or dtype.
         """
         order, team = self._order[seats], self._team_size[seats]
-        shape = (len(rows), len(order), *self.shape)
+        shape = (len(games.steps), len(order), *self.shape)
         if out is None:
             out = np.empty(shape, self.dtype)
         elif out.shape != shape or out.dtype != self.dtype:
@@ -110,19 +110,22 @@ class Encoder:
                 f"and {self.dtype}"
             )
         elif not out.flags.c_contiguous:
-            out[:] = self.encode(rows, seats)
+            out[:] = self.encode(games, seats)
             return out
         if self.encoding == "one_hot":
-            encode_one_hot(rows, order, self._goals, self._size, out)
+            encode_one_hot(*games, order, self._size, out)
         elif self.encoding == "index":
-            encode_index(rows, order, self._goals, self._size, out)
+            encode_index(*games, order, self._size, out)
         elif self.encoding == "positions":
-            encode_positions(rows, order, self._goals, out)
+            encode_positions(*games, order, out)
         else:
-            planes = self.encoding == "planes"
-            flat = out.reshape(len(rows), len(order), math.prod(self.shape))
-            out[:] = self._background[rows[:, -1]][:, None]
-            encode_grid(rows, order, team, self._goals, self._places, planes, flat)
+            out[:] = self._background[games.maze][:, None]
+            flat = out.reshape(*shape[:2], math.prod(self.shape))
+            if self.encoding == "planes":
+                flat = flat.reshape(*shape[:2], len(PLANES), math.prod(self.shape[1:]))
+                encode_planes(*games, order, team, self._places, flat)
+            else:
+                encode_grid(*games, order, team, self._places, flat)
         return out
 
 
@@ -143,10 +146,10 @@ def _grids(task: Task, encoding: str) -> tuple[NDArray[np.int64], NDArray[Any]]:
         rows, columns = maze.rows, maze.columns
         own = np.arange(maze.num_cells)
         if encoding == "planes":
-            background[number, 5, rows, columns] = 1.0
-            for action in range(4):
+            background[number, PLANES.index("walkable"), rows, columns] = 1.0
+            for action, side in enumerate(("north", "south", "east", "west")):
                 closed = maze.neighbors[:, action] == own
-                background[number, 6 + action, rows, columns] = closed
+                background[number, PLANES.index(f"wall {side}"), rows, columns] = closed
         elif with_walls:
             rows, columns = 2 * rows + 1, 2 * columns + 1
             background[number, rows, columns] = FLOOR
@@ -159,94 +162,146 @@ def _grids(task: Task, encoding: str) -> tuple[NDArray[np.int64], NDArray[Any]]:
     return places, background
 
 
+# -- kernels ---------------------------------------------------------------------------------------
+
+
 @compiled
-def encode_index(rows: Any, order: Any, num_goals: int, size: int, out: Any) -> None:
+def encode_index(
+    position: Any,
+    active: Any,
+    event: Any,
+    goal: Any,
+    steps: Any,
+    maze: Any,
+    order: Any,
+    size: int,
+    out: Any,
+) -> None:
     """Fill `out` [games, seats, entities + 1] with the places of the ones of "one_hot"."""
-    num_agents = order.shape[1]
+    games = Games(position, active, event, goal, steps, maze)
+    num_agents, num_goals = position.shape[1], goal.shape[1]
     last = num_agents + num_goals
     padding = (last + 1) * size
     for game in range(out.shape[0]):
         for seat in range(out.shape[1]):
             for entity in range(num_agents):
                 agent = order[seat, entity]
-                place = entity * size + rows[game, agent]
-                out[game, seat, entity] = place if rows[game, num_agents + agent] else padding
-            for goal in range(num_goals):
-                cell = rows[game, 3 * num_agents + goal]
-                entity = num_agents + goal_rank(rows, game, num_agents, num_goals, goal)
+                place = entity * size + games.position[game, agent]
+                out[game, seat, entity] = place if games.active[game, agent] else padding
+            for number in range(num_goals):
+                cell = games.goal[game, number]
+                entity = num_agents + goal_rank(games, game, number)
                 out[game, seat, entity] = entity * size + cell if cell >= 0 else padding
             own = order[seat, 0]
-            collected = rows[game, 2 * num_agents + own] & rules.COLLECTED
-            out[game, seat, last] = last * size + rows[game, own] if collected else padding
+            place = last * size + games.position[game, own]
+            out[game, seat, last] = place if has_collected(games, game, own) else padding
 
 
 @compiled
-def encode_one_hot(rows: Any, order: Any, num_goals: int, size: int, out: Any) -> None:
+def encode_one_hot(
+    position: Any,
+    active: Any,
+    event: Any,
+    goal: Any,
+    steps: Any,
+    maze: Any,
+    order: Any,
+    size: int,
+    out: Any,
+) -> None:
     """Fill `out` [games, seats, (entities + 1) * size] with a row for each entity."""
+    games = Games(position, active, event, goal, steps, maze)
+    num_agents, num_goals = position.shape[1], goal.shape[1]
     out[:] = 0.0
-    num_agents = order.shape[1]
     for game in range(out.shape[0]):
-        row = rows[game]
         for seat in range(out.shape[1]):
             for entity in range(num_agents):
                 agent = order[seat, entity]
-                if row[num_agents + agent]:
-                    out[game, seat, entity * size + row[agent]] = 1.0
-            for goal in range(num_goals):
-                cell = row[3 * num_agents + goal]
+                if games.active[game, agent]:
+                    out[game, seat, entity * size + games.position[game, agent]] = 1.0
+            for number in range(num_goals):
+                cell = games.goal[game, number]
                 if cell >= 0:
-                    rank = num_agents + goal_rank(rows, game, num_agents, num_goals, goal)
-                    out[game, seat, rank * size + cell] = 1.0
+                    entity = num_agents + goal_rank(games, game, number)
+                    out[game, seat, entity * size + cell] = 1.0
             own = order[seat, 0]
-            if row[2 * num_agents + own] & rules.COLLECTED:
-                out[game, seat, (num_agents + num_goals) * size + row[own]] = 1.0
+            if has_collected(games, game, own):
+                last = num_agents + num_goals
+                out[game, seat, last * size + games.position[game, own]] = 1.0
 
 
 @compiled
-def encode_positions(rows: Any, order: Any, num_goals: int, out: Any) -> None:
+def encode_positions(
+    position: Any,
+    active: Any,
+    event: Any,
+    goal: Any,
+    steps: Any,
+    maze: Any,
+    order: Any,
+    out: Any,
+) -> None:
     """Fill `out` [games, seats, entities + 1] with 1 + cell, 0 for gone, and just collected."""
-    num_agents = order.shape[1]
+    games = Games(position, active, event, goal, steps, maze)
+    num_agents, num_goals = position.shape[1], goal.shape[1]
     for game in range(out.shape[0]):
-        row = rows[game]
         for seat in range(out.shape[1]):
             for entity in range(num_agents):
                 agent = order[seat, entity]
-                out[game, seat, entity] = (row[agent] + 1) * row[num_agents + agent]
-            for goal in range(num_goals):
-                rank = num_agents + goal_rank(rows, game, num_agents, num_goals, goal)
-                out[game, seat, rank] = row[3 * num_agents + goal] + 1
-            collected = row[2 * num_agents + order[seat, 0]] & rules.COLLECTED
-            out[game, seat, num_agents + num_goals] = 1 if collected else 0
+                cell = games.position[game, agent]
+                out[game, seat, entity] = cell + 1 if games.active[game, agent] else 0
+            for number in range(num_goals):
+                entity = num_agents + goal_rank(games, game, number)
+                out[game, seat, entity] = games.goal[game, number] + 1
+            own = order[seat, 0]
+            out[game, seat, num_agents + num_goals] = has_collected(games, game, own)
 
 
 @inlined
-def goal_rank(rows: Any, game: int, num_agents: int, num_goals: int, goal: int) -> int:
+def has_collected(games: Games, game: int, agent: int) -> bool:
+    """Whether an agent collected a goal in the last step."""
+    return (games.event[game, agent] & COLLECTED) != 0
+
+
+@inlined
+def goal_rank(games: Games, game: int, goal: int) -> int:
     """The place of a goal among the goals sorted by cell, those gone first."""
-    cell, rank = rows[game, 3 * num_agents + goal], 0
-    for other in range(num_goals):
-        other_cell = rows[game, 3 * num_agents + other]
+    cell, rank = games.goal[game, goal], 0
+    for other in range(games.goal.shape[1]):
+        other_cell = games.goal[game, other]
         if other_cell < cell or (other_cell == cell and other < goal):
             rank += 1
     return rank
 
 
+@inlined
+def code_of(entity: int, team_size: int) -> int:
+    """What an agent is to the observer, whose own team comes first in the order of entities."""
+    return SELF if entity == 0 else TEAM if entity < team_size else OTHER
+
+
 @compiled
 def encode_grid(
-    rows: Any, order: Any, team_size: Any, num_goals: int, places: Any, planes: bool, out: Any
+    position: Any,
+    active: Any,
+    event: Any,
+    goal: Any,
+    steps: Any,
+    maze: Any,
+    order: Any,
+    team_size: Any,
+    places: Any,
+    out: Any,
 ) -> None:
     """Draw the entities into `out` [games, seats, flattened grid], already holding the maze."""
-    num_agents, plane = order.shape[1], places.shape[1]
+    games = Games(position, active, event, goal, steps, maze)
+    num_agents, num_goals = position.shape[1], goal.shape[1]
     for game in range(out.shape[0]):
-        row = rows[game]
-        where = places[row[-1]]
-        if planes:
-            plane = out.shape[2] // 10
+        where = places[games.maze[game]]
         for seat in range(out.shape[1]):
-            grid = out[game, seat]
-            for goal in range(num_goals):
-                cell = row[3 * num_agents + goal]
-                if cell >= 0:
-                    grid[where[cell] + (3 * plane if planes else 0)] = 1.0 if planes else GOAL
+            for number in range(num_goals):
+                if games.goal[game, number] >= 0:
+                    out[game, seat, where[games.goal[game, number]]] = GOAL
             # From the least important to oneself, so that who matters more is drawn over.
             team = team_size[seat]
             for turn in range(num_agents):
@@ -254,12 +309,38 @@ def encode_grid(
                 if turn == num_agents - 1:
                     entity = 0
                 agent = order[seat, entity]
-                if not row[num_agents + agent]:
-                    continue
-                code = SELF if entity == 0 else TEAM if entity < team else OTHER
-                grid[where[row[agent]] + ((code - 1) * plane if planes else 0)] = (
-                    1.0 if planes else code
-                )
+                if games.active[game, agent]:
+                    place = where[games.position[game, agent]]
+                    out[game, seat, place] = code_of(entity, team)
+
+
+@compiled
+def encode_planes(
+    position: Any,
+    active: Any,
+    event: Any,
+    goal: Any,
+    steps: Any,
+    maze: Any,
+    order: Any,
+    team_size: Any,
+    places: Any,
+    out: Any,
+) -> None:
+    """Mark the entities in `out` [games, seats, planes, flattened plane], already with the maze."""
+    games = Games(position, active, event, goal, steps, maze)
+    num_agents, num_goals = position.shape[1], goal.shape[1]
+    for game in range(out.shape[0]):
+        where = places[games.maze[game]]
+        for seat in range(out.shape[1]):
+            for number in range(num_goals):
+                if games.goal[game, number] >= 0:
+                    out[game, seat, GOALS_PLANE, where[games.goal[game, number]]] = 1.0
+            for entity in range(num_agents):
+                agent = order[seat, entity]
+                if games.active[game, agent]:
+                    place = where[games.position[game, agent]]
+                    out[game, seat, code_of(entity, team_size[seat]) - SELF, place] = 1.0
             own = order[seat, 0]
-            if planes and row[2 * num_agents + own] & rules.COLLECTED:
-                grid[where[row[own]] + 4 * plane] = 1.0
+            if has_collected(games, game, own):
+                out[game, seat, COLLECTED_PLANE, where[games.position[game, own]]] = 1.0

@@ -133,7 +133,7 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         paid = simulator.rewards[0].tolist()
         rewards = {agent: paid[self._seats[agent]] for agent in self.agents}
         observations, infos = self._observations(), self._infos()
-        terminated, truncated = simulator.ended[:, 0].tolist()
+        terminated, truncated = bool(simulator.terminated[0]), bool(simulator.truncated[0])
         terminations = dict.fromkeys(self.agents, terminated)
         truncations = dict.fromkeys(self.agents, truncated)
         if self.task.num_evaders > 1:
@@ -160,7 +160,7 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         return f"actions {dict(actions)!r}; integers from 0 to {self.task.num_actions - 1}"
 
     def _observations(self) -> dict[str, NDArray[Any]]:
-        observed = self._encoder.encode(self.simulator.rows)[0]
+        observed = self._encoder.encode(self.simulator.games)[0]
         return {agent: observed[self._seats[agent]] for agent in self.agents}
 
     def _infos(self) -> dict[str, dict[str, Any]]:

@@ -9,8 +9,11 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit import rules
 from pursuit.maze import Maze
+from pursuit.maze_arrays import MazeArrays
+from pursuit.rules import layout
+from pursuit.rules.layout import Games
+from pursuit.rules.randomness import draw_uniform
 from pursuit.task import Task
 
 
@@ -21,55 +24,56 @@ class GameView:
     Attributes:
         task: the rules and settings.
         seat: which agent this is.
-        rows: [num_games, ...] int32, the games as the rule book lays them out.
-        streams: [num_games, ...] uint64, the random streams; a policy draws from column 1 + seat.
-        epsilons: [num_games, num_agents] float64, the share of random moves; NaN where the game
+        games: the arrays of the games under the names of the rule book; kernels take `*games`.
+        streams: [num_games, ...] uint64, the random streams; a policy draws from its own only.
+        epsilon: [num_games, num_agents] float64, the share of random moves; NaN where the game
             leaves it to the policy.
-        mazes, cells, tables: the mazes as the rule book lays them out.
+        mazes: the arrays of the mazes; kernels take `*mazes`.
         observe: `observe(encoding)` -> [num_games, ...] what the agent in this seat observes.
     """
 
     task: Task
     seat: int
-    rows: NDArray[np.int32]
+    games: Games
     streams: NDArray[np.uint64]
-    epsilons: NDArray[np.float64]
-    mazes: NDArray[np.int64]
-    cells: NDArray[np.int32]
-    tables: NDArray[np.uint16]
+    epsilon: NDArray[np.float64]
+    mazes: MazeArrays
     observe: Callable[[str], NDArray[Any]]
 
     @property
     def num_games(self) -> int:
         """Games in the batch."""
-        return len(self.rows)
+        return len(self.games.steps)
 
     @property
     def positions(self) -> NDArray[np.int32]:
         """[num_games, num_agents] int32, the cell of every agent."""
-        return self.rows[:, : self.task.num_agents]
+        return self.games.position
 
     @property
-    def active(self) -> NDArray[np.bool_]:
-        """[num_games, num_agents] bool, False for captured evaders."""
-        agents = self.task.num_agents
-        return self.rows[:, agents : 2 * agents] != 0
+    def active(self) -> NDArray[np.int32]:
+        """[num_games, num_agents] int32, 0 for captured evaders."""
+        return self.games.active
+
+    @property
+    def events(self) -> NDArray[np.int32]:
+        """[num_games, num_agents] int32, what the last step brought, as the rule book adds it."""
+        return self.games.event
 
     @property
     def goals(self) -> NDArray[np.int32]:
         """[num_games, num_goals] int32, the cell of every goal; -1 when gone."""
-        agents, goals = self.task.num_agents, self.task.num_goals
-        return self.rows[:, 3 * agents : 3 * agents + goals]
+        return self.games.goal
 
     @property
     def steps(self) -> NDArray[np.int32]:
         """[num_games] int32, steps taken in the episode."""
-        return self.rows[:, -2]
+        return self.games.steps
 
     @property
     def maze_index(self) -> NDArray[np.int32]:
         """[num_games] int32, which of `task.mazes` each game plays in."""
-        return self.rows[:, -1]
+        return self.games.maze
 
     def select(self, games: NDArray[np.intp]) -> GameView:
         """Copies of these games as a view of their own.
@@ -79,17 +83,37 @@ class GameView:
         """
         return replace(
             self,
-            rows=self.rows[games],
+            games=Games(*(array[games] for array in self.games)),
             streams=self.streams[games],
-            epsilons=self.epsilons[games],
+            epsilon=self.epsilon[games],
             observe=lambda encoding: self.observe(encoding)[games],
         )
 
     def uniform(self) -> NDArray[np.float64]:
         """[num_games] float64 in [0, 1), from this seat's own random stream, which moves on."""
         numbers = np.empty(self.num_games)
-        rules.draw_uniform(self.streams, 1 + self.seat, numbers)
+        draw_uniform(self.streams, layout.named(layout.stream_of, self.seat), numbers)
         return numbers
+
+
+def pairs_of_cells(task: Task, maze: Maze, agent: str | int) -> Games:
+    """Games of a duel that were never played: one for each pair of cells of `maze`.
+
+    Game `own * num_cells + other` has `agent` in cell `own` and its opponent in cell `other`, both
+    active, and nothing else has happened. For policies that are functions of these two cells.
+
+    Raises:
+        ValueError: the task is no duel, or is not played in this maze.
+    """
+    if not task.is_duel or maze not in task.mazes:
+        raise ValueError(f"task {task.name!r} is no duel in maze {maze.name}")
+    size, seat = maze.num_cells, task.seat(agent)
+    games = layout.empty_games(size * size, task.num_agents, task.num_goals)
+    own, other = np.divmod(np.arange(size * size, dtype=np.int32), size)
+    games.position[:, seat], games.position[:, 1 - seat] = own, other
+    games.active[:] = 1
+    games.maze[:] = task.mazes.index(maze)
+    return games
 
 
 class Policy(Protocol):

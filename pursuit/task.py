@@ -11,8 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit import rules
+from pursuit.declared import (
+    FrozenDict,
+    check_fields,
+    choice,
+    count,
+    declared,
+    finite,
+    flag,
+    one_of,
+)
 from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
+from pursuit.rules import layout
 
 ROLES = ("chaser", "evader", "runner")
 MOVE_ORDERS = ("simultaneous", "chasers_first")
@@ -32,13 +42,19 @@ class Rewards:
             to the nearest goal) is added to the step reward.
         on_completion: events pay only in the step that ends the game; before, they count as steps.
             Being captured always pays: it ends the game for that evader.
+
+    Raises:
+        ValueError: a value that is no finite number.
     """
 
-    step: float = 0.0
-    capture: float = 0.0
-    goal: float = 0.0
-    distance: float = 0.0
-    on_completion: bool = False
+    step: float = finite(0.0)
+    capture: float = finite(0.0)
+    goal: float = finite(0.0)
+    distance: float = finite(0.0)
+    on_completion: bool = flag(False)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 REWARD_SCHEMES: Mapping[str, Mapping[str, Rewards]] = {
@@ -67,9 +83,37 @@ REWARD_SCHEMES: Mapping[str, Mapping[str, Rewards]] = {
 is the payoff of the exact game (for a runner, minus the number of steps)."""
 
 
+def _kept_mazes(name: str, given: Any) -> Any:
+    """One maze as it is; several as a tuple, so that a caller's list does not stay inside."""
+    if isinstance(given, (str, Path, Maze)):
+        return given
+    try:
+        mazes = tuple(given)
+    except TypeError:
+        raise ValueError(
+            f"{name}={given!r}; give the name of a maze, a path, a Maze, or several of them"
+        ) from None
+    if not mazes:
+        raise ValueError(f"{name}: an empty list; give at least one maze")
+    return mazes
+
+
+def _kept_rewards(name: str, given: Any) -> Any:
+    """A named scheme as it is; `Rewards` by role as a dict that never changes."""
+    if not isinstance(given, Mapping):
+        return one_of(name, given, tuple(REWARD_SCHEMES))
+    unknown = set(given) - set(ROLES)
+    if unknown:
+        raise ValueError(f"{name} for {sorted(unknown)}; the roles are {', '.join(ROLES)}")
+    for role, paid in given.items():
+        if not isinstance(paid, Rewards):
+            raise ValueError(f"{name} of the {role}: {paid!r}; give pursuit.Rewards(...)")
+    return FrozenDict(given)
+
+
 @dataclass(frozen=True)
 class Task:
-    """Rules and settings of one game; everything is checked at birth.
+    """Rules and settings of one game: never changes, hashes, and is checked at birth.
 
     Args:
         maze: the name of a shipped maze, a path, a `Maze`, or several of them; with several, each
@@ -92,40 +136,37 @@ class Task:
         ValueError: naming the value, the rule and the remedy.
     """
 
-    maze: str | Path | Maze | Sequence[str | Path | Maze] = "5x5"
-    num_chasers: int = 0
-    num_evaders: int = 0
-    num_runners: int = 0
-    num_goals: int = 0
-    max_steps: int = 200
-    stay_action: bool = False
-    move_order: str = "simultaneous"
-    start: str = "random"
-    min_start_distance: int = 1
-    rewards: str | Mapping[str, Rewards] = "goal"
+    maze: str | Path | Maze | Sequence[str | Path | Maze] = declared(_kept_mazes, default="5x5")
+    num_chasers: int = count(0, default=0)
+    num_evaders: int = count(0, default=0)
+    num_runners: int = count(0, default=0)
+    num_goals: int = count(0, default=0)
+    max_steps: int = count(1, default=200)
+    stay_action: bool = flag(False)
+    move_order: str = choice(MOVE_ORDERS, default="simultaneous")
+    start: str = choice(STARTS, default="random")
+    min_start_distance: int = count(1, default=1)
+    rewards: str | Mapping[str, Rewards] = declared(_kept_rewards, default="goal")
     name: str = "custom"
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.type == "int":
-                if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-                    raise ValueError(f"{field.name}={value!r}; it is a whole number")
-                least = 1 if field.name in ("max_steps", "min_start_distance") else 0
-                if not least <= value < 2**31:
-                    raise ValueError(f"{field.name}={value}; it is at least {least}")
-                object.__setattr__(self, field.name, int(value))
-        _check_choice("move_order", self.move_order, MOVE_ORDERS)
-        _check_choice("start", self.start, STARTS)
+        check_fields(self)
+        self._check_that_it_can_end()
+        self._check_who_collects()
+        for maze in self.mazes:
+            self._check_maze(maze)
+
+    def _check_that_it_can_end(self) -> None:
         if self.num_agents == 0:
             raise ValueError("a task without agents; give num_chasers, num_evaders or num_runners")
-        for role in ("chaser", "evader"):
-            other = "evader" if role == "chaser" else "chaser"
+        for role, other in (("chaser", "evader"), ("evader", "chaser")):
             if self.count(role) and not self.count(other) and not self.num_goals:
                 raise ValueError(
                     f"num_{role}s={self.count(role)}, num_{other}s=0 and no goals: nothing can end "
                     f"this game; give num_{other}s or num_goals"
                 )
+
+    def _check_who_collects(self) -> None:
         if self.num_runners and not self.num_goals:
             raise ValueError(
                 f"num_runners={self.num_runners} and num_goals=0; runners collect goals: give "
@@ -136,11 +177,6 @@ class Task:
                 f"num_goals={self.num_goals}, but only runners and evaders collect goals; give "
                 "num_runners or num_evaders"
             )
-        if not self.mazes:
-            raise ValueError("maze: an empty list; give at least one maze")
-        for maze in self.mazes:
-            self._check_maze(maze)
-        self.role_rewards  # noqa: B018 -- checked at birth
 
     def _check_maze(self, maze: Maze) -> None:
         needed = self.num_agents + self.num_goals
@@ -171,14 +207,10 @@ class Task:
 
     @cached_property
     def role_rewards(self) -> dict[str, Rewards]:
-        """The `Rewards` of every role."""
+        """The `Rewards` of every role; never changes."""
         if isinstance(self.rewards, str):
-            _check_choice("rewards", self.rewards, tuple(REWARD_SCHEMES))
-            return dict(REWARD_SCHEMES[self.rewards])
-        unknown = set(self.rewards) - set(ROLES)
-        if unknown:
-            raise ValueError(f"rewards for {sorted(unknown)}; the roles are {', '.join(ROLES)}")
-        return {**REWARD_SCHEMES["goal"], **self.rewards}
+            return FrozenDict(REWARD_SCHEMES[self.rewards])
+        return FrozenDict({**REWARD_SCHEMES["goal"], **self.rewards})
 
     @property
     def num_agents(self) -> int:
@@ -207,7 +239,7 @@ class Task:
 
     def count(self, role: str) -> int:
         """How many agents of `role` there are."""
-        _check_choice("role", role, ROLES)
+        one_of("role", role, ROLES)
         return int(getattr(self, f"num_{role}s"))
 
     def seat(self, agent: str | int) -> int:
@@ -233,37 +265,30 @@ class Task:
             0,
         )
 
-    def fields_for_kernels(self) -> NDArray[np.int64]:
-        """[NUM_TASK_FIELDS] int64, in the order of the rule book."""
-        table = np.zeros(rules.NUM_TASK_FIELDS, dtype=np.int64)
-        table[rules.NUM_CHASERS] = self.num_chasers
-        table[rules.NUM_EVADERS] = self.num_evaders
-        table[rules.NUM_RUNNERS] = self.num_runners
-        table[rules.NUM_GOALS] = self.num_goals
-        table[rules.MAX_STEPS] = self.max_steps
-        table[rules.NUM_ACTIONS] = self.num_actions
-        table[rules.CHASERS_FIRST] = self.move_order == "chasers_first"
-        table[rules.START_AT_MARKS] = self.start == "marks"
-        table[rules.NUM_MAZES] = len(self.mazes)
-        table[rules.MAX_CELLS] = self.max_cells
-        return table
+    def numbers_for_kernels(self) -> NDArray[np.int64]:
+        """[NUM_RULES] int64, as `layout.rules_of` takes them."""
+        numbers = np.zeros(layout.NUM_RULES, dtype=np.int64)
+        numbers[layout.NUM_CHASERS] = self.num_chasers
+        numbers[layout.NUM_EVADERS] = self.num_evaders
+        numbers[layout.NUM_RUNNERS] = self.num_runners
+        numbers[layout.NUM_GOALS] = self.num_goals
+        numbers[layout.MAX_STEPS] = self.max_steps
+        numbers[layout.NUM_ACTIONS] = self.num_actions
+        numbers[layout.CHASERS_FIRST] = self.move_order == "chasers_first"
+        numbers[layout.START_AT_MARKS] = self.start == "marks"
+        return numbers
 
     def rewards_for_kernels(self) -> NDArray[np.float64]:
-        """[3 roles, 5] float64, in the order of the rule book."""
-        table = np.zeros((3, 5))
+        """[roles, NUM_PAYS] float64, as `layout.rules_of` takes them."""
+        table = np.zeros((len(ROLES), layout.NUM_PAYS))
         for number, role in enumerate(ROLES):
             paid = self.role_rewards[role]
-            table[number, rules.STEP_REWARD] = paid.step
-            table[number, rules.CAPTURE_REWARD] = paid.capture
-            table[number, rules.GOAL_REWARD] = paid.goal
-            table[number, rules.DISTANCE_REWARD] = paid.distance
-            table[number, rules.ON_COMPLETION] = paid.on_completion
+            table[number, layout.PAY_STEP] = paid.step
+            table[number, layout.PAY_CAPTURE] = paid.capture
+            table[number, layout.PAY_GOAL] = paid.goal
+            table[number, layout.PAY_DISTANCE] = paid.distance
+            table[number, layout.PAY_ON_COMPLETION] = paid.on_completion
         return table
-
-
-def _check_choice(what: str, value: object, choices: Sequence[str]) -> None:
-    if value not in choices:
-        raise ValueError(f"unknown {what} {value!r}; one of {', '.join(choices)}")
 
 
 HEIST_REWARDS = {"evader": Rewards(step=-0.1, capture=-1.0, goal=1.0)}
@@ -286,8 +311,8 @@ def make_task(name: str, **settings: Any) -> Task:
     Raises:
         ValueError: an unknown name or setting, or settings that make no game.
     """
-    _check_choice("task", name, TASK_NAMES)
+    one_of("task", name, TASK_NAMES)
     known = [field.name for field in fields(Task) if field.name != "name"]
     for setting in settings:
-        _check_choice("setting", setting, known)
+        one_of("setting", setting, known)
     return replace(_NAMED[name](), **settings)

@@ -3,8 +3,8 @@
 A set of moves is a bit mask over the actions. The same functions fill the tables of exact
 probabilities and act in the batch, so that what is solved exactly is what plays.
 
-`scratch` is int32 [4, cells of the largest maze], rows 0 and 2 all -1; only mazes without a
-distance table use rows 2 and 3.
+Entries are given `*view.games` and `*view.mazes`; `scratch` is int32 [NUM_SCRATCH, cells of the
+largest maze], -1 in the rows of distances: room for two searches, one within the other.
 """
 
 from __future__ import annotations
@@ -13,11 +13,33 @@ from typing import Any
 
 import numpy as np
 
-from pursuit import rules
-from pursuit.compiled import compiled, inlined
+from pursuit.compiled import compiled, inlined, subroutine
+from pursuit.rules.distances import (
+    distance_within,
+    forget,
+    has_table,
+    pair_index,
+    search_within,
+    table_distance,
+)
+from pursuit.rules.layout import (
+    STAY,
+    Games,
+    Search,
+    Teams,
+    World,
+    chasers_of,
+    evaders_of,
+    goals_of,
+    stream_of,
+    world_of,
+)
+from pursuit.rules.randomness import next_uniform, next_word
+from pursuit.rules.step import legal_moves
 
 CHASER, EVADER, RUNNER, RANDOM = range(4)
 FAR = 2**30
+LOOK_DISTANCE, LOOK_QUEUE, PATH_DISTANCE, PATH_QUEUE, NUM_SCRATCH = range(5)
 
 _MASKS = [[action for action in range(5) if mask >> action & 1] for mask in range(32)]
 MASK_SIZE = np.array([len(actions) for actions in _MASKS])
@@ -25,63 +47,73 @@ MASK_ITEM = np.array([actions + [0] * (5 - len(actions)) for actions in _MASKS])
 
 
 @inlined
+def look_of(scratch: Any) -> Search:
+    """Room for the search around oneself."""
+    return Search(scratch[LOOK_DISTANCE], scratch[LOOK_QUEUE])
+
+
+@inlined
+def path_of(scratch: Any) -> Search:
+    """Room for searches for a path."""
+    return Search(scratch[PATH_DISTANCE], scratch[PATH_QUEUE])
+
+
+@inlined
 def draw_action(
-    greedy: int, every: int, epsilon: float, stay_action: bool, streams: Any, game: int, stream: int
+    greedy: int, every: int, epsilon: float, stay_action: bool, streams: Any, stream: int
 ) -> int:
     """A uniformly random action of the mask `greedy`, or, with probability `epsilon`, of `every`.
 
     One random word serves both draws. Staying, or a bump, where the mask is empty.
     """
-    word = rules.next_word(streams[game], stream)
+    word = next_word(streams, stream)
     mask = greedy
     if np.float64(word >> np.uint64(32)) * 2.0**-32 < epsilon:
         mask = every
     if mask == 0:
-        return 4 if stay_action else 0
+        return STAY if stay_action else 0
     chosen = ((word & np.uint64(0xFFFFFFFF)) * np.uint64(MASK_SIZE[mask])) >> np.uint64(32)
     return np.int64(MASK_ITEM[mask, np.int64(chosen)])
 
 
-@compiled
+@subroutine
 def mask_towards(
-    mazes: Any, cells: Any, scratch: Any, maze: int, own: int, targets: Any, count: int
+    world: World, search: Search, maze: int, own: int, targets: Any, count: int
 ) -> int:
     """First steps of shortest paths to the nearest of `targets[:count]`; 0 if there is none.
 
     One breadth-first search from all targets at once, until it comes to one's own cell.
     """
-    offset = mazes[maze, rules.CELL_OFFSET]
+    first_cell = world.first_cell[maze]
     head = tail = 0
     for i in range(count):
-        if scratch[2, targets[i]] < 0:
-            scratch[2, targets[i]] = 0
-            scratch[3, tail] = targets[i]
+        if search.distance[targets[i]] < 0:
+            search.distance[targets[i]] = 0
+            search.queue[tail] = targets[i]
             tail += 1
     while head < tail:
-        cell = scratch[3, head]
+        cell = search.queue[head]
         head += 1
         if cell == own:
             break
         for action in range(4):
-            after = cells[offset + cell, action]
-            if scratch[2, after] < 0:
-                scratch[2, after] = scratch[2, cell] + 1
-                scratch[3, tail] = after
+            after = world.neighbors[first_cell + cell, action]
+            if search.distance[after] < 0:
+                search.distance[after] = search.distance[cell] + 1
+                search.queue[tail] = after
                 tail += 1
-    mask, nearest = 0, scratch[2, own]
+    mask, nearest = 0, search.distance[own]
     if nearest > 0:
         for action in range(4):
-            if scratch[2, cells[offset + own, action]] == nearest - 1:
+            if search.distance[world.neighbors[first_cell + own, action]] == nearest - 1:
                 mask |= 1 << action
-    rules.forget(scratch[2:], tail)
+    forget(search, tail)
     return mask
 
 
-@compiled
+@subroutine
 def mask_fleeing(
-    mazes: Any,
-    cells: Any,
-    tables: Any,
+    world: World,
     scratch: Any,
     maze: int,
     own: int,
@@ -95,38 +127,28 @@ def mask_fleeing(
     Where one's own cell is as far as any, staying if that is an action, else every move.
     `reach` is at least the distance between `threat` and any cell looked at.
     """
-    offset = mazes[maze, 0]
-    seen = rules.search_within(cells, offset, own, look_radius, -1, scratch)
-    farthest = own_distance = rules.distance_within(
-        mazes, cells, tables, scratch[2:], maze, own, threat, reach
-    )
+    look, path = look_of(scratch), path_of(scratch)
+    seen = search_within(world, maze, own, look_radius, -1, look)
+    farthest = own_distance = distance_within(world, path, maze, own, threat, reach)
     for i in range(seen):
-        farthest = max(
-            farthest,
-            rules.distance_within(
-                mazes, cells, tables, scratch[2:], maze, scratch[1, i], threat, reach
-            ),
-        )
+        away = distance_within(world, path, maze, look.queue[i], threat, reach)
+        farthest = max(farthest, away)
     mask = 0
     if farthest == own_distance:
-        mask = 1 << 4 if stay_action else np.int64(cells[offset + own, rules.MOVE_MASK])
+        mask = 1 << STAY if stay_action else legal_moves(world, maze, own)
     else:
         for i in range(seen):
-            cell = scratch[1, i]
-            if farthest != rules.distance_within(
-                mazes, cells, tables, scratch[2:], maze, cell, threat, reach
-            ):
+            cell = look.queue[i]
+            if farthest != distance_within(world, path, maze, cell, threat, reach):
                 continue
-            steps = np.int64(scratch[0, cell])
+            steps = np.int64(look.distance[cell])
             for action in range(4):
-                after = cells[offset + own, action]
+                after = world.neighbors[world.first_cell[maze] + own, action]
                 if after != own and not mask >> action & 1:
-                    rest = rules.distance_within(
-                        mazes, cells, tables, scratch[2:], maze, after, cell, steps
-                    )
+                    rest = distance_within(world, path, maze, after, cell, steps)
                     if rest == steps - 1:
                         mask |= 1 << action
-    rules.forget(scratch, seen)
+    forget(look, seen)
     return mask
 
 
@@ -134,133 +156,184 @@ def mask_fleeing(
 def fill_greedy_table(
     kind: int,
     mazes: Any,
-    cells: Any,
+    neighbors: Any,
+    facts: Any,
     tables: Any,
     scratch: Any,
-    alert_distance: int,
-    look_radius: int,
-    stay_action: bool,
+    settings: Any,
     greedy: Any,
 ) -> None:
-    """Fill `greedy`, laid out as `tables`: the mask at [own, other]; 0 where any move will do."""
-    reach = alert_distance + look_radius
-    for maze in range(mazes.shape[0]):
-        offset, size, table = mazes[maze, 0], mazes[maze, 1], mazes[maze, 2]
-        if table < 0:
+    """Fill `greedy`, laid out as `tables`: the mask at [own, other]; 0 where any move will do.
+
+    `settings` is (epsilon, alert distance, look radius, stay action).
+    """
+    world = world_of(mazes, neighbors, facts, tables)
+    _, alert, look, stay_action = settings
+    for maze in range(world.num_cells.shape[0]):
+        if not has_table(world, maze):
             continue
-        for own in range(size):
-            for other in range(size):
-                mask, distance = 0, np.int64(tables[table + own * size + other])
-                if kind == EVADER and 0 < distance < alert_distance:
+        for own in range(world.num_cells[maze]):
+            for other in range(world.num_cells[maze]):
+                mask, distance = 0, table_distance(world, maze, own, other)
+                if kind == EVADER and 0 < distance < alert:
                     mask = mask_fleeing(
-                        mazes,
-                        cells,
-                        tables,
-                        scratch,
-                        maze,
-                        own,
-                        other,
-                        reach,
-                        look_radius,
-                        stay_action,
+                        world, scratch, maze, own, other, alert + look, look, stay_action
                     )
                 elif kind != EVADER:
                     for action in range(4):
-                        after = cells[offset + own, action]
-                        if tables[table + after * size + other] == distance - 1:
+                        after = world.neighbors[world.first_cell[maze] + own, action]
+                        if table_distance(world, maze, after, other) == distance - 1:
                             mask |= 1 << action
-                greedy[table + own * size + other] = mask
+                greedy[pair_index(world, maze, own, other)] = mask
+
+
+@inlined
+def sought_by(kind: int, teams: Teams) -> Any:
+    """The numbers of whom an agent of this kind heads for, or keeps away from."""
+    if kind == CHASER:
+        return evaders_of(teams)
+    if kind == EVADER:
+        return chasers_of(teams)
+    if kind == RUNNER:
+        return goals_of(teams)
+    return range(0, 0)
+
+
+@inlined
+def cell_of_sought(kind: int, games: Games, game: int, number: int) -> int:
+    """The cell of a goal or of an opponent; -1 where it is gone."""
+    if kind == RUNNER:
+        return np.int64(games.goal[game, number])
+    return np.int64(games.position[game, number]) if games.active[game, number] else -1
+
+
+@inlined
+def nearest_by_table(
+    kind: int,
+    games: Games,
+    game: int,
+    own: int,
+    limit: int,
+    teams: Teams,
+    world: World,
+    greedy: Any,
+) -> int:
+    """The greedy moves towards all that are nearest, or away from the first that is nearest.
+
+    `limit` is a distance that does not count any more.
+    """
+    maze = np.int64(games.maze[game])
+    mask, nearest = 0, limit
+    for number in sought_by(kind, teams):
+        cell = cell_of_sought(kind, games, game, number)
+        if cell >= 0:
+            pair = pair_index(world, maze, own, cell)
+            distance, moves = np.int64(world.tables[pair]), np.int64(greedy[pair])
+            if distance < nearest:
+                nearest, mask = distance, moves
+            elif distance == nearest and kind != EVADER:
+                mask |= moves
+    return mask
+
+
+@inlined
+def nearest_by_search(
+    kind: int,
+    games: Games,
+    game: int,
+    own: int,
+    teams: Teams,
+    world: World,
+    scratch: Any,
+    settings: Any,
+) -> int:
+    """The same in a maze without a table; the queue of the look holds whom it heads for."""
+    _, alert, look, stay_action = settings
+    maze, path = np.int64(games.maze[game]), path_of(scratch)
+    if kind == EVADER:
+        threat, nearest = -1, np.int64(alert)
+        for number in sought_by(kind, teams):
+            cell = cell_of_sought(kind, games, game, number)
+            if cell >= 0:
+                distance = distance_within(world, path, maze, own, cell, nearest)
+                if distance < nearest:
+                    nearest, threat = distance, cell
+        if threat < 0:
+            return 0
+        return mask_fleeing(world, scratch, maze, own, threat, alert + look, look, stay_action)
+    targets, count = look_of(scratch).queue, 0
+    for number in sought_by(kind, teams):
+        cell = cell_of_sought(kind, games, game, number)
+        if cell >= 0:
+            targets[count] = cell
+            count += 1
+    return mask_towards(world, path, maze, own, targets, count)
 
 
 @compiled
 def choose_actions(
     kind: int,
-    rows: Any,
+    position: Any,
+    active: Any,
+    event: Any,
+    goal: Any,
+    steps: Any,
+    maze_of: Any,
     streams: Any,
-    epsilons: Any,
+    epsilon_of: Any,
     seat: int,
     counts: Any,
     mazes: Any,
-    cells: Any,
+    neighbors: Any,
+    facts: Any,
     tables: Any,
     greedy: Any,
     scratch: Any,
-    targets: Any,
     settings: Any,
     actions: Any,
 ) -> None:
     """Fill `actions` [games] for the agent in `seat`.
 
     `counts` is (chasers, evaders, runners, goals); `settings` is (epsilon, alert distance, look
-    radius, stay action); `targets` is int32 scratch for the cells to head for. An epsilon of NaN
-    in the game means that of the settings.
+    radius, stay action). An epsilon of NaN in the game means that of the settings.
     """
-    num_agents = counts[0] + counts[1] + counts[2]
-    default, alert, look, stay_action = settings
-    first, last = counts[0], counts[0] + counts[1]  # what a chaser heads for: evaders
-    if kind == EVADER:
-        first, last = 0, counts[0]
-    elif kind == RUNNER:
-        first, last = 3 * num_agents, 3 * num_agents + counts[3]
-    elif kind == RANDOM:
-        first, last = 0, 0
-    for game in range(rows.shape[0]):
-        maze, own = np.int64(rows[game, -1]), np.int64(rows[game, seat])
-        offset, size, table = mazes[maze, 0], mazes[maze, 1], mazes[maze, 2]
-        epsilon = default if np.isnan(epsilons[game, seat]) else epsilons[game, seat]
-        mask, count = 0, 0
-        nearest = np.int64(alert if kind == EVADER else FAR)
-        for other in range(first, last):
-            if rows[game, other] < 0 or (other < num_agents and not rows[game, num_agents + other]):
-                continue
-            if table >= 0:
-                pair = table + own * size + rows[game, other]
-                distance = np.int64(tables[pair])
-                if distance < nearest:
-                    nearest, mask = distance, np.int64(greedy[pair])
-                elif distance == nearest and kind != EVADER:
-                    mask |= np.int64(greedy[pair])
-            elif kind == EVADER:
-                distance = rules.distance_within(
-                    mazes, cells, tables, scratch[2:], maze, own, rows[game, other], nearest
-                )
-                if distance < nearest:
-                    nearest, count = distance, 1
-                    targets[0] = rows[game, other]
-            else:
-                targets[count] = rows[game, other]
-                count += 1
-        if count > 0 and kind == EVADER:
-            mask = mask_fleeing(
-                mazes,
-                cells,
-                tables,
-                scratch,
-                maze,
-                own,
-                targets[0],
-                alert + look,
-                look,
-                stay_action,
-            )
-        elif count > 0:
-            mask = mask_towards(mazes, cells, scratch, maze, own, targets, count)
-        every = np.int64(cells[offset + own, rules.MOVE_MASK])
+    chasers, evaders, runners, goals = counts
+    default, alert, _, stay_action = settings
+    games = Games(position, active, event, goal, steps, maze_of)
+    teams = Teams(chasers, evaders, runners, goals)
+    world = world_of(mazes, neighbors, facts, tables)
+    limit = np.int64(alert if kind == EVADER else FAR)
+    for game in range(actions.shape[0]):
+        maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
+        if has_table(world, maze):
+            mask = nearest_by_table(kind, games, game, own, limit, teams, world, greedy)
+        else:
+            mask = nearest_by_search(kind, games, game, own, teams, world, scratch, settings)
+        every = legal_moves(world, maze, own)
         if mask == 0:
             mask = every
-        actions[game] = draw_action(mask, every, epsilon, stay_action, streams, game, 1 + seat)
+        epsilon = default if np.isnan(epsilon_of[game, seat]) else epsilon_of[game, seat]
+        actions[game] = draw_action(
+            mask, every, epsilon, stay_action, streams[game], stream_of(seat)
+        )
 
 
 @compiled
 def sample_table(
-    rows: Any,
+    position: Any,
+    active: Any,
+    event: Any,
+    goal: Any,
+    steps: Any,
+    maze_of: Any,
     streams: Any,
-    epsilons: Any,
+    epsilon_of: Any,
     seat: int,
     opponents: Any,
-    num_agents: int,
     mazes: Any,
-    cells: Any,
+    neighbors: Any,
+    facts: Any,
+    tables: Any,
     cumulative: Any,
     table_offsets: Any,
     default: float,
@@ -271,26 +344,26 @@ def sample_table(
     The other cell is that of the first active opponent. `cumulative` is [all pairs, actions], the
     pairs of maze m beginning at `table_offsets[m]`.
     """
+    games = Games(position, active, event, goal, steps, maze_of)
+    world, stream = world_of(mazes, neighbors, facts, tables), stream_of(seat)
     num_actions = cumulative.shape[1]
-    for game in range(rows.shape[0]):
+    for game in range(actions.shape[0]):
         actions[game] = 0
-        maze, own = np.int64(rows[game, -1]), np.int64(rows[game, seat])
+        maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
         other = np.int64(-1)
         for i in range(opponents.shape[0]):
-            if other < 0 and rows[game, num_agents + opponents[i]]:
-                other = np.int64(rows[game, opponents[i]])
-        if other < 0 or not rows[game, num_agents + seat]:
+            if other < 0 and games.active[game, opponents[i]]:
+                other = np.int64(games.position[game, opponents[i]])
+        if other < 0 or not games.active[game, seat]:
             continue
-        epsilon = epsilons[game, seat]
+        epsilon = epsilon_of[game, seat]
         if np.isnan(epsilon):
             epsilon = default
-        if epsilon > 0.0 and rules.next_uniform(streams[game], 1 + seat) < epsilon:
-            every = np.int64(cells[mazes[maze, 0] + own, rules.MOVE_MASK])
-            actions[game] = draw_action(
-                every, every, 0.0, num_actions == 5, streams, game, 1 + seat
-            )
+        if epsilon > 0.0 and next_uniform(streams[game], stream) < epsilon:
+            every = legal_moves(world, maze, own)
+            actions[game] = draw_action(every, every, 0.0, num_actions == 5, streams[game], stream)
             continue
-        pair = table_offsets[maze] + own * mazes[maze, 1] + other
-        draw = rules.next_uniform(streams[game], 1 + seat) * cumulative[pair, num_actions - 1]
+        pair = table_offsets[maze] + own * world.num_cells[maze] + other
+        draw = next_uniform(streams[game], stream) * cumulative[pair, num_actions - 1]
         while actions[game] < num_actions - 1 and draw >= cumulative[pair, actions[game]]:
             actions[game] += 1

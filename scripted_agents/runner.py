@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,28 @@ from scripted_agents import kernels
 from scripted_agents.scripted import Scripted
 from scripted_agents.tour import MAX_EXACT_GOALS, shortest_tour
 from scripted_agents.tour_kernels import first_of_tour, plan_next_goals
+
+
+class Plans(NamedTuple):
+    """What a `TourRunner` remembers of each game, int32.
+
+    Attributes:
+        next_goal: [games] the cell of the next goal; -1 for none.
+        maze, own: [games] the maze and the own cell that it was last asked for.
+        goals: [games, goals] what was left then.
+    """
+
+    next_goal: NDArray[np.int32]
+    maze: NDArray[np.int32]
+    own: NDArray[np.int32]
+    goals: NDArray[np.int32]
+
+    @classmethod
+    def empty(cls, num_games: int, num_goals: int) -> Plans:
+        """Plans that hold for nothing."""
+        never = np.full(num_games, -2, dtype=np.int32)
+        goals = np.full((num_games, num_goals), -2, dtype=np.int32)
+        return cls(never, never.copy(), never.copy(), goals)
 
 
 class NearestGoalRunner(Scripted):
@@ -36,41 +59,45 @@ class TourRunner(Scripted):
 
     def __init__(self, epsilon: float = 0.0) -> None:
         super().__init__(epsilon)
-        self._kept = np.zeros((0, 0), dtype=np.int32)
+        self._kept = Plans.empty(0, 0)
         self._kept_for: object = None
 
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game; random numbers from the seat's stream."""
-        goals, first = view.task.num_goals, 3 * view.task.num_agents
+        goals = view.task.num_goals
         if goals == 0:
             return super().act(view)
-        if self._kept_for is not view.cells or self._kept.shape != (view.num_games, 3 + goals):
-            self._kept_for = view.cells
-            self._kept = np.full((view.num_games, 3 + goals), -2, dtype=np.int32)
-        if len(view.tables) and goals <= MAX_EXACT_GOALS and (view.mazes[:, 2] >= 0).all():
-            plan_next_goals(view.rows, view.seat, first, goals, view.mazes, view.tables, self._kept)
+        if self._kept_for is not view.mazes or self._kept.goals.shape != view.goals.shape:
+            self._kept_for, self._kept = view.mazes, Plans.empty(view.num_games, goals)
+        if goals <= MAX_EXACT_GOALS and (view.mazes.world.table >= 0).all():
+            room = (
+                np.empty((1 << goals, goals), dtype=np.int32),
+                np.empty((1 + goals, 1 + goals), dtype=np.int32),
+                np.empty(1 + goals, dtype=np.int64),
+            )
+            plan_next_goals(*view.games, view.seat, *view.mazes, *self._kept, *room)
         else:
             self._plan_one_by_one(view)
         # The kernel of the nearest goal sees one goal only: the next of the tour.
-        rows = view.rows.copy()
-        rows[:, first : first + goals] = -1
-        rows[:, first] = self._kept[:, 0]
-        return super().act(replace(view, rows=rows))
+        left = np.full_like(view.goals, -1)
+        left[:, 0] = self._kept.next_goal
+        return super().act(replace(view, games=view.games._replace(goal=left)))
 
     def _plan_one_by_one(self, view: GameView) -> None:
         """The same where mazes have no distance table, or goals are too many to be exact."""
-        for kept, own, maze, goals in zip(
-            self._kept, view.positions[:, view.seat], view.maze_index, view.goals, strict=True
+        kept = self._kept
+        for game, (own, maze) in enumerate(
+            zip(view.positions[:, view.seat].tolist(), view.maze_index.tolist(), strict=True)
         ):
-            place = view.task.mazes[maze]
-            holds = kept[1] == maze and kept[0] >= 0 and np.array_equal(kept[3:], goals)
-            if holds and own != kept[2]:
-                away = place.distances_from(int(kept[0]))
-                holds = own in place.neighbors[kept[2]] and away[own] < away[kept[2]]
+            place, goals, aim = view.task.mazes[maze], view.goals[game], int(kept.next_goal[game])
+            holds = kept.maze[game] == maze and aim >= 0 and np.array_equal(kept.goals[game], goals)
+            if holds and own != kept.own[game]:
+                away, before = place.distances_from(aim), kept.own[game]
+                holds = own in place.neighbors[before] and away[own] < away[before]
             if not holds:
-                kept[0] = _next_goal(place, int(own), goals[goals >= 0].tolist())
-                kept[3:] = goals
-            kept[1], kept[2] = maze, own
+                kept.next_goal[game] = _next_goal(place, own, goals[goals >= 0].tolist())
+                kept.goals[game] = goals
+            kept.maze[game], kept.own[game] = maze, own
 
 
 def _next_goal(maze: Maze, own: int, goals: list[int]) -> int:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit import rules
 from pursuit.maze import MAX_TABLE_CELLS, Maze
+from pursuit.maze_arrays import MazeArrays, lay_out
 from pursuit.policy import GameView
-from pursuit.simulator import lay_out
 from scripted_agents import kernels
 
 
@@ -33,8 +32,7 @@ class Scripted:
         if not 0.0 <= epsilon <= 1.0:
             raise ValueError(f"epsilon={epsilon}; a share of random moves lies in [0, 1]")
         self.epsilon = float(epsilon)
-        self._scratch = np.full((4, 1), -1, dtype=np.int32)
-        self._targets = np.zeros(1, dtype=np.int32)
+        self._scratch = _scratch_for(1)
         self._greedy: dict[tuple[int, bool], tuple[object, NDArray[np.uint8]]] = {}
 
     def __repr__(self) -> str:
@@ -43,25 +41,21 @@ class Scripted:
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game; random numbers from the seat's stream."""
         task = view.task
-        if view.cells.shape[0] > self._scratch.shape[1]:
-            self._scratch = np.full((4, view.cells.shape[0]), -1, dtype=np.int32)
-        if task.num_agents + task.num_goals > len(self._targets):
-            self._targets = np.zeros(task.num_agents + task.num_goals, dtype=np.int32)
+        room = max(task.max_cells, task.num_agents, task.num_goals)
+        if room > self._scratch.shape[1]:
+            self._scratch = _scratch_for(room)
         actions = np.empty(view.num_games, dtype=np.int32)
         kernels.choose_actions(
             self.kind,
-            view.rows,
+            *view.games,
             view.streams,
-            view.epsilons,
+            view.epsilon,
             view.seat,
             (task.num_chasers, task.num_evaders, task.num_runners, task.num_goals),
-            view.mazes,
-            view.cells,
-            view.tables,
-            self._greedy_table(view.mazes, view.cells, view.tables, task.stay_action),
+            *view.mazes,
+            self._greedy_table(view.mazes, task.stay_action),
             self._scratch,
-            self._targets,
-            (self.epsilon, self.alert_distance, self.look_radius, task.stay_action),
+            self._settings(task.stay_action),
             actions,
         )
         return actions
@@ -77,9 +71,9 @@ class Scripted:
                 f"{maze.name}: {maze.num_cells} cells; tables are made up to {MAX_TABLE_CELLS}"
             )
         arrays = lay_out((maze,))
-        greedy = self._greedy_table(arrays.mazes, arrays.cells, arrays.tables, stay_action)
+        greedy = self._greedy_table(arrays, stay_action)
         pairs = (maze.num_cells, maze.num_cells)
-        every = np.broadcast_to(arrays.cells[:, None, rules.MOVE_MASK], pairs)
+        every = np.broadcast_to(arrays.world.moves[:, None], pairs)
         masks = np.where(greedy.reshape(pairs) == 0, every, greedy.reshape(pairs))
         actions = 5 if stay_action else 4
         # An enclosed cell has no move: whoever is there stays, or bumps into the north wall.
@@ -91,27 +85,28 @@ class Scripted:
             table += share * np.where(size == 0, nowhere, chosen / np.maximum(size, 1))
         return table
 
-    def _greedy_table(
-        self,
-        mazes: NDArray[np.int64],
-        cells: NDArray[np.int32],
-        tables: NDArray[np.uint16],
-        stay_action: bool,
-    ) -> NDArray[np.uint8]:
+    def _settings(self, stay_action: bool) -> tuple[float, int, int, bool]:
+        """As the kernels take them."""
+        return self.epsilon, self.alert_distance, self.look_radius, stay_action
+
+    def _greedy_table(self, mazes: MazeArrays, stay_action: bool) -> NDArray[np.uint8]:
         """The greedy moves at every [own, other], laid out as the distance tables, as bit masks."""
+        tables = mazes.tables
         key = (id(tables), stay_action)
         if key not in self._greedy or self._greedy[key][0] is not tables:
             greedy = np.zeros(len(tables), dtype=np.uint8)
             if self.kind != kernels.RANDOM:
-                scratch = np.full((4, len(cells)), -1, dtype=np.int32)
-                settings = (self.alert_distance, self.look_radius, stay_action)
-                kernels.fill_greedy_table(
-                    self.kind, mazes, cells, tables, scratch, *settings, greedy
-                )
+                scratch = _scratch_for(len(mazes.neighbors))
+                settings = self._settings(stay_action)
+                kernels.fill_greedy_table(self.kind, *mazes, scratch, settings, greedy)
             # Holding on to `tables` keeps its id from being given to another array; only a copied
             # agent holds ids of arrays that it does not have.
             self._greedy[key] = (tables, greedy)
         return self._greedy[key][1]
+
+
+def _scratch_for(room: int) -> NDArray[np.int32]:
+    return np.full((kernels.NUM_SCRATCH, room), -1, dtype=np.int32)
 
 
 class RandomAgent(Scripted):

@@ -57,14 +57,12 @@ class TablePolicy:
         others = [seat for seat, other in enumerate(task.seat_roles) if other != role]
         actions = np.empty(view.num_games, dtype=np.int32)
         kernels.sample_table(
-            view.rows,
+            *view.games,
             view.streams,
-            view.epsilons,
+            view.epsilon,
             view.seat,
             np.array(others, dtype=np.int64),
-            task.num_agents,
-            view.mazes,
-            view.cells,
+            *view.mazes,
             self._cumulative,
             self._offsets,
             self.epsilon,

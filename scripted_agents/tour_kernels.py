@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from pursuit.compiled import allocating, compiled
-from pursuit.rules import UNREACHABLE, next_below
+from pursuit.rules.distances import table_distance
+from pursuit.rules.layout import UNREACHABLE, Games, world_of
+from pursuit.rules.randomness import next_below
 
 FAR = 2**29
 
@@ -261,42 +263,60 @@ def first_of_tour(between: Any, num_goals: int, best: Any) -> int:
     return chosen
 
 
-@allocating
+@compiled
 def plan_next_goals(
-    rows: Any, seat: int, first_goal: int, num_goals: int, mazes: Any, tables: Any, kept: Any
+    position: Any,
+    active: Any,
+    event: Any,
+    goal: Any,
+    steps: Any,
+    maze_of: Any,
+    seat: int,
+    mazes: Any,
+    neighbors: Any,
+    facts: Any,
+    tables: Any,
+    next_goal: Any,
+    last_maze: Any,
+    last_own: Any,
+    last_goals: Any,
+    best: Any,
+    between: Any,
+    cells: Any,
 ) -> None:
     """Find the next goal of a shortest tour of every game, keeping a plan while it holds.
 
-    `kept` is int32 [games, 3 + goals]: the next goal, the maze and own cell it was last asked for,
-    and the goals then left. A tour stays shortest along its way, so it is planned anew only where
-    the goals changed or the agent was moved off the way.
+    `next_goal` to `last_goals` are the plans (`scripted_agents.runner.Plans`), and the last three
+    are room to work: [1 << goals, goals] and [1 + goals, 1 + goals] int32, [1 + goals] int64. A
+    tour stays shortest along its way, so it is planned anew only where the goals changed or the
+    agent was moved off the way.
     """
-    best = np.empty((1 << num_goals, max(num_goals, 1)), dtype=np.int32)
-    between = np.empty((num_goals + 1, num_goals + 1), dtype=np.int32)
-    cells = np.empty(num_goals + 1, dtype=np.int64)
-    for game in range(rows.shape[0]):
-        maze, own = np.int64(rows[game, -1]), np.int64(rows[game, seat])
-        size, table = mazes[maze, 1], mazes[maze, 2]
-        holds = kept[game, 1] == maze and kept[game, 0] >= 0
+    games = Games(position, active, event, goal, steps, maze_of)
+    world = world_of(mazes, neighbors, facts, tables)
+    num_goals = goal.shape[1]
+    for game in range(next_goal.shape[0]):
+        maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
+        aim, before = np.int64(next_goal[game]), np.int64(last_own[game])
+        holds = last_maze[game] == maze and aim >= 0
         if holds:
-            before, following = table + kept[game, 2] * size, np.int64(kept[game, 0])
-            walked, rest = np.int64(tables[before + own]), tables[table + own * size + following]
-            holds = walked + rest == tables[before + following]
+            walked = table_distance(world, maze, before, own)
+            rest = table_distance(world, maze, own, aim)
+            holds = walked + rest == table_distance(world, maze, before, aim)
         count = 0
         cells[0] = own
-        for goal in range(num_goals):
-            cell = np.int64(rows[game, first_goal + goal])
-            holds &= kept[game, 3 + goal] == cell
-            kept[game, 3 + goal] = cell
+        for number in range(num_goals):
+            cell = np.int64(games.goal[game, number])
+            holds &= last_goals[game, number] == cell
+            last_goals[game, number] = cell
             if cell >= 0:
                 count += 1
                 cells[count] = cell
-        kept[game, 1], kept[game, 2] = maze, own
+        last_maze[game], last_own[game] = maze, own
         if holds:
             continue
         for i in range(count + 1):
             for j in range(count + 1):
-                between[i, j] = tables[table + cells[i] * size + cells[j]]
-        kept[game, 0] = -1
+                between[i, j] = table_distance(world, maze, cells[i], cells[j])
+        next_goal[game] = -1
         if count > 0:
-            kept[game, 0] = cells[first_of_tour(between, count, best)]
+            next_goal[game] = cells[first_of_tour(between, count, best)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,14 @@ import polars
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy import stats
 from scipy.stats import mannwhitneyu
 
 from train.commands.main import main
 from train.experiments.ablation import ABLATIONS, load_ablation
-from train.experiments.ablation_report import Curve, summary, verdict
+from train.experiments.ablation_figures import Curve
+from train.experiments.ablation_report import summary, verdict
 from train.experiments.statistics import (
     first_below,
     improvement,
@@ -24,7 +27,6 @@ from train.experiments.statistics import (
     mean_over,
     permutation_p,
     probability_of_improvement,
-    resampled,
     stratified_interval,
 )
 from train.experiments.sweep import shipped
@@ -105,11 +107,17 @@ def test_the_stratified_interval_is_scipys_where_there_is_one_stratum() -> None:
 
 
 def test_strata_are_never_mixed() -> None:
-    drawn = resampled([[1.0, 2.0], [100.0, 200.0, 300.0]], np.random.default_rng(0))
-    assert set(np.unique(drawn[:, :2])) == {1.0, 2.0}
-    assert set(np.unique(drawn[:, 2:])) == {100.0, 200.0, 300.0}
+    def seen(values: NDArray[np.float64]) -> Any:
+        assert set(np.unique(values[..., :2])) <= {1.0, 2.0}
+        assert set(np.unique(values[..., 2:])) <= {100.0, 200.0, 300.0}
+        return values.mean(axis=-1)
+
+    low, high = stratified_interval([[1.0, 2.0], [100.0, 200.0, 300.0]], seen)
+    assert 60.0 < low < high < 182.0
     # Two tasks of very different size, each with equal seeds: nothing is uncertain.
     assert stratified_interval([[1.0, 1.0], [9.0, 9.0]]) == (5.0, 5.0)
+    # One seed tells nothing of the spread of its task.
+    assert np.isnan(stratified_interval([[1.0, 2.0], [9.0]])).all()
 
 
 def test_the_interval_covers_the_truth_about_as_often_as_it_says() -> None:
@@ -153,10 +161,26 @@ def test_the_p_value_is_mann_and_whitneys_where_there_are_no_ties() -> None:
         assert permutation_p([list(own)], [list(other)]) == pytest.approx(exact)
     assert permutation_p([[1, 2, 3]], [[4, 5, 6]]) == pytest.approx(0.1)
     assert permutation_p([[1, 2, 3, 4]], [[5, 6, 7, 8]]) == pytest.approx(2 / 70)
+    assert permutation_p([[1.0]], [[2.0, 3.0]]) == pytest.approx(2 / 3, abs=0.02)
     # Two tasks: both must be apart in the same sense to count.
     alike = permutation_p([[1, 2, 3], [4, 5, 6]], [[4, 5, 6], [1, 2, 3]])
     apart = permutation_p([[1, 2, 3], [1, 2, 3]], [[4, 5, 6], [4, 5, 6]])
     assert alike == pytest.approx(1.0) and apart == pytest.approx(2 / 400, abs=0.003)
+
+
+def test_the_p_value_of_several_tasks_is_that_of_all_splits_within_them() -> None:
+    rng = np.random.default_rng(3)
+    ours = [rng.normal(size=size).round(1).tolist() for size in (4, 3)]
+    theirs = [rng.normal(0.8, size=4).round(1).tolist() for _ in range(2)]
+    every = []
+    for own, other in zip(ours, theirs, strict=True):
+        pool = np.array([*own, *other])
+        splits = [list(chosen) for chosen in combinations(range(len(pool)), len(own))]
+        every.append([float(improvement(pool[s], np.delete(pool, s))) for s in splits])
+    apart = abs(np.add.outer(*map(np.array, every)) / 2 - 0.5)
+    found = abs(probability_of_improvement(ours, theirs)[0] - 0.5)
+    exact = float(np.mean(apart >= found - 1e-9))
+    assert 0.01 < exact < 0.5 and permutation_p(ours, theirs) == pytest.approx(exact, abs=0.01)
 
 
 def test_a_verdict_needs_more_than_chance() -> None:

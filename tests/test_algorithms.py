@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
+from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
+from torchrl.envs import EnvBase
 from torchrl.modules import QValueActor
 from torchrl.objectives import DQNLoss, KLPENPPOLoss
 
@@ -27,30 +30,40 @@ from train.algorithms.prioritized import (
     extension_loads,
     prioritized_sampler,
 )
-from train.algorithms.registry import make_learner
+from train.algorithms.registry import ALGORITHMS, Algorithm, Build, algorithm_of, entry, register
+from train.environments.hooks import EpisodeHook
 from train.environments.simulator_env import SimulatorEnv
-from train.networks.actor_critic import ActorCritic, QNetwork
+from train.experiments.kinds import resume
+from train.networks.actor_critic import ActorCritic
+from train.networks.features import Features
+from train.networks.layers import Hidden
+from train.networks.policy import Seat
+from train.networks.q_network import QNetwork
+from train.runs.by_name import settings_of
 from train.runs.folder import load_checkpoint, new_folder
-from train.runs.run import Run, load_policy, resume_run, start_run
+from train.runs.loop import Run
+from train.runs.opponents import load_policy
+from train.runs.single import start_run
 from train.settings.algorithms import (
+    HYPERPARAMETERS,
     A2CSettings,
     DQNSettings,
     PPOSettings,
     ReinforceSettings,
 )
 from train.settings.presets import THESIS
-from train.settings.run import settings_of
 
 TASK = make_task("maze", maze="3x3", num_goals=2, max_steps=12)
 
 
 def make_env(games: int, seed: int = 0) -> SimulatorEnv:
-    return SimulatorEnv(Simulator(TASK, games, seed, auto_restart=False), 0, [None])
+    simulator = Simulator(TASK, games, seed, auto_restart=False)
+    return SimulatorEnv(simulator, Seat(TASK, "runner"), [None])
 
 
 def make_network(env: SimulatorEnv, form: Any = ActorCritic) -> Any:
     torch.manual_seed(0)
-    return form(env.simulator.encoder("index"), 1, 4, 16)
+    return form(env.player.features, 4, Hidden(16))
 
 
 # -- losses ----------------------------------------------------------------------------------------
@@ -171,7 +184,7 @@ def test_reinforce_learns_from_whole_episodes_and_their_returns() -> None:
     observed = env.simulator.returns
     for game in range(64):
         rewards = []
-        assert not again.simulator.ended[:, game].any()
+        assert not again.simulator.ended[game]
         row = 0
         for step, games in enumerate(order):
             if game in games:
@@ -333,6 +346,98 @@ def test_the_compiled_sampler_is_used_where_it_loads() -> None:
     assert isinstance(sampler, TorchPrioritizedSampler) != extension_loads()
 
 
+# -- learners know specs ---------------------------------------------------------------------------
+
+
+class Line(EnvBase):
+    """No grid, no simulator: steps of ±0.1 on a line in [-1, 1]; one ends at either end."""
+
+    def __init__(self, num_games: int) -> None:
+        super().__init__(device="cpu", batch_size=[num_games])
+        self.player, self.hook, self.num_games, self.resume = (
+            Point(),
+            EpisodeHook(),
+            num_games,
+            False,
+        )
+        each = (num_games, 1)
+        self.observation_spec = Composite(
+            observation=Bounded(-1.0, 1.0, shape=each), shape=(num_games,)
+        )
+        self.action_spec = Categorical(2, shape=(num_games,), dtype=torch.int64)
+        self.reward_spec = Unbounded(each)
+        flag = Binary(n=1, shape=each, dtype=torch.bool)
+        names = ("done", "terminated", "truncated")
+        self.full_done_spec = Composite({name: flag.clone() for name in names}, shape=(num_games,))
+        self.place = torch.zeros(each)
+
+    def _reset(self, tensordict: Any = None, **_: Any) -> TensorDict:
+        begun = tensordict is not None and "_reset" in tensordict.keys()  # noqa: SIM118
+        again = tensordict["_reset"] if begun else torch.ones(self.num_games, 1, dtype=torch.bool)
+        self.place = torch.where(again, 0.0, self.place)
+        return TensorDict({"observation": self.place}, batch_size=self.batch_size)
+
+    def _step(self, tensordict: Any) -> TensorDict:
+        self.place = (self.place + 0.2 * tensordict["action"][:, None] - 0.1).clamp(-1, 1)
+        ended = self.place.abs() > 0.95
+        content = {"observation": self.place, "reward": (self.place > 0.95).float()}
+        flags = {"terminated": ended, "done": ended, "truncated": torch.zeros_like(ended)}
+        return TensorDict({**content, **flags}, batch_size=self.batch_size)
+
+    def _set_seed(self, seed: int | None) -> None:
+        pass
+
+
+class Point:
+    """Who learns on the line."""
+
+    features = Features("flat", (1,), np.ones(1))
+    num_actions, members = 2, 1
+
+    def policy(self, network: Any, greedy: bool = True) -> Any:
+        return lambda place: network.logits(torch.tensor([[place]])).argmax(-1).item()
+
+
+@pytest.mark.parametrize("name", ["ppo", "a2c", "dqn"])
+def test_learners_learn_where_there_is_no_maze(name: str) -> None:
+    torch.manual_seed(0)
+    small = {"num_games": 32, "width": 16, "learning_rate": 1e-2}
+    small |= {"minibatch_size": 128} if name == "ppo" else {}
+    small |= {"batch_size": 64, "learning_starts": 100} if name == "dqn" else {}
+    algorithm = entry(name)
+    settings: Any = algorithm.settings(**small)  # type: ignore[arg-type]
+    env = Line(32)
+    learner = algorithm.build(settings, env, Build(seed=1))
+    for step in range(120):
+        learner.iterate(step / 120)
+    policies = learner.policy(), algorithm.load(settings, env.player, learner.state_dict(), True)
+    learner.close()
+    for policy in policies:
+        assert [policy(place / 10) for place in range(-5, 10)] == [1] * 15  # type: ignore[operator]
+
+
+def test_a_new_learner_is_one_entry() -> None:
+    @dataclass(frozen=True)
+    class Mine(PPOSettings):
+        width: int = 16
+
+    other = entry("ppo")
+    register(Algorithm("mine", Mine, other.build, other.load))
+    try:
+        flat = {**EASY, **SMALL["ppo"], "algorithm": "mine", "clip": 0.3, "frames": 100}
+        chosen = settings_of(**flat)
+        assert algorithm_of(chosen.hyper) is entry("mine") and chosen.hyper.width == 16
+        learner = entry("mine").build(chosen.hyper, make_env(64), Build())
+        assert learner.iterate(0.0)["clip_fraction"] >= 0.0
+        learner.close()
+        with pytest.raises(ValueError, match="'mine' is there already"):
+            register(Algorithm("mine", Mine, other.build, other.load))
+    finally:
+        del ALGORITHMS["mine"], HYPERPARAMETERS["mine"]
+    with pytest.raises(ValueError, match="unknown algorithm 'mine'; one of ppo, a2c"):
+        entry("mine")
+
+
 # -- whole runs ------------------------------------------------------------------------------------
 
 EASY = {"task": "maze", "maze": "3x3", "num_goals": 2, "threads": 1}
@@ -356,7 +461,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 
 def steps_of(run: Run) -> float:
     """Mean steps of the greedy policy."""
-    return run.contest.score("learned", run.policy).mean_steps
+    return run.trainee.contest.score("learned", run.trainee.policy).mean_steps
 
 
 @pytest.mark.parametrize("name", VARIANTS)
@@ -365,7 +470,7 @@ def test_every_learner_beats_random_by_far(name: str, tmp_path: Path) -> None:
     flat = {**EASY, **SMALL[chosen["algorithm"]], **chosen}
     run = start_run(settings_of(**flat, frames=100_000), tmp_path)
     run.train()
-    random = run.contest.score("random", RandomAgent()).mean_steps
+    random = run.trainee.contest.score("random", RandomAgent()).mean_steps
     assert steps_of(run) < 0.35 * random
 
 
@@ -409,9 +514,9 @@ def test_a_resumed_learner_ends_bit_for_bit_where_an_uninterrupted_one_does(
     halved = start_run(chosen, new_folder(tmp_path / "halved"))
     halved.train(interrupt)
     assert 0.4 < halved.progress < 0.9
-    resumed = resume_run(tmp_path / "halved")
+    resumed = resume(tmp_path / "halved", "run")
     resumed.train()
-    ends = [load_checkpoint(tmp_path / name)["learner"] for name in ("whole", "halved")]
+    ends = [load_checkpoint(tmp_path / name)["trainee"]["learner"] for name in ("whole", "halved")]
     assert ends[0]["frames"] == ends[1]["frames"]
     for name, weights in ends[0]["network"].items():
         assert torch.equal(weights, ends[1]["network"][name]), name
@@ -421,7 +526,7 @@ def test_a_resumed_learner_ends_bit_for_bit_where_an_uninterrupted_one_does(
 def test_the_presets_of_the_thesis_run(preset: str, tmp_path: Path) -> None:
     run = start_run(settings_of(preset=preset, **EASY, frames=1300), tmp_path)
     run.train()
-    assert run.learner.frames >= 1300
+    assert run.trainee.learner.frames >= 1300
     content = run.results(10)
     assert content["algorithm"] == preset.removeprefix("thesis-")
 
@@ -432,7 +537,7 @@ def test_the_thesis_tables_are_what_the_presets_hold() -> None:
     assert isinstance(dqn, DQNSettings)
     assert (ppo.kl_target, ppo.clip, ppo.width) == (0.01, 0.5, 256)
     assert (a2c.critic, a2c.gae, a2c.width) == (False, False, 256)
-    assert (dqn.dueling, dqn.prioritized, dqn.buffer, dqn.width) == (True, True, 50_000, 256)
+    assert (dqn.dueling, dqn.prioritized, dqn.buffer_size, dqn.width) == (True, True, 50_000, 256)
 
 
 def test_a_policy_without_a_distribution_says_so(tmp_path: Path) -> None:
@@ -462,10 +567,7 @@ def test_what_a_learner_cannot_do_it_says_at_once() -> None:
 def test_the_learners_are_made_of_their_settings() -> None:
     for algorithm in SMALL:
         chosen = settings_of(**{**EASY, **SMALL[algorithm]}, algorithm=algorithm, frames=100)
-        env = SimulatorEnv(
-            Simulator(chosen.task.build(), chosen.hyper.num_games, 0, auto_restart=False), 0, [None]
-        )
-        learner = make_learner(chosen, env)
+        learner = entry(algorithm).build(chosen.hyper, make_env(chosen.hyper.num_games), Build())
         learner.iterate(0.0)
         assert learner.frames > 0
         learner.close()
@@ -483,8 +585,8 @@ def test_the_cross_entropy_method_resumes_bit_for_bit(tmp_path: Path) -> None:
 
         run.train(interrupt)
         if name == "halved":
-            resume_run(tmp_path / name).train()
-        ends.append(load_checkpoint(tmp_path / name)["learner"])
+            resume(tmp_path / name, "run").train()
+        ends.append(load_checkpoint(tmp_path / name)["trainee"]["learner"])
     assert ends[0]["frames"] == ends[1]["frames"]
     assert torch.equal(ends[0]["mean"], ends[1]["mean"])
     assert torch.equal(ends[0]["std"], ends[1]["std"])
@@ -493,11 +595,13 @@ def test_the_cross_entropy_method_resumes_bit_for_bit(tmp_path: Path) -> None:
 def test_candidates_of_one_generation_get_the_same_starts_and_their_own_weights() -> None:
     chosen = settings_of(**{**EASY, "algorithm": "cross_entropy", "num_games": 64}, frames=1)
     env = make_env(64)
-    learner: Any = make_learner(chosen, env)
+    learner: Any = entry("cross_entropy").build(chosen.hyper, env, Build())
     candidates = torch.randn(64, len(learner.mean))
     candidates[1] = candidates[0]
     learner.play(candidates)
-    rows = env.simulator.rows
+    simulator = env.simulator
     assert len(np.unique(env.simulator.goals, axis=0)) >= 1
     env.reset()
-    assert (rows[:, :3] == rows[:1, :3]).all() and (rows[:, 3:5] == rows[:1, 3:5]).all()
+    for name in ("positions", "active", "events", "goals"):
+        array = getattr(simulator, name)
+        assert (array == array[:1]).all(), name

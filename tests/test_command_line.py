@@ -17,7 +17,8 @@ import pytest
 import torch
 
 from train.commands.main import main
-from train.runs.folder import load_checkpoint, read_metrics, write_beside
+from train.files import write_beside
+from train.runs.folder import load_checkpoint, read_metrics
 
 TINY = [
     *("--maze", "3x3", "--num-games", "16", "--rollout-steps", "8", "--minibatch-size", "64"),
@@ -84,15 +85,18 @@ def test_a_killed_run_resumes_to_the_same_weights_bit_for_bit(tmp_path: Path) ->
     process.kill()
     process.wait()
     state = load_checkpoint(killed)
-    if state["learner"]["frames"] < 6144:  # killed in time, as it is on any machine that I know
+    # Killed in time, as it is on any machine that I know.
+    if state["trainee"]["learner"]["frames"] < 6144:
         assert not (killed / "results.json").exists()
         run("train", "--resume", killed, "--episodes", "50")
     first, second = load_checkpoint(whole), load_checkpoint(killed)
-    assert first["learner"]["frames"] == second["learner"]["frames"] == 6144
-    for name, tensor in first["learner"]["network"].items():
-        assert torch.equal(tensor, second["learner"]["network"][name]), name
-    for name, tensor in first["simulator"].items():
-        assert torch.equal(tensor.nan_to_num(), second["simulator"][name].nan_to_num()), name
+    assert first["trainee"]["learner"]["frames"] == second["trainee"]["learner"]["frames"] == 6144
+    for name, tensor in first["trainee"]["learner"]["network"].items():
+        assert torch.equal(tensor, second["trainee"]["learner"]["network"][name]), name
+    for name, tensor in first["trainee"]["simulator"].items():
+        assert torch.equal(
+            tensor.nan_to_num(), second["trainee"]["simulator"][name].nan_to_num()
+        ), name
     rows = [[row["frames"] for row in read_metrics(folder)] for folder in (whole, killed)]
     assert rows[0] == rows[1]
 
@@ -119,7 +123,7 @@ def test_control_c_saves_and_reports_and_the_run_goes_on(tmp_path: Path) -> None
     assert "interrupted" in errors and "Traceback" not in errors
     assert "optimal" in output
     assert json.loads((folder / "results.json").read_text())["interrupted"]
-    assert load_checkpoint(folder)["learner"]["frames"] > 0
+    assert load_checkpoint(folder)["trainee"]["learner"]["frames"] > 0
 
 
 def test_evaluate_render_and_baseline_say_what_they_found(

@@ -19,7 +19,7 @@ from pursuit import compiled
 
 KERNEL = """
 from pursuit.compiled import compiled
-from pursuit.rules import pay
+from pursuit.rules.pay import pay
 
 
 @compiled
@@ -29,12 +29,21 @@ def total(steps):
         paid = pay(paid)
     return paid
 """
-RULES = """
+PAY = """
 from pursuit.compiled import inlined
+from pursuit.rules.amounts import raised
 
 
 @inlined
 def pay(paid):
+    return raised(paid)
+"""
+RULES = """
+from pursuit.compiled import subroutine
+
+
+@subroutine
+def raised(paid):
     return paid + {reward}
 """
 ANNOUNCEMENT = "pursuit: compiling kernels, once, for some seconds ...\n"
@@ -42,13 +51,16 @@ ANNOUNCEMENT = "pursuit: compiling kernels, once, for some seconds ...\n"
 
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
-    """A package named `pursuit` with the real compiled.py, and rules of one line."""
+    """A package named `pursuit` with the real compiled.py, and rules of one line in two files."""
     package = tmp_path / "pursuit"
     package.mkdir()
     (package / "__init__.py").touch()
     shutil.copy(compiled.__file__, package / "compiled.py")
     (package / "kernel.py").write_text(KERNEL)
-    (package / "rules.py").write_text(RULES.format(reward=1))
+    (package / "rules").mkdir()
+    (package / "rules" / "__init__.py").touch()
+    (package / "rules" / "pay.py").write_text(PAY)
+    (package / "rules" / "amounts.py").write_text(RULES.format(reward=1))
     return package
 
 
@@ -72,7 +84,7 @@ def test_a_change_of_the_rules_reaches_the_kernels_of_other_files(package: Path)
     assert run(package) == (10, ANNOUNCEMENT)
     assert list(package.glob("__pycache__/kernel.total-*.nbc"))
     assert run(package) == (10, "")
-    (package / "rules.py").write_text(RULES.format(reward=2))
+    (package / "rules" / "amounts.py").write_text(RULES.format(reward=2))
     assert run(package) == (20, ANNOUNCEMENT)
     assert run(package) == (20, "")
 
@@ -80,17 +92,17 @@ def test_a_change_of_the_rules_reaches_the_kernels_of_other_files(package: Path)
 def test_the_stamp_depends_on_kernel_rules_and_compiler(
     package: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kernel, rules = package / "kernel.py", package / "rules.py"
+    kernel, rules = package / "kernel.py", package / "rules"
     monkeypatch.setattr(compiled, "RULE_BOOK", rules)
     monkeypatch.setattr(compiled, "__file__", str(package / "compiled.py"))
     stamps = []
-    for file in (None, kernel, rules, package / "compiled.py"):
+    for file in (None, kernel, rules / "pay.py", rules / "amounts.py", package / "compiled.py"):
         if file is not None:
             file.write_text(file.read_text() + "\n# changed\n")
         compiled.source_stamp.cache_clear()
         stamps.append(compiled.source_stamp(str(kernel)))
     compiled.source_stamp.cache_clear()
-    assert len(set(stamps)) == 4
+    assert len(set(stamps)) == 5
 
 
 def called_kernels(kernel: Dispatcher) -> Iterator[Dispatcher]:
@@ -107,7 +119,7 @@ def test_kernels_call_kernels_of_their_own_file_and_of_the_rules_only() -> None:
     """The law that makes the stamp of a cache complete."""
     calls = 0
     for package in (pursuit, scripted_agents):
-        for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             if module.name == "pursuit.stable_baselines":
                 continue  # loads torch, and has no kernels
             for kernel in vars(importlib.import_module(module.name)).values():
@@ -117,7 +129,7 @@ def test_kernels_call_kernels_of_their_own_file_and_of_the_rules_only() -> None:
                 for called in called_kernels(kernel):
                     calls += 1
                     home = called.py_func.__module__
-                    assert home in (own, "pursuit.rules"), (
+                    assert home == own or home.startswith("pursuit.rules."), (
                         f"{own}.{kernel.__name__} calls {home}.{called.__name__}"
                     )
-    assert calls > 20
+    assert calls > 100

@@ -10,7 +10,7 @@ import numpy as np
 import pettingzoo
 import pytest
 
-from pursuit import chase_v0, maze_v0, race_v0
+from pursuit import chase_v0, heist_v0, maze_v0, race_v0
 from pursuit.conformance import ConformanceError, check_parallel_env
 from pursuit.maze import Maze
 from pursuit.observations import ENCODINGS
@@ -28,8 +28,8 @@ OURS: dict[str, Callable[..., PursuitParallelEnv]] = {
         maze=["3x3-open", "5x5", "4x4-tree"], stay_action=True, **settings
     ),
     "enclosed cells": lambda **settings: chase_v0.parallel_env(maze=ENCLOSED, **settings),
-    "heist": lambda **settings: chase_v0.parallel_env(
-        maze="3x3", num_evaders=2, num_goals=3, rewards="distance", **settings
+    "heist": lambda **settings: heist_v0.parallel_env(
+        maze="3x3", num_evaders=2, rewards="distance", **settings
     ),
     "maze": lambda **settings: maze_v0.parallel_env(maze="3x3", **settings),
     "race": lambda **settings: race_v0.parallel_env(maze="3x3", stay_action=True, **settings),
@@ -410,6 +410,14 @@ def test_duplicates_among_the_possible_agents_are_found() -> None:
 
 def test_the_environment_that_is_broken_here_is_sound_otherwise() -> None:
     check_parallel_env(Broken(), episodes=4, max_steps=60)
+
+
+def test_infos_may_hold_whatever_they_like() -> None:
+    def note(infos: dict[str, Any], env: Broken) -> dict[str, Any]:
+        odd = {"nan": np.full(3, np.nan), "nothing": np.array(None), "clock": iter(())}
+        return {agent: {**info, **odd} for agent, info in infos.items()}
+
+    check_parallel_env(Broken(**returning(4, note, note)), max_steps=60)
 
 
 def test_masks_are_followed_in_every_other_episode() -> None:

@@ -15,21 +15,24 @@ from pursuit.simulator import Simulator
 from pursuit.single_agent import fill_seats
 from scripted_agents import RandomAgent
 from train.algorithms.cross_entropy import Candidates, CrossEntropy
-from train.algorithms.registry import make_learner
+from train.algorithms.registry import Build, entry
 from train.environments.simulator_env import SimulatorEnv
-from train.evaluation.contest import Contest
-from train.settings.run import settings_of
+from train.evaluation.contest import GameContest
+from train.networks.policy import Seat
+from train.runs.by_name import settings_of
+from train.runs.parts import contest_of
 
 
-def make(**flat: Any) -> tuple[CrossEntropy, Contest]:
+def make(**flat: Any) -> tuple[CrossEntropy, GameContest]:
     chosen = settings_of(**{"algorithm": "cross_entropy", "maze": "3x3", "frames": 1, **flat})
-    task, agent, opponents = chosen.task.build(), chosen.task.agent, chosen.task.opponents()
-    seat, policies = fill_seats(task, agent, opponents)
+    contest = contest_of(chosen.task, 300)
+    task, agent = contest.task, contest.agent
+    _, policies = fill_seats(task, agent, contest.opponents)
     simulator = Simulator(task, chosen.hyper.num_games, chosen.seed, auto_restart=False)
-    env = SimulatorEnv(simulator, seat, policies, chosen.observation)
-    learner = make_learner(chosen, env)
+    env = SimulatorEnv(simulator, Seat(task, agent, chosen.observation), policies)
+    learner = entry("cross_entropy").build(chosen.hyper, env, Build(seed=chosen.seed))
     assert isinstance(learner, CrossEntropy)
-    return learner, Contest(task, agent, opponents, 300)
+    return learner, contest
 
 
 SMALL = {"num_games": 64, "population": 16, "elite_share": 0.25}

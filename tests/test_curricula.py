@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import copy
+import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from curricula import (
@@ -53,19 +55,53 @@ def outcomes(lessons: Any, successes: Any = True, **more: Any) -> Outcomes:
 # -- schedules -------------------------------------------------------------------------------------
 
 
+@example(1.9e-10, 131073.0, 1.0, 0.5)
+@example(0.1, 0.1, 1.0, 0.7)
 @given(finite, finite, st.floats(0.001, 1e6), st.floats(0, 1))
-def test_linear_and_cosine_meet_their_ends_and_stay_between(
+def test_schedules_meet_their_ends_exactly_and_stay_between(
     start: float, end: float, length: float, share: float
 ) -> None:
-    for shape in (linear, cosine):
-        assert shape(start, end, 0.0, length) == pytest.approx(start)
-        assert shape(start, end, length, length) == pytest.approx(end)
-        assert shape(start, end, 10 * length, length) == pytest.approx(end)
-        value = shape(start, end, share * length, length)
-        slack = 1e-9 * (abs(start) + abs(end) + 1)
-        assert min(start, end) - slack <= value <= max(start, end) + slack
+    size = abs(end - start) / 7 or 1.0
+    shapes: dict[str, Callable[[float], float]] = {
+        "linear": lambda now: linear(start, end, now, length),
+        "cosine": lambda now: cosine(start, end, now, length),
+        "step": lambda now: step(start, end, now, every=length / 8, size=size),
+        "piecewise": lambda now: piecewise([(0.0, start), (length, end)], now),
+    }
+    for name, shape in shapes.items():
+        assert shape(0.0) == start, name
+        assert shape(length) == shape(10 * length) == end, name
+        assert min(start, end) <= shape(share * length) <= max(start, end), name
     assert linear(start, end, length / 2, length) == pytest.approx((start + end) / 2, abs=1e-6)
     assert cosine(start, end, length / 2, length) == pytest.approx((start + end) / 2, abs=1e-6)
+
+
+@given(st.floats(0, 1e6), st.floats(0, 1), st.floats(0.001, 0.999), st.integers(0, 10_000))
+def test_exponential_begins_at_its_start_and_never_passes_its_floor(
+    start: float, share: float, factor: float, progress: int
+) -> None:
+    floor = share * start
+    assert exponential(start, floor, 0.0, 7.0, factor) == start
+    assert floor <= exponential(start, floor, progress, 7.0, factor) <= start
+    assert exponential(start, floor, 1e9, 7.0, factor) == floor
+
+
+def test_rounding_does_not_move_a_start() -> None:
+    """The sum that a cosine is loses the small start beside the large end."""
+    start, end = 1.9e-10, 131073.0
+    assert end + (start - end) != start
+    for shape in (linear, cosine):
+        assert shape(start, end, 0, 1) == start and shape(start, end, 1, 1) == end
+    for shape in ("linear", "cosine", "step"):
+        assert Schedule(shape, start, end)(Progress()) == start
+
+
+@pytest.mark.parametrize(("start", "end"), [(1.0, 0.2), (0.0, 5.0), (2e-3, 0.0), (-1.0, 3.0)])
+def test_ordinary_values_are_those_of_the_plain_formulas(start: float, end: float) -> None:
+    for share in np.linspace(0.01, 0.99, 99).tolist():
+        assert linear(start, end, share) == (1.0 - share) * start + share * end
+        turned = end + (start - end) * 0.5 * (1.0 + math.cos(math.pi * share))
+        assert cosine(start, end, share) == turned
 
 
 def test_schedules_are_what_their_formulas_say() -> None:
@@ -104,6 +140,7 @@ def test_a_schedule_follows_its_unit(unit: str) -> None:
         ({"shape": "step", "every": 0.0}, "every=0.0"),
         ({"shape": "exponential", "start": 0.1, "end": 0.2}, "floor 0.2 lies above the start 0.1"),
         ({"shape": "exponential", "start": 1.0, "end": 0.2, "factor": 1.5}, "factor=1.5"),
+        ({"shape": "exponential", "start": -1.0, "end": -2.0}, "start=-1.0; a value that decays"),
         ({"shape": "piecewise"}, "points"),
         ({"shape": "piecewise", "points": ((0.5, 1.0), (0.5, 0.0))}, "increasing"),
         ({"shape": "sine"}, "unknown schedule 'sine'"),

@@ -12,7 +12,7 @@ import numpy as np
 import pettingzoo
 import pytest
 
-from pursuit import chase_v0, maze_v0, race_v0
+from pursuit import chase_v0, heist_v0, maze_v0, race_v0
 from pursuit.maze import Maze
 from pursuit.observations import ENCODINGS
 from pursuit.parallel_env import PursuitParallelEnv, environment_makers, scene_of
@@ -27,11 +27,11 @@ with warnings.catch_warnings():  # it imports example environments in a way that
 CORRIDOR = Maze.from_text("+-+-+-+-+\n|       |\n+-+-+-+-+")
 ENCLOSED = Maze.from_text("+-+-+-+\n| |   |\n+-+-+-+")
 NORTH, SOUTH, EAST, WEST, STAY = range(5)
-MODULES = {"chase": chase_v0, "maze": maze_v0, "race": race_v0}
+MODULES = {"chase": chase_v0, "maze": maze_v0, "race": race_v0, "heist": heist_v0}
 GAMES: dict[str, tuple[Any, dict[str, Any]]] = {
     "chase": (chase_v0, {}),
     "two hunt three": (chase_v0, {"num_chasers": 2, "num_evaders": 3, "maze": "4x4"}),
-    "heist": (chase_v0, {"num_goals": 3}),
+    "heist": (heist_v0, {"num_evaders": 2}),
     "maze": (maze_v0, {}),
     "race": (race_v0, {"stay_action": True}),
 }

@@ -39,7 +39,7 @@ from scripted_agents import (
     solve_matrix_game,
 )
 from scripted_agents.cops_and_robbers import NEVER
-from train.evaluation.contest import Contest
+from train.evaluation.contest import GameContest
 from train.evaluation.matchups import match
 
 RING = Maze.from_text("+-+-+-+\n|     |\n+ +-+ +\n| |#| |\n+ +-+ +\n|     |\n+-+-+-+")
@@ -284,7 +284,6 @@ def test_optimal_agents_play_the_equilibrium_in_the_simulator() -> None:
     assert (chaser.action_probabilities(maze) == solved.chaser_policy).all()
     assert (evader.action_probabilities(maze) == solved.evader_policy).all()
     simulator = Simulator(task, 40_000, seed=3)
-    simulator.reset()
     starts = simulator.positions.copy()
     left, total, discount = np.ones(40_000, dtype=bool), np.zeros(40_000), 1.0
     actions = np.zeros((40_000, 2), dtype=np.int32)
@@ -320,7 +319,7 @@ def test_a_best_responder_gets_the_best_response_value(order: Any) -> None:
     assert responder.role == "chaser"
     best = best_response("chaser", maze, opponent.action_probabilities(maze), 200, 1.0, None, order)
     optimum = mean_over_starts(best.values, maze)
-    contest = Contest(task, "chaser", {"evader": opponent}, 4000)
+    contest = GameContest(task, "chaser", {"evader": opponent}, 4000)
     assert contest.play(responder)[0].mean() == pytest.approx(optimum, rel=0.05)
     # Discounted and stationary against cut at the horizon: close, and never better.
     if order == "simultaneous":

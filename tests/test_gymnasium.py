@@ -279,7 +279,7 @@ def test_a_table_policy_plays_as_the_agent_that_it_is_the_table_of(opponent: Any
         envs.policies[0] = AStarChaser()  # the chaser is scripted here, to be compared
         envs.reset(seed=0)
         moves = np.zeros((2000, 2), dtype=np.int32)
-        while not envs.simulator.ended.any(axis=0).all():
+        while not envs.simulator.ended.all():
             envs.simulator.act(envs.policies, moves)
             envs.simulator.step(moves)
         mean_lengths.append(envs.simulator.steps.mean())

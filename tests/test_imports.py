@@ -1,30 +1,39 @@
-"""Imports run one way: pursuit <- scripted_agents, curricula <- train; torch only in train."""
+"""What imports what: the contracts in pyproject.toml hold, nothing hides, and little is loaded."""
 
 import ast
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
 
 ROOT = Path(__file__).parents[1]
-FORBIDDEN = {
-    "pursuit": {"scripted_agents", "curricula", "train"},
-    "scripted_agents": {"curricula", "train"},
-    "curricula": {"pursuit", "scripted_agents", "train"},
-}
-TORCH = {"torch", "torchrl", "tensordict"}
+PACKAGES = ["pursuit", "scripted_agents", "curricula", "train"]
+"""Whose imports all stand at the top of their files."""
+OPTIONAL = {"pygame", "imageio", "imageio_ffmpeg", "ray", "stable_baselines3", "supersuit"}
+SLOW = {"matplotlib", "polars", "openskill", "networkx", "tyro"}
+"""Needed by few, and a wait for everybody: may be imported where they are used."""
+TABLES = {"train/commands/main.py"}
+"""Files that may import whatever they choose from: the table of commands."""
+
+Import = ast.Import | ast.ImportFrom
 
 
-def imported_packages(file: Path) -> set[str]:
-    packages = set()
-    for node in ast.walk(ast.parse(file.read_text())):
+def imports_of(tree: ast.AST) -> Iterator[tuple[Import, str]]:
+    """Every import under a node, with each module that it names."""
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            packages |= {name.name.split(".")[0] for name in node.names}
+            yield from ((node, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{file}: a relative import hides where it leads"
-            packages.add((node.module or "").split(".")[0])
-    return packages
+            yield node, "." * node.level + (node.module or "")
+
+
+def files_of(package: str) -> list[Path]:
+    files = sorted((ROOT / package).rglob("*.py"))
+    assert files
+    return files
 
 
 def run(code: str) -> str:
@@ -35,13 +44,40 @@ def run(code: str) -> str:
     return process.stdout
 
 
-@pytest.mark.parametrize("package", FORBIDDEN)
-def test_imports_run_one_way(package: str) -> None:
-    files = sorted((ROOT / package).rglob("*.py"))
-    assert files
-    for file in files:
-        wrong = imported_packages(file) & (FORBIDDEN[package] | TORCH)
-        assert not wrong, f"{file} imports {wrong}"
+def test_the_contracts_of_pyproject_hold(capsys: pytest.CaptureFixture[str]) -> None:
+    """One way, torch in train only, no circles: what `make lint` checks as well."""
+    config = str(ROOT / "pyproject.toml")
+    status = lint_imports(config_filename=config, no_cache=True)
+    assert status == EXIT_STATUS_SUCCESS, capsys.readouterr().out
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_import_hides_in_a_function(package: str) -> None:
+    hidden = [
+        f"{file.relative_to(ROOT)}, line {node.lineno}: {module}"
+        for file in files_of(package)
+        if str(file.relative_to(ROOT)) not in TABLES
+        for function in ast.walk(ast.parse(file.read_text()))
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        for node, module in imports_of(function)
+        if module.split(".")[0] not in OPTIONAL | SLOW
+    ]
+    assert not hidden, "import at the top of the file: " + "; ".join(sorted(set(hidden)))
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_file_imports_the_face_of_a_package_that_it_is_in(package: str) -> None:
+    """That would be a circle with `__init__.py`, which the contract does not see."""
+    for file in files_of(package):
+        above = {".".join(folder.relative_to(ROOT).parts) for folder in file.parents[:-1]
+                 if folder.is_relative_to(ROOT / package)}  # fmt: skip
+        for node, module in imports_of(ast.parse(file.read_text())):
+            assert not module.startswith("."), f"{file}: a relative import hides where it leads"
+            for alias in node.names if module in above else ():
+                inner = ROOT.joinpath(*module.split("."), alias.name)
+                assert isinstance(node, ast.ImportFrom) and (
+                    inner.with_suffix(".py").exists() or inner.is_dir()
+                ), f"{file}, line {node.lineno}: {module} is the package that it is in"
 
 
 def test_playing_loads_no_torch() -> None:
@@ -72,11 +108,13 @@ print("numba" in sys.modules)
 
 def test_a_missing_name_is_said() -> None:
     code = "import pursuit\ntry: pursuit.Maize\nexcept AttributeError as error: print(error)"
-    assert run(code) == "module 'pursuit' has no attribute 'Maize'\n"
+    assert run(code) == "No pursuit attribute Maize\n"
 
 
 def test_every_public_name_is_there() -> None:
     run("import pursuit\nfor name in pursuit.__all__: getattr(pursuit, name)")
+    names = "pursuit.__version__, pursuit.heist_v0.parallel_env().possible_agents"
+    assert run(f"import pursuit; print({names})").endswith(" ['chaser_0', 'evader_0']\n")
 
 
 def test_pettingzoo_without_a_registry_will_do() -> None:

@@ -21,10 +21,11 @@ from scripted_agents import AStarChaser, AStarEvader, RandomAgent
 from scripted_agents.environments import default_policies
 from train.algorithms.ppo import PPO, ppo_loss
 from train.environments.simulator_env import SimulatorEnv
-from train.evaluation.contest import Contest
-from train.networks.actor_critic import ActorCritic, IndexLayer
-from train.networks.policy import LearnedPolicy
-from train.runs.run import ThreadChoice
+from train.evaluation.contest import GameContest
+from train.networks.actor_critic import ActorCritic
+from train.networks.layers import Hidden, IndexLayer
+from train.networks.policy import LearnedPolicy, Seat
+from train.runs.threads import ThreadChoice
 from train.settings.algorithms import PPOSettings
 
 TASKS = {
@@ -40,9 +41,8 @@ def make_env(role: str, games: int = 32, encoding: str = "index", seed: int = 0)
     policies = default_policies(task, 0.5)
     seats = [policies[r] for r in task.seat_roles]
     seat = task.seat(role)
-    return SimulatorEnv(
-        simulator, seat, [None if s == seat else p for s, p in enumerate(seats)], encoding
-    )
+    filled = [None if s == seat else p for s, p in enumerate(seats)]
+    return SimulatorEnv(simulator, Seat(task, role, encoding), filled)
 
 
 @pytest.mark.parametrize("role", TASKS)
@@ -78,11 +78,10 @@ def test_the_two_forms_of_the_first_layer_are_one_function_and_blind_to_the_orde
 ):
     task = make_task("maze", maze="4x4", num_goals=3)
     simulator = Simulator(task, 64)
-    simulator.reset()
-    encoder = simulator.encoder("index")
+    features = Seat(task, "runner").features
     torch.manual_seed(0)
-    bag = IndexLayer(encoder, 1, 16, "bag")
-    dense = IndexLayer(encoder, 1, 16, "dense")
+    bag = IndexLayer(features, 16, "bag")
+    dense = IndexLayer(features, 16, "dense")
     dense.load_state_dict(bag.state_dict())
     observed = torch.from_numpy(simulator.observe("index", 0))
     outputs, gradients = [], []
@@ -95,7 +94,7 @@ def test_the_two_forms_of_the_first_layer_are_one_function_and_blind_to_the_orde
     torch.testing.assert_close(outputs[0], outputs[1])
     torch.testing.assert_close(gradients[0], gradients[1], rtol=1e-4, atol=1e-4)
     # Against the one-hot encoding and a matrix whose goal rows are tied.
-    cells = encoder.num_cells
+    cells = task.max_cells
     tied = torch.cat(
         [bag.weight[:cells], *[bag.weight[cells : 2 * cells]] * 3, bag.weight[2 * cells : -1]]
     )
@@ -105,7 +104,7 @@ def test_the_two_forms_of_the_first_layer_are_one_function_and_blind_to_the_orde
 
 def test_advantages_equal_a_plain_loop_and_never_cross_an_episode() -> None:
     env = make_env("runner", games=16)
-    network = ActorCritic(env.simulator.encoder("index"), 1, 4, 16)
+    network = ActorCritic(env.player.features, 4, Hidden(16))
     settings = PPOSettings(
         num_games=16, rollout_steps=30, minibatch_size=64, gamma=0.9, gae_lambda=0.8
     )
@@ -136,9 +135,8 @@ def test_advantages_equal_a_plain_loop_and_never_cross_an_episode() -> None:
 @pytest.mark.parametrize("shared", [True, False])
 def test_the_loss_and_its_gradients_equal_torchrls(shared: bool) -> None:
     simulator = Simulator(TASKS["runner"], 256)
-    simulator.reset()
     torch.manual_seed(0)
-    network = ActorCritic(simulator.encoder("index"), 1, 4, 16, shared)
+    network = ActorCritic(Seat(TASKS["runner"], "runner").features, 4, Hidden(16), shared)
     with torch.no_grad():
         network.policy_head.weight.mul_(100)
     prepared = network.policy_trunk.prepare(torch.from_numpy(simulator.observe("index", 0)))
@@ -184,7 +182,7 @@ def test_the_loss_and_its_gradients_equal_torchrls(shared: bool) -> None:
 def test_the_sampling_policy_draws_from_the_softmax_of_its_logits() -> None:
     env = make_env("chaser", games=20_000)
     torch.manual_seed(1)
-    network = ActorCritic(env.simulator.encoder("index"), 2, 4, 16)
+    network = ActorCritic(env.player.features, 4, Hidden(16))
     with torch.no_grad():
         network.policy_head.weight.mul_(100)
     env.simulator.place([0, 8])
@@ -214,20 +212,19 @@ def learn(
     policies = default_policies(task, 0.2)
     seat = task.seat(agent)
     seats = [None if s == seat else policies[r] for s, r in enumerate(task.seat_roles)]
-    network = ActorCritic(
-        simulator.encoder(encoding), task.num_agents, task.num_actions, 64, bool(ppo.shared)
-    )
-    learner = PPO(ppo, SimulatorEnv(simulator, seat, seats, encoding), network, "cpu")
+    player = Seat(task, agent, encoding)
+    network = ActorCritic(player.features, player.num_actions, Hidden(64), bool(ppo.shared))
+    learner = PPO(ppo, SimulatorEnv(simulator, player, seats), network)
     while learner.frames < frames:
         learner.iterate(learner.frames / frames)
     learner.close()
-    return LearnedPolicy(network, task, agent, encoding)
+    return player.policy(network)
 
 
 @pytest.mark.parametrize("shared", [True, False])
 def test_a_chaser_learns_to_be_nearly_optimal_on_3x3(shared: bool) -> None:
     task = make_task("chase", maze="3x3")
-    contest = Contest(task, "chaser", default_policies(task, 0.2, own="chaser"), 100)
+    contest = GameContest(task, "chaser", default_policies(task, 0.2, own="chaser"), 100)
     policy = learn(task, "chaser", 150_000, shared=shared)
     learned, random = contest.score("learned", policy), contest.score("random", RandomAgent())
     optimum = contest.optimal()
@@ -238,7 +235,7 @@ def test_a_chaser_learns_to_be_nearly_optimal_on_3x3(shared: bool) -> None:
 
 def test_an_evader_learns_to_survive_longer_than_a_random_one() -> None:
     task = make_task("chase", maze="4x4")
-    contest = Contest(task, "evader", default_policies(task, 0.2, own="evader"), 100)
+    contest = GameContest(task, "evader", default_policies(task, 0.2, own="evader"), 100)
     policy = learn(task, "evader", 200_000)
     learned, random = contest.score("learned", policy), contest.score("random", RandomAgent())
     assert learned.mean_steps > 3 * random.mean_steps
@@ -247,7 +244,7 @@ def test_an_evader_learns_to_survive_longer_than_a_random_one() -> None:
 @pytest.mark.parametrize("encoding", ["one_hot", "planes"])
 def test_a_runner_learns_from_other_encodings(encoding: str) -> None:
     task = make_task("maze", maze="3x3", num_goals=2)
-    contest = Contest(task, "runner", {}, 500)
+    contest = GameContest(task, "runner", {}, 500)
     policy = learn(task, "runner", 150_000, encoding)
     learned, random = contest.score("learned", policy), contest.score("random", RandomAgent())
     assert learned.mean_steps < 0.5 * random.mean_steps
@@ -256,7 +253,7 @@ def test_a_runner_learns_from_other_encodings(encoding: str) -> None:
 
 def test_exact_evaluation_agrees_with_playing_many_games() -> None:
     task = make_task("chase", maze="4x4", max_steps=60)
-    contest = Contest(task, "chaser", {"evader": AStarEvader(0.3)}, 40_000)
+    contest = GameContest(task, "chaser", {"evader": AStarEvader(0.3)}, 40_000)
     exact = contest.score("A*", AStarChaser(0.1))
     lengths, won = contest.play(AStarChaser(0.1))
     assert exact.exact and exact.ci95 == 0.0
@@ -269,26 +266,26 @@ def test_exact_evaluation_agrees_with_playing_many_games() -> None:
 def test_a_learned_policy_is_its_table_in_play() -> None:
     task = make_task("chase", maze="3x3")
     torch.manual_seed(3)
-    network = ActorCritic(Simulator(task).encoder("index"), 2, 4, 16)
+    player = Seat(task, "evader")
+    network = ActorCritic(player.features, 4, Hidden(16))
     with torch.no_grad():
         network.policy_head.weight.mul_(100)
-    policy = LearnedPolicy(network, task, "evader", "index", greedy=False)
+    policy = LearnedPolicy(network, player, greedy=False)
     table = policy.action_probabilities(task.mazes[0])
     simulator = Simulator(task, 20_000)
     simulator.place([7, 2])
     drawn = policy.act(simulator.view("evader"))
     share = np.bincount(drawn, minlength=4) / len(drawn)
     np.testing.assert_allclose(share, table[2, 7], atol=0.015)
-    greedy = LearnedPolicy(network, task, "evader", "index")
+    greedy = LearnedPolicy(network, player)
     assert (greedy.act(simulator.view("evader")) == table[2, 7].argmax()).all()
 
 
 def test_a_learned_policy_refuses_games_that_look_different() -> None:
     task = make_task("chase", maze="3x3")
-    network = ActorCritic(Simulator(task).encoder("index"), 2, 4, 16)
-    policy = LearnedPolicy(network, task, "chaser", "index")
+    player = Seat(task, "chaser")
+    policy = LearnedPolicy(ActorCritic(player.features, 4, Hidden(16)), player)
     other = Simulator(make_task("chase", maze="3x3", num_evaders=2))
-    other.reset()
     with pytest.raises(ValueError, match="observations of shape"):
         policy.act(other.view("chaser"))
     with pytest.raises(ValueError, match="no table"):

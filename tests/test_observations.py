@@ -33,11 +33,10 @@ TASKS = {
 def played(task: Task, games: int = 24, steps: int = 40) -> Any:
     """A simulator in each of the states that random play comes through."""
     simulator = Simulator(task, games, seed=1, auto_restart=False)
-    simulator.reset()
     rng = np.random.default_rng(2)
     for _ in range(steps):
         yield simulator
-        simulator.reset(games=simulator.ended.any(axis=0))
+        simulator.reset(games=simulator.ended)
         simulator.step(rng.integers(task.num_actions, size=(games, task.num_agents)))
 
 

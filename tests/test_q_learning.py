@@ -9,13 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from game_rows import rows_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pursuit.maze import Maze
+from pursuit.rules import Games
+from pursuit.rules.layout import empty_games
 from pursuit.simulator import Simulator
 from pursuit.single_agent import fill_seats
-from pursuit.task import make_task
+from pursuit.task import Task, make_task
 from scripted_agents import best_response, mean_over_starts, tour_length
 from scripted_agents.environments import default_policies
 from train.algorithms.q_learning import (
@@ -27,11 +30,14 @@ from train.algorithms.q_learning import (
     learn,
 )
 from train.environments.simulator_env import SimulatorEnv
-from train.evaluation.contest import Contest
+from train.experiments.kinds import resume
+from train.networks.policy import Seat
+from train.runs.by_name import settings_of
 from train.runs.folder import load_checkpoint, new_folder
-from train.runs.run import load_policy, resume_run, start_run
+from train.runs.opponents import load_policy
+from train.runs.parts import contest_of
+from train.runs.single import start_run
 from train.settings.algorithms import QLearningSettings
-from train.settings.run import settings_of
 
 # The maze of the thesis' figure 2.2 has two cells by two; goals on marks make it a fixed problem.
 FIXED = Maze.from_text("+-+-+-+\n|S    |\n+ +-+ +\n|  G  |\n+ + +-+\n|    G|\n+-+-+-+\n")
@@ -39,11 +45,20 @@ FIXED = Maze.from_text("+-+-+-+\n|S    |\n+ +-+ +\n|  G  |\n+ + +-+\n|    G|\n+-
 
 def learned(task: Any, frames: int, **flat: Any) -> tuple[QLearning, QTablePolicy]:
     chosen = QLearningSettings(**{"num_games": 256, **flat})
-    env = SimulatorEnv(Simulator(task, chosen.num_games, 0, auto_restart=False), 0, [None])
+    simulator = Simulator(task, chosen.num_games, 0, auto_restart=False)
+    env = SimulatorEnv(simulator, Seat(task, "runner"), [None])
     learner = QLearning(chosen, env, 0)
     while learner.frames < frames:
         learner.iterate(learner.frames / frames)
     return learner, learner.policy()
+
+
+def games_of(task: Task, cells: Any, goals: Any = ()) -> Games:
+    """Games with all agents active in these cells [games, agents], and these goals."""
+    games = empty_games(len(cells), task.num_agents, task.num_goals)
+    games.position[:], games.active[:] = cells, 1
+    games.goal[:] = goals if task.num_goals else games.goal
+    return games
 
 
 @settings(max_examples=25, deadline=None)
@@ -52,16 +67,13 @@ def test_different_states_have_different_numbers_and_goals_no_order(data: st.Dat
     goals = data.draw(st.integers(1, 3))
     task = make_task("maze", maze="3x3", num_goals=goals)
     numbers = StateNumbers(task)
-    width = Simulator(task, 1).rows.shape[1]
     seen: dict[int, tuple[int, tuple[int, ...]]] = {}
     for cell in range(9):
         for count in range(goals + 1):
             for chosen in combinations(range(9), count):
                 for order in permutations(chosen):
-                    row = np.zeros((1, width), dtype=np.int32)
-                    row[0, 0], row[0, 1] = cell, 1
-                    row[0, 3 : 3 + goals] = [*order, *[-1] * (goals - count)]
-                    number = int(numbers(row)[0])
+                    left = [*order, *[-1] * (goals - count)]
+                    number = int(numbers(games_of(task, [[cell]], [left]))[0])
                     assert 0 <= number < numbers.count
                     assert seen.setdefault(number, (cell, chosen)) == (cell, chosen)
     assert len(seen) == numbers.count
@@ -70,14 +82,12 @@ def test_different_states_have_different_numbers_and_goals_no_order(data: st.Dat
 def test_captured_agents_have_numbers_of_their_own() -> None:
     task = make_task("chase", maze="2x2", num_evaders=2)
     numbers = StateNumbers(task)
-    simulator = Simulator(task, 1)
     seen = set()
     for first in range(5):
         for second in range(5):
-            row = np.zeros((1, simulator.rows.shape[1]), dtype=np.int32)
-            row[0, :3] = 0, first % 4, second % 4
-            row[0, 3:6] = 1, first < 4, second < 4
-            seen.add(int(numbers(row)[0]))
+            games = games_of(task, [[0, first % 4, second % 4]])
+            games.active[:] = [1, first < 4, second < 4]
+            seen.add(int(numbers(games)[0]))
     assert len(seen) == 25 and max(seen) < numbers.count
 
 
@@ -124,7 +134,6 @@ def test_fixed_goals_are_collected_by_the_shortest_tour() -> None:
     task = make_task("maze", maze=FIXED, num_goals=2, start="marks")
     _, policy = learned(task, 100_000)
     simulator = Simulator(task, 1, auto_restart=False)
-    simulator.reset()
     start, goals = int(simulator.positions[0, 0]), simulator.goals[0].tolist()
     actions = np.zeros((1, 1), dtype=np.int32)
     while not simulator.ended.any():
@@ -145,9 +154,8 @@ def test_the_values_are_those_of_value_iteration() -> None:
             q_values = np.where(after == goal, 1.0, -0.1 + 0.9 * values[after])
             values = q_values.max(axis=1)
             values[goal] = 0.0
-        rows = np.zeros((maze.num_cells, Simulator(task, 1).rows.shape[1]), dtype=np.int32)
-        rows[:, 0], rows[:, 1], rows[:, 3] = np.arange(maze.num_cells), 1, goal
-        own = learner.q_values[numbers(rows)]
+        games = games_of(task, np.arange(maze.num_cells)[:, None], goal)
+        own = learner.q_values[numbers(games)]
         others = np.arange(maze.num_cells) != goal
         np.testing.assert_allclose(own[others], q_values[others], atol=1e-6)
 
@@ -156,10 +164,8 @@ def test_optimistic_values_fall_and_never_below_the_truth() -> None:
     task = make_task("maze", maze="3x3", num_goals=1)
     maze = task.mazes[0]
     learner, _ = learned(task, 0)
-    rows = np.zeros((81, Simulator(task, 1).rows.shape[1]), dtype=np.int32)
-    rows[:, 1], (rows[:, 0], rows[:, 3]) = 1, np.divmod(np.arange(81), 9)
-    states = learner.numbers(rows)
-    cell, goal = rows[:, 0], rows[:, 3]
+    cell, goal = np.divmod(np.arange(81), 9)
+    states = learner.numbers(games_of(task, cell[:, None], goal[:, None]))
     left = maze.distances[maze.neighbors[cell, :4], goal[:, None]].astype(float)
     truth = np.where(left == 0, 1.0, -0.1 + 1.0 - 0.1 * (left - 1))[cell != goal]
     before = learner.q_values[states]
@@ -179,7 +185,8 @@ def test_episodes_end_as_those_of_the_environment_do(agent: str, evaders: int) -
     task = make_task("chase", maze="3x3", num_evaders=evaders, max_steps=12)
     seat, policies = fill_seats(task, agent, default_policies(task, 0.2, own=agent))
     own, other = (
-        SimulatorEnv(Simulator(task, 32, 5, auto_restart=False), seat, policies) for _ in range(2)
+        SimulatorEnv(Simulator(task, 32, 5, auto_restart=False), Seat(task, agent), policies)
+        for _ in range(2)
     )
     # Actions at random depend on the learner's streams alone.
     chosen = QLearningSettings(num_games=32, epsilon_start=1.0, epsilon_end=1.0)
@@ -195,7 +202,7 @@ def test_episodes_end_as_those_of_the_environment_do(agent: str, evaders: int) -
     for name in ("finished_returns", "finished_lengths"):
         mine, theirs = (np.concatenate(getattr(env, name)) for env in (own, other))
         np.testing.assert_array_equal(mine, theirs)
-    assert (own.simulator.rows == other.simulator.rows).all()
+    assert (rows_of(own.simulator) == rows_of(other.simulator)).all()
     lengths = np.concatenate(own.finished_lengths)
     assert (lengths == 12).any() and (lengths < 12).any()
 
@@ -204,18 +211,18 @@ def test_episodes_end_as_those_of_the_environment_do(agent: str, evaders: int) -
 def test_only_truncation_is_bootstrapped_and_steps_shrink_with_visits(kind: str) -> None:
     task = make_task("chase", maze="2x2", num_evaders=2)
     numbers = StateNumbers(task)
-    rows = np.zeros((1, Simulator(task, 1).rows.shape[1]), dtype=np.int32)
-    rows[0, :3], rows[0, 3:6] = [0, 1, 2], [1, kind != "captured", 1]
+    games = games_of(task, [[0, 1, 2]])
+    games.active[:] = [1, kind != "captured", 1]
     q_values, visits = np.full((numbers.count, 4), 5.0), np.zeros((numbers.count, 4), np.uint32)
-    before = int(numbers(rows)[0]) ^ 1
-    ended = np.array([[kind == "terminated"], [kind == "truncated"]])
+    before = int(numbers(games)[0]) ^ 1
+    ended = (np.array([kind == "terminated"]), np.array([kind == "truncated"]))
     done = np.zeros(1, dtype=bool)
     target, expected = 2.0 + (0.5 * 5.0 if kind == "truncated" else 0.0), 5.0
     for visit in (1, 2, 3):
         learn(
-            q_values, visits, rows, numbers.for_kernels, np.array([before]),
+            q_values, visits, *games, numbers.for_kernels, np.array([before]),
             np.array([[0, 3, 0]], dtype=np.int32), 1, np.array([[0, 2, 0]], dtype=np.float32),
-            ended, done, 0.5, 0.8, 0.7,
+            *ended, done, 0.5, 0.8, 0.7,
         )  # fmt: skip
         expected += 0.8 / visit**0.7 * (target - expected)
         assert q_values[before, 3] == pytest.approx(expected) and done.all()
@@ -228,20 +235,20 @@ def test_a_chaser_on_5x5_comes_within_a_per_cent_of_the_exact_best_response(tmp_
     chosen = settings_of(algorithm="q_learning", maze="5x5", frames=30_000_000)
     run = start_run(chosen, tmp_path)
     run.train()
-    task = chosen.task.build()
-    contest = Contest(task, "chaser", chosen.task.opponents(), 100)
+    contest = contest_of(chosen.task, 100)
+    task = contest.task
     best = best_response("chaser", task.mazes[0], contest._opponent_table(), horizon=200)
     optimum = mean_over_starts(best.values, task.mazes[0])
-    assert optimum <= contest.score("learned", run.policy).mean_steps < 1.01 * optimum
+    assert optimum <= contest.score("learned", run.trainee.policy).mean_steps < 1.01 * optimum
 
 
 def test_a_chaser_comes_within_a_per_cent_of_the_exact_best_response(tmp_path: Path) -> None:
     chosen = settings_of(algorithm="q_learning", maze="3x3", frames=2_000_000)
     run = start_run(chosen, tmp_path)
     run.train()
-    task = chosen.task.build()
-    contest = Contest(task, "chaser", chosen.task.opponents(), 100)
-    score = contest.score("learned", run.policy)
+    contest = contest_of(chosen.task, 100)
+    task = contest.task
+    score = contest.score("learned", run.trainee.policy)
     opponent = contest._opponent_table()
     best = best_response("chaser", task.mazes[0], opponent, horizon=task.max_steps)
     optimum = mean_over_starts(best.values, task.mazes[0])
@@ -260,8 +267,8 @@ def test_it_resumes_bit_for_bit(tmp_path: Path) -> None:
         run.stopped = run.stopped or run.progress > 0.5
 
     halved.train(interrupt)
-    resume_run(tmp_path / "halved").train()
-    ends = [load_checkpoint(tmp_path / name)["learner"] for name in ("whole", "halved")]
+    resume(tmp_path / "halved", "run").train()
+    ends = [load_checkpoint(tmp_path / name)["trainee"]["learner"] for name in ("whole", "halved")]
     assert ends[0]["frames"] == ends[1]["frames"]
     for name in ("q_values", "visits", "streams"):
         assert (ends[0][name] == ends[1][name]).all(), name
@@ -275,7 +282,6 @@ def test_too_many_states_and_other_games_are_refused() -> None:
     task = make_task("maze", maze="3x3", num_goals=1)
     policy = QTablePolicy(task, "runner", np.zeros((StateNumbers(task).count, 4)))
     other = Simulator(make_task("maze", maze="3x3", num_goals=2))
-    other.reset()
     with pytest.raises(ValueError, match="fits no other"):
         policy.act(other.view("runner"))
     with pytest.raises(ValueError, match="none over pairs"):

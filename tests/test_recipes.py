@@ -14,10 +14,14 @@ pytest.importorskip("supersuit")
 
 from pursuit.simulator import Simulator
 from scripted_agents import NearestGoalRunner, RandomAgent
-from train.evaluation.contest import Contest
+from train.networks.policy import LearnedPolicy
 from train.recipes import stable_baselines, supersuit_sharing
-from train.runs.third_party import description_of, load_opponent, load_stable_baselines
-from train.settings.run import TaskSettings, settings_of
+from train.runs.by_name import settings_of
+from train.runs.opponents import load_opponent
+from train.runs.parts import contest_of
+from train.runs.single import start_run
+from train.runs.third_party import description_of, load_stable_baselines
+from train.settings.task import TaskSettings
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +41,7 @@ def test_stable_baselines_learns_and_its_model_is_a_table(
 
     policy = load_stable_baselines(models[algorithm])
     task = policy.task
-    contest = Contest(task, "chaser", TaskSettings(maze="3x3").opponents(), 100)
+    contest = contest_of(TaskSettings(maze="3x3"), 100)
     score = contest.score("learned", policy)
     assert score.exact
     assert score.mean_steps < 0.5 * contest.score("random", RandomAgent()).mean_steps
@@ -55,17 +59,15 @@ def test_stable_baselines_learns_and_its_model_is_a_table(
 
 
 def test_a_saved_model_is_an_opponent(models: dict[str, Path], tmp_path: Path) -> None:
-    from train.runs.run import start_run
-
     flat = {"role": "evader", "maze": "3x3", "frames": 3000, "num_games": 16, "minibatch_size": 64}
     chosen = settings_of(**flat, opponent=str(models["ppo"]))
     run = start_run(chosen, tmp_path)
     run.train()
-    assert run.optimum is not None and run.optimum.exact
-    policies = chosen.task.opponents()
-    assert policies["chaser"] is not None
+    assert run.trainee.optimum.exact
+    learned = run.trainee.contest.opponents["chaser"]
+    assert isinstance(learned, LearnedPolicy)
     with pytest.raises(ValueError, match="another role"):
-        settings_of(maze="3x3", frames=1, opponent=str(models["ppo"])).task.opponents()
+        settings_of(maze="3x3", frames=1, opponent=str(models["ppo"]))
 
 
 def test_runners_share_their_network_through_supersuit(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pursuit import rendering
+from pursuit.animation import save_animation
 from pursuit.maze import Maze
 from pursuit.rendering import (
     CAPTURED,
@@ -19,7 +20,6 @@ from pursuit.rendering import (
     Scene,
     Window,
     draw_scene,
-    save_animation,
     scene_to_text,
 )
 

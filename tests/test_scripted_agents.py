@@ -8,6 +8,7 @@ from typing import Any
 import networkx
 import numpy as np
 import pytest
+from game_rows import rows_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -15,9 +16,10 @@ from random_mazes import any_maze, connected_maze
 from scipy.stats import chisquare
 
 from pursuit import maze as maze_module
-from pursuit import simulator as simulator_module
+from pursuit import maze_arrays
 from pursuit import task as task_module
 from pursuit.maze import Maze, load_maze
+from pursuit.maze_arrays import lay_out
 from pursuit.maze_generation import generate_maze
 from pursuit.policy import Policy
 from pursuit.simulator import Simulator
@@ -47,12 +49,12 @@ def without_tables(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Non
     """Call it, and from then on every maze counts as too large for a table of distances."""
 
     def begin() -> None:
-        for module in (maze_module, simulator_module, task_module, scripted, tour):
+        for module in (maze_module, maze_arrays, task_module, scripted, tour):
             monkeypatch.setattr(module, "MAX_TABLE_CELLS", 10)
-        simulator_module.lay_out.cache_clear()
+        lay_out.cache_clear()
 
     yield begin
-    simulator_module.lay_out.cache_clear()
+    lay_out.cache_clear()
 
 
 # -- the definitions, in plain Python --------------------------------------------------------------
@@ -305,7 +307,7 @@ def test_without_distance_tables_agents_choose_from_the_same_moves(
     near = [(a, int(b)) for a, _ in pairs for b in np.flatnonzero(maze.distances[a] == 3)[:1]]
     without_tables()
     task = Task(maze=Maze.from_text(maze.to_text()), stay_action=stay, **DUEL)
-    assert not len(Simulator(task)._arrays.tables)
+    assert not len(lay_out(task.mazes).tables)
     for own, other in pairs + near:
         for seat, (agent, table) in enumerate(zip((chaser, evader), tables, strict=True)):
             positions = [own, other] if seat == 0 else [other, own]
@@ -324,7 +326,7 @@ def test_without_distance_tables_whole_games_are_the_same(
         for _ in range(120):
             simulator.act(policies, actions)
             simulator.step(actions)
-            history.append(simulator.rows.copy())
+            history.append(rows_of(simulator))
         return history
 
     text = generate_maze("prim", 12, 12, loops=0.2, seed=2).to_text()
@@ -352,7 +354,6 @@ def test_tour_runners_need_exactly_the_length_of_the_tour(
         without_tables()
     task = Task(maze=maze, num_runners=1, num_goals=num_goals, max_steps=1000)
     simulator = Simulator(task, games, seed=1, auto_restart=False)
-    simulator.reset()
     lengths = tour_lengths(maze, simulator.positions[:, 0], simulator.goals)
     runner, actions = TourRunner(), np.zeros((games, 1), dtype=np.int32)
     for _ in range(lengths.max()):
@@ -437,7 +438,7 @@ def test_simulated_games_last_as_long_as_computed(name: str, order: Any) -> None
     task = make_task("chase", maze=LIBRARY_MAZE, move_order=order)
     simulator = Simulator(task, games, seed=1, auto_restart=False)
     actions = np.zeros((games, 2), dtype=np.int32)
-    while not simulator.ended.any(axis=0).all():
+    while not simulator.ended.all():
         simulator.act(policies, actions)
         simulator.step(actions)
     error = 3.29 * simulator.steps.std() / np.sqrt(games)  # 99.9 %

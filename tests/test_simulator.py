@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from game_rows import rows_of
 from numpy.typing import NDArray
 from scipy.stats import chisquare
 
@@ -60,7 +61,7 @@ def play(simulator: Simulator, steps: int) -> list[list[NDArray[Any]]]:
     for _ in range(steps):
         simulator.act(policies, actions)
         simulator.step(actions)
-        parts = (simulator.rows, simulator.rewards, simulator.returns, simulator.ended.T)
+        parts = (rows_of(simulator), simulator.rewards, simulator.returns, simulator.ended)
         history.append([part.copy() for part in (actions, *parts)])
     return history
 
@@ -88,7 +89,6 @@ def test_a_game_does_not_depend_on_its_batch(name: str) -> None:
 
 def test_other_seeds_and_other_games_are_other_games() -> None:
     batch = Simulator(make_task("chase", maze="9x9"), 200, seed=0)
-    batch.reset()
     starts = batch.positions.copy()
     assert len(np.unique(starts, axis=0)) > 180
     batch.reset(seed=1)
@@ -120,7 +120,7 @@ def test_a_game_copied_into_another_slot_goes_on_as_the_original(name: str) -> N
     play(simulator, 40)
     others = simulator.get_state([0, 2, 4])
     simulator.set_state(simulator.get_state([1, 3]), [5, 1])
-    np.testing.assert_array_equal(simulator.get_state([0, 2, 4]).rows, others.rows)
+    np.testing.assert_array_equal(rows_of(simulator.get_state([0, 2, 4])), rows_of(others))
     history = play(simulator, 100)
     assert_same(history, 3, history, 1)
     assert any((parts[1][1] != parts[1][0]).any() for parts in history)
@@ -128,23 +128,20 @@ def test_a_game_copied_into_another_slot_goes_on_as_the_original(name: str) -> N
 
 def test_a_state_is_a_copy() -> None:
     simulator = Simulator(TASKS["chase"], 3)
-    simulator.reset()
     state = simulator.get_state()
-    before = state.rows.copy()
+    before = rows_of(state)
     play(simulator, 10)
-    np.testing.assert_array_equal(state.rows, before)
+    np.testing.assert_array_equal(rows_of(state), before)
 
 
 def test_a_state_of_another_task_or_number_of_games_is_refused() -> None:
     state = Simulator(make_task("chase", maze="9x9"), 4, seed=1)
-    state.reset()
     for task, games in ((make_task("chase"), 4), (make_task("chase", maze="9x9"), 3), (CROWD, 4)):
         simulator = Simulator(task, games)
-        simulator.reset()
-        before = simulator.rows.copy()
+        before = rows_of(simulator)
         with pytest.raises(ValueError, match="state of"):
             simulator.set_state(state.get_state())
-        np.testing.assert_array_equal(simulator.rows, before)
+        np.testing.assert_array_equal(rows_of(simulator), before)
 
 
 # -- restarts --------------------------------------------------------------------------------------
@@ -165,9 +162,10 @@ def test_a_restart_keeps_what_the_episode_ended_with(name: str) -> None:
         twin.set_state(simulator.get_state())
         simulator.step(actions)
         twin.step(actions)
-        np.testing.assert_array_equal(simulator.ended, twin.ended)
+        np.testing.assert_array_equal(simulator.terminated, twin.terminated)
+        np.testing.assert_array_equal(simulator.truncated, twin.truncated)
         np.testing.assert_array_equal(simulator.rewards, twin.rewards)
-        ended = np.flatnonzero(simulator.ended.any(axis=0))
+        ended = np.flatnonzero(simulator.ended)
         ended_games += len(ended)
         np.testing.assert_array_equal(simulator.final_positions[ended], twin.positions[ended])
         np.testing.assert_array_equal(simulator.episode_lengths[ended], twin.steps[ended])
@@ -180,7 +178,7 @@ def test_a_restart_keeps_what_the_episode_ended_with(name: str) -> None:
         assert (simulator.steps[ended] == 0).all() and simulator.active[ended].all()
         assert not simulator.returns[ended].any() and not simulator.events[ended].any()
         twin.reset(games=ended)  # the same stream: the same next episode
-        np.testing.assert_array_equal(simulator.rows, twin.rows)
+        np.testing.assert_array_equal(rows_of(simulator), rows_of(twin))
     assert ended_games > 10
 
 
@@ -190,7 +188,7 @@ def test_returns_and_lengths_are_sums_over_the_episode() -> None:
     for _ in range(80):
         play(simulator, 1)
         totals, lengths = totals + simulator.rewards, lengths + 1
-        over = simulator.ended.any(axis=0)
+        over = simulator.ended
         np.testing.assert_allclose(simulator.episode_returns[over], totals[over], atol=1e-6)
         np.testing.assert_array_equal(simulator.episode_lengths[over], lengths[over])
         totals[over], lengths[over] = 0.0, 0
@@ -200,33 +198,33 @@ def test_without_automatic_restart_ended_games_stay_as_they_are() -> None:
     for name in ("chase", "crowd"):
         simulator = Simulator(TASKS[name], 16, seed=6, auto_restart=False)
         play(simulator, 30)
-        assert simulator.ended.any(axis=0).all()  # at the latest by truncation
+        assert simulator.ended.all()  # at the latest by truncation
         rows, returns, ended = (
-            part.copy() for part in (simulator.rows, simulator.returns, simulator.ended)
+            part.copy() for part in (rows_of(simulator), simulator.returns, simulator.ended)
         )
         play(simulator, 5)
-        np.testing.assert_array_equal(simulator.rows, rows)
+        np.testing.assert_array_equal(rows_of(simulator), rows)
         np.testing.assert_array_equal(simulator.returns, returns)
         np.testing.assert_array_equal(simulator.ended, ended)
         assert not simulator.rewards.any()
         simulator.reset(games=[3])
-        assert not simulator.ended[:, 3].any()
+        assert not simulator.ended[3]
         play(simulator, 1)
-        assert simulator.steps[3] == 1 and (simulator.rows[4:] == rows[4:]).all()
+        assert simulator.steps[3] == 1 and (rows_of(simulator)[4:] == rows[4:]).all()
 
 
 def test_reset_of_some_games_leaves_the_others_alone() -> None:
     simulator = Simulator(TASKS["chase"], 6, seed=8)
     play(simulator, 5)
-    rows = simulator.rows.copy()
+    rows = rows_of(simulator)
     simulator.reset(games=[])
-    np.testing.assert_array_equal(simulator.rows, rows)
+    np.testing.assert_array_equal(rows_of(simulator), rows)
     simulator.reset(games=[1, 4])
     assert (simulator.steps == [rows[0, -2], 0, *rows[2:4, -2], 0, rows[5, -2]]).all()
     mask = np.array([True, False, False, False, False, False])
-    rows = simulator.rows.copy()
+    rows = rows_of(simulator)
     simulator.reset(games=mask)
-    np.testing.assert_array_equal(simulator.rows[1:], rows[1:])
+    np.testing.assert_array_equal(rows_of(simulator)[1:], rows[1:])
     assert simulator.steps[0] == 0
 
 
@@ -235,7 +233,6 @@ def test_reset_of_some_games_leaves_the_others_alone() -> None:
 
 def test_epsilon_takes_effect_at_the_next_restart_of_each_game_and_seat() -> None:
     simulator = Simulator(CROWD, 4)
-    simulator.reset()
     simulator.configure(epsilon=0.5)
     simulator.configure([1, 2], epsilon=[0.1, 0.2], seat="evader_1")
     assert np.isnan(simulator.epsilon).all()
@@ -351,14 +348,13 @@ def test_start_distances_hold_between_every_chaser_and_every_evader() -> None:
 
 def test_each_game_may_be_given_its_maze() -> None:
     simulator = Simulator(make_task("chase", maze=MAZES), 300, seed=0)
-    simulator.reset()
     counts = np.bincount(simulator.maze_index, minlength=3)
     assert chisquare(counts).pvalue > 1e-4
     simulator.configure(maze=1)
     simulator.configure([5], maze=2)
     before = simulator.maze_index.copy()
     play(simulator, 1)
-    running = ~simulator.ended.any(axis=0)
+    running = ~simulator.ended
     np.testing.assert_array_equal(simulator.maze_index[running], before[running])
     simulator.reset()
     assert (np.delete(simulator.maze_index, 5) == 1).all() and simulator.maze_index[5] == 2
@@ -401,13 +397,12 @@ def test_a_bad_setting_is_refused_and_changes_nothing(bad: dict[str, Any]) -> No
     without_marks = generate_maze("open", 5, 5)
     task = Task(maze=without_marks, num_chasers=1, num_evaders=1, num_goals=2)
     simulator = Simulator(task, 4)
-    simulator.reset()
     before = simulator.get_state()
     good = {"epsilon": 0.7, "num_goals": 1, "maze": 0, "min_start_distance": 2}
     with pytest.raises(ValueError):
         simulator.configure(**{**good, **bad})
     after = simulator.get_state()
-    for name in ("rows", "streams", "settings", "epsilons", "returns"):
+    for name in vars(before):
         np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
 
 
@@ -424,7 +419,6 @@ def test_settings_that_no_placement_meets_are_reported() -> None:
 def test_starts_are_uniform_over_all_placements() -> None:
     task = Task(maze="2x2", num_chasers=1, num_evaders=1, num_runners=1, num_goals=1)
     simulator = Simulator(task, 24_000, seed=3)
-    simulator.reset()
     assert_all_apart(simulator)
     placements = np.c_[simulator.positions, simulator.goals]
     _, counts = np.unique(placements, axis=0, return_counts=True)
@@ -434,7 +428,6 @@ def test_starts_are_uniform_over_all_placements() -> None:
 def test_starts_that_are_kept_apart_are_uniform_over_those_that_are() -> None:
     task = Task(maze="3x3", num_chasers=1, num_evaders=1, min_start_distance=3)
     simulator = Simulator(task, 20_000, seed=3)
-    simulator.reset()
     pairs, counts = np.unique(simulator.positions, axis=0, return_counts=True)
     np.testing.assert_array_equal(pairs, np.argwhere(task.mazes[0].distances >= 3))
     assert chisquare(counts).pvalue > 1e-4
@@ -446,7 +439,7 @@ def test_starts_of_later_episodes_are_uniform_too() -> None:
     counts = np.zeros(16)
     for _ in range(30):
         simulator.step(np.zeros((2000, 2), dtype=np.int32))
-        fresh = simulator.ended.any(axis=0)
+        fresh = simulator.ended
         counts += np.bincount(simulator.positions[fresh] @ [4, 1], minlength=16)
     assert (counts[[0, 5, 10, 15]] == 0).all()
     assert chisquare(counts[counts > 0]).pvalue > 1e-4
@@ -456,12 +449,10 @@ def test_starts_on_marks() -> None:
     first, second = MARKED.goal_marks
     chase = Task(maze=MARKED, num_chasers=1, num_evaders=3, start="marks")
     simulator = Simulator(chase, 200)
-    simulator.reset()
     assert (simulator.positions[:, :3] == [MARKED.start_mark, first, second]).all()
     assert len(np.unique(simulator.positions[:, 3])) == MARKED.num_cells - 3
     race = Task(maze=MARKED, num_runners=2, num_goals=3, start="marks")
     simulator = Simulator(race, 200)
-    simulator.reset()
     assert (simulator.positions[:, 0] == MARKED.start_mark).all()
     assert (simulator.goals[:, :2] == [first, second]).all()
     assert_all_apart(simulator)  # who has no mark keeps off the marked goals
@@ -564,7 +555,9 @@ def test_a_chaser_walks_a_shortest_path_in_a_large_maze() -> None:
     simulator = Simulator(simulator.task, 8, auto_restart=False)
     simulator.place(starts)
     still[:, 1] = [wall[0] if wall else 0 for wall in walls]
-    while not simulator.ended.all(axis=1).any() and simulator.steps.max() < max(distances):
+    while not (
+        simulator.terminated.all() or simulator.truncated.all()
+    ) and simulator.steps.max() < max(distances):
         simulator.act([AStarChaser(), None], still)
         simulator.step(still)
     bumping = [bool(wall) for wall in walls]
@@ -601,12 +594,11 @@ def test_a_chaser_walks_a_shortest_path_in_a_large_maze() -> None:
 )
 def test_bad_actions_are_refused_and_nothing_moves(actions: Any) -> None:
     simulator = Simulator(TASKS["chase"], 3, seed=1)
-    simulator.reset()
     before = simulator.get_state()
     with pytest.raises(ValueError):
         simulator.step(actions)
     after = simulator.get_state()
-    for name in ("rows", "streams", "returns"):
+    for name in vars(before):
         np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
 
 
@@ -619,7 +611,7 @@ def test_actions_of_every_integer_type_and_order_are_the_same(kind: Any) -> None
         other.step(actions.tolist())
     else:
         other.step(np.asfortranarray(actions) if kind == "F" else actions.astype(kind))
-    np.testing.assert_array_equal(plain.rows, other.rows)
+    np.testing.assert_array_equal(rows_of(plain), rows_of(other))
 
 
 def test_a_bad_action_names_agent_game_and_remedy() -> None:
@@ -639,7 +631,6 @@ def test_a_simulator_refuses_bad_counts_and_seeds(bad: dict[str, Any]) -> None:
 @pytest.mark.parametrize("games", [[6], [-7], [0.5], ["a"], [True] * 3])
 def test_reset_refuses_games_that_are_not_there(games: Any) -> None:
     simulator = Simulator(TASKS["chase"], 6)
-    simulator.reset()
     before = simulator.get_state()
     for seed in (None, 5):
         with pytest.raises(ValueError):
@@ -702,7 +693,6 @@ def test_a_table_plays_a_copied_game_as_the_original() -> None:
     table = best_response("chaser", maze, RandomAgent().action_probabilities(maze)).policy
     policy = TablePolicy(maze, table, epsilon=0.3)
     simulator = Simulator(make_task("chase"), 2, seed=7)
-    simulator.reset()
     actions = np.zeros((2, 2), dtype=np.int32)
     for _ in range(60):
         simulator.set_state(simulator.get_state([0]), [1])

@@ -19,11 +19,12 @@ from scipy.stats import trim_mean
 
 from train.commands.main import main
 from train.commands.sweep import SweepWatch
-from train.experiments.executors import only_one, progress_of, run_locally, run_on_ray
+from train.experiments.executors import progress_of, run_locally, run_on_ray
 from train.experiments.report import report
 from train.experiments.statistics import bootstrap_interval, interquartile_mean
 from train.experiments.sweep import fingerprint, load_sweep, prepare, shipped, status_of
 from train.experiments.tables import CURVES, RUNS, collect
+from train.files import only_one
 
 TINY = """
 title = "Tiny"
@@ -87,9 +88,9 @@ def test_combinations_that_are_named_twice_are_run_once(tmp_path: Path) -> None:
 
 
 def test_the_fingerprint_knows_every_setting_and_the_maze_itself(tmp_path: Path) -> None:
-    base = load_sweep(write(tmp_path / "tiny.toml")).runs[0].settings
+    base = load_sweep(write(tmp_path / "tiny.toml")).runs[0]
     maze = tmp_path / "own.txt"
-    prints = {fingerprint(base)}
+    prints = {fingerprint(base.kind, base.settings)}
     changes = ("stay_action = true", "gamma = 0.5", f'maze = "{maze}"', f'maze = "{maze}" # again')
     for number, line in enumerate(changes):
         middle = "+ + +" if number == 3 else "+-+ +"  # the same file name, another maze in it
@@ -97,7 +98,8 @@ def test_the_fingerprint_knows_every_setting_and_the_maze_itself(tmp_path: Path)
         text = TINY.replace("num_games = 32", f"num_games = 32\n{line}")
         if "maze" in line:
             text = text.replace('maze = ["2x2", "3x3"]\n', "")
-        prints.add(fingerprint(load_sweep(write(tmp_path / "other.toml", text)).runs[0].settings))
+        run = load_sweep(write(tmp_path / "other.toml", text)).runs[0]
+        prints.add(fingerprint(run.kind, run.settings))
     assert len(prints) == 5
 
 
@@ -252,8 +254,28 @@ def test_a_folder_of_other_settings_or_another_version_is_refused(
 
 def test_two_sweeps_cannot_share_a_folder_at_once(tmp_path: Path) -> None:
     sweep = load_sweep(write(tmp_path / "tiny.toml"))
-    with only_one(tmp_path / "out"), pytest.raises(ValueError, match="another sweep"):
+    with only_one(tmp_path / "out", "sweep"), pytest.raises(ValueError, match="another sweep"):
         run_locally(sweep, tmp_path / "out", 1, silent)
+
+
+def test_another_process_is_refused_at_once_and_a_killed_one_does_not_block(tmp_path: Path) -> None:
+    code = """
+import sys, time
+from pathlib import Path
+from train.files import only_one
+with only_one(Path(sys.argv[1]), 'sweep'):
+    print("held", flush=True)
+    time.sleep(600)
+"""
+    command = [sys.executable, "-c", code, str(tmp_path / "out")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None and other.stdout.readline() == "held\n"
+        with pytest.raises(ValueError, match="another sweep"), only_one(tmp_path / "out", "sweep"):
+            pass
+        other.kill()
+    for _ in range(2):  # and letting go lets the next one in
+        with only_one(tmp_path / "out", "sweep"):
+            pass
 
 
 def test_a_run_that_dies_is_recorded_and_the_others_go_on(

@@ -10,17 +10,28 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from game_rows import rows_of
 
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents import AStarChaser, best_response, tour_lengths
 from train.commands.main import main
-from train.evaluation.contest import won_by
-from train.runs.folder import load_settings, new_folder
-from train.runs.run import Run, load_policy, resume_run, start_run
-from train.settings.run import settings_of
-from train.teaching.axes import first_rows, opened
-from train.teaching.teacher import Teacher, read_log, training_task
+from train.evaluation.games import won_by
+from train.experiments.kinds import resume
+from train.runs.by_name import settings_of
+from train.runs.folder import load_checkpoint, new_folder
+from train.runs.loop import Run
+from train.runs.opponents import load_policy
+from train.runs.saved import load_settings
+from train.runs.single import make_run, start_run
+from train.runs.tasks import task_of
+from train.settings.curricula import AXES as AXIS_NAMES
+from train.settings.curricula import CURRICULA
+from train.teaching.axes import AXIS_MAKERS
+from train.teaching.log import read_log
+from train.teaching.mazes import first_rows, opened
+from train.teaching.plan import CURRICULUM_MAKERS, training_task
+from train.teaching.teacher import Teacher
 
 QUICK = {"num_games": 64, "minibatch_size": 256, "threads": 1, "frames": 30_000}
 MAZE = {"task": "maze", "maze": "5x5", "num_goals": 3, **QUICK}
@@ -30,25 +41,24 @@ CHASE = {"task": "chase", "maze": "5x5", **QUICK}
 @pytest.fixture(autouse=True)
 def few_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
     """Evaluations take most of the time of runs as short as these."""
-    monkeypatch.setattr("train.runs.run.EVALUATIONS", 5)
+    monkeypatch.setattr("train.runs.loop.EVALUATIONS", 5)
 
 
 def teacher_of(run: Run) -> Teacher:
-    assert run.env.teacher is not None
-    return run.env.teacher
+    assert run.trainee.teacher is not None
+    return run.trainee.teacher
 
 
 def watch_restarts(run: Run, look: Any) -> None:
     """Have `look(teacher, games)` called after every restart, with the games that begin anew."""
     teacher = teacher_of(run)
-    restart = teacher.restart
+    after_restart = teacher.after_restart
 
     def spied(games: Any) -> None:
-        restart(games)
-        everything = np.arange(run.simulator.num_games)
-        look(teacher, everything if games is None else everything[games])
+        after_restart(games)
+        look(teacher, games)
 
-    teacher.restart = spied  # type: ignore[method-assign]
+    teacher.after_restart = spied  # type: ignore[method-assign]
 
 
 def test_the_opponents_share_of_random_moves_follows_the_schedule(tmp_path: Path) -> None:
@@ -59,7 +69,7 @@ def test_the_opponents_share_of_random_moves_follows_the_schedule(tmp_path: Path
         schedule_length=0.8,
     )
     run = start_run(settings, tmp_path)
-    simulator, maze = run.simulator, run.simulator.task.mazes[0]
+    simulator, maze = run.trainee.simulator, run.trainee.simulator.task.mazes[0]
     greedy = AStarChaser(0.0).action_probabilities(maze) > 0
     moves = maze.neighbors[:, :4] != np.arange(maze.num_cells)[:, None]
     step, seen = simulator.step, []
@@ -127,6 +137,11 @@ AXES = {
 }
 
 
+def test_every_axis_and_curriculum_that_can_be_named_can_be_made() -> None:
+    assert set(AXIS_MAKERS) == set(AXIS_NAMES)
+    assert set(CURRICULUM_MAKERS) == set(CURRICULA.values()) - {CURRICULA["none"]}
+
+
 @pytest.mark.parametrize("axis", AXES)
 def test_every_axis_turns_what_it_says_up_to_the_task_itself(axis: str, tmp_path: Path) -> None:
     flat, holds = AXES[axis]
@@ -136,7 +151,7 @@ def test_every_axis_turns_what_it_says_up_to_the_task_itself(axis: str, tmp_path
     def look(teacher: Teacher, games: Any) -> None:
         for game in games:
             lessons.append(float(teacher.playing[game]))
-            holds(run.simulator, int(game), lessons[-1])
+            holds(run.trainee.simulator, int(game), lessons[-1])
 
     watch_restarts(run, look)
     run.train()
@@ -159,7 +174,7 @@ def test_stages_lie_on_the_axis_and_the_last_is_the_task(name: str, tmp_path: Pa
     watch_restarts(run, lambda teacher, games: seen.update(teacher.playing[games].tolist()))
     run.train()
     assert seen <= {1.0, 2.0, 3.0} and len(seen) >= (1 if name == "success-gated" else 3)
-    assert run.contest.task.num_goals == 3  # evaluated at the final difficulty, always
+    assert run.trainee.contest.task.num_goals == 3  # evaluated at the final difficulty, always
     assert {"lesson", "training_success"} <= set(run.metrics.rows[-1])
 
 
@@ -178,8 +193,8 @@ def test_every_learner_can_be_taught(algorithm: str, curriculum: str, tmp_path: 
     def look(teacher: Teacher, games: Any) -> None:
         if algorithm == "cross_entropy":
             playing = teacher.playing.reshape(teacher.copies, -1)
-            starts = run.simulator.positions[:, 0].reshape(teacher.copies, -1)
-            goals = run.simulator.goals.reshape(teacher.copies, -1)
+            starts = run.trainee.simulator.positions[:, 0].reshape(teacher.copies, -1)
+            goals = run.trainee.simulator.goals.reshape(teacher.copies, -1)
             alike.append(all((x == x[0]).all() for x in (playing, starts, goals)))
 
     watch_restarts(run, look)
@@ -195,7 +210,7 @@ def test_a_level_is_played_again_exactly() -> None:
         simulator.reset()
         simulator.seed_starts(games, [11, 12, 13, 11, 2**53 - 1])
         simulator.reset()
-    one, other = first.rows, second.rows[[7, 2, 3, 0, 5]]
+    one, other = rows_of(first), rows_of(second)[[7, 2, 3, 0, 5]]
     assert (one == other).all() and (one[0] == one[3]).all() and (one[0] != one[1]).any()
     for wrong in ([-1], [0.5], [1, 2]):
         with pytest.raises(ValueError):
@@ -204,27 +219,27 @@ def test_a_level_is_played_again_exactly() -> None:
 
 def test_the_regret_of_an_episode_is_against_the_optimum_of_its_own_start(tmp_path: Path) -> None:
     for flat in (MAZE, {**CHASE, "role": "chaser"}, {**CHASE, "role": "evader"}):
-        run = Run(settings_of(**flat, curriculum="level-replay"), tmp_path)
-        simulator, teacher = run.simulator, teacher_of(run)
-        maze, seat = simulator.task.mazes[0], run.env.seat
-        teacher.restart(None)
+        run = make_run(settings_of(**flat, curriculum="level-replay"), tmp_path)
+        simulator, teacher = run.trainee.simulator, teacher_of(run)
+        maze, seat = simulator.task.mazes[0], run.trainee.env.seat
+        run.trainee.env.restart()
         positions, goals = simulator.positions.copy(), simulator.goals.copy()
         if flat is MAZE:
             best: Any = tour_lengths(maze, positions[:, 0], goals)
         else:
             role = str(flat["role"])
-            table = run.settings.task.opponents()["evader" if role == "chaser" else "chaser"]
+            table = run.trainee.parts.opponents["evader" if role == "chaser" else "chaser"]
             probabilities = table.action_probabilities(maze)  # type: ignore[attr-defined]
             values = best_response(role, maze, probabilities, horizon=200).values  # type: ignore[arg-type]
             best = values[positions[:, 0], positions[:, 1]]
         rng, ended = np.random.default_rng(0), np.zeros(simulator.num_games, dtype=bool)
         actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
         while not ended.any():
-            simulator.act(run.env.policies, actions)
+            simulator.act(run.trainee.env.policies, actions)
             actions[:, seat] = rng.integers(0, 4, simulator.num_games)
             simulator.step(actions)
             ended = simulator.terminated | simulator.truncated
-        teacher.finish(ended)
+        teacher.episode_ended(ended)
         lessons, _, _, lengths, regrets = teacher._outcomes[-1]
         share = lengths / best[ended]
         wanted = 1 - share if flat.get("role") == "evader" else share - 1
@@ -233,7 +248,8 @@ def test_the_regret_of_an_episode_is_against_the_optimum_of_its_own_start(tmp_pa
 
 
 def test_positive_advantages_belong_to_their_episodes(tmp_path: Path) -> None:
-    run = Run(settings_of(**MAZE, curriculum="level-replay", level_score="value_loss"), tmp_path)
+    flat = {**MAZE, "curriculum": "level-replay", "level_score": "value_loss"}
+    run = make_run(settings_of(**flat), tmp_path)
     teacher, rng = teacher_of(run), np.random.default_rng(0)
     sums: dict[int, list[float]] = {game: [] for game in range(64)}
     wanted = []
@@ -266,8 +282,8 @@ def test_a_taught_run_resumes_to_the_same_weights_and_log(lessons: Any, tmp_path
         run.stopped = run.progress >= 0.4
 
     start_run(settings, parts).train(stop)
-    resume_run(parts).train()
-    states = [torch.load(p / "checkpoint.pt", weights_only=True) for p in (whole, parts)]
+    resume(parts, "run").train()
+    states = [load_checkpoint(p)["trainee"] for p in (whole, parts)]
     for name, weight in states[0]["learner"]["network"].items():
         assert torch.equal(weight, states[1]["learner"]["network"][name]), name
     untimed = [[{k: v for k, v in r.items() if k != "seconds"} for r in read_log(p)]
@@ -282,15 +298,15 @@ def test_a_checkpoint_of_another_curriculum_is_refused(tmp_path: Path) -> None:
     before = (tmp_path / "checkpoint.pt").read_bytes()
     other = settings_of(**small, curriculum="learning-progress")
     with pytest.raises(ValueError, match="checkpoint is of curriculum 'uniform'"):
-        Run(other, tmp_path, resume=True)
+        make_run(other, tmp_path, load_checkpoint(tmp_path))
     assert (tmp_path / "checkpoint.pt").read_bytes() == before
 
 
 def test_mazes_of_a_curriculum_agree_with_the_last_one() -> None:
     settings = settings_of(**{**MAZE, "maze": "7x7"}, curriculum="maze-size")
-    mazes = training_task(settings).mazes
+    mazes = training_task("maze-size", settings.lessons, task_of(settings.task)).mazes
     final = mazes[-1]
-    assert final == settings.task.build().mazes[0] and len(mazes) >= 4
+    assert final == task_of(settings.task).mazes[0] and len(mazes) >= 4
     sizes = [maze.num_cells for maze in mazes]
     assert sizes == sorted(sizes)
     for maze in mazes[:-1]:
@@ -304,13 +320,14 @@ def test_mazes_of_a_curriculum_agree_with_the_last_one() -> None:
 
 
 def test_a_policy_taught_on_several_mazes_is_evaluated_on_the_last(tmp_path: Path) -> None:
-    run = start_run(settings_of(**CHASE, curriculum="loops"), tmp_path)
+    settings = settings_of(**CHASE, curriculum="loops")
+    run = start_run(settings, tmp_path)
     run.train()
     assert run.results(50)["evaluation"]["exact"]
-    maze = run.contest.task.mazes[0]
+    maze = run.trainee.contest.task.mazes[0]
     table = load_policy(tmp_path).action_probabilities(maze)  # type: ignore[attr-defined]
-    assert (table == run.policy.action_probabilities(maze)).all()  # type: ignore[attr-defined]
-    assert len(run.simulator.task.mazes) > 1 and load_settings(tmp_path) == run.settings
+    assert (table == run.trainee.policy.action_probabilities(maze)).all()  # type: ignore[attr-defined]
+    assert len(run.trainee.simulator.task.mazes) > 1 and load_settings(tmp_path) == settings
 
 
 @pytest.mark.parametrize(
@@ -420,10 +437,9 @@ def test_the_command_line_teaches_and_shows_levels(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "run"
-    main(
-        f"train --task maze --maze 3x3 --frames 16384 --num-games 64 --minibatch-size 256 --threads 1 "
-        f"--curriculum level-replay --level-buffer 50 --episodes 20 --out {folder}".split()
-    )
+    options = "--task maze --maze 3x3 --frames 16384 --num-games 64 --minibatch-size 256"
+    lessons = "--threads 1 --curriculum level-replay --level-buffer 50 --episodes 20"
+    main(["train", *options.split(), *lessons.split(), "--out", str(folder)])
     told = capsys.readouterr().out
     assert "curriculum: level-replay, over levels" in told
     assert (folder / "learning_curve.png").stat().st_size > 10_000

@@ -14,8 +14,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from train.runs.run import Run
-from train.settings.run import settings_of
+from train.runs.by_name import settings_of
+from train.runs.loop import Run
 
 CASES: dict[str, dict[str, Any]] = {
     "goal-spread-start": {},
@@ -58,21 +58,21 @@ def share(curriculum: str, maze: str, seconds: float, more: dict[str, Any]) -> t
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         run = Run(settings, Path(folder))
-        teacher = run.env.teacher
+        teacher = run.teacher
         assert teacher is not None
         inside, games = Stopwatch(), Stopwatch()
         for name in ("restart", "finish", "update", "note_advantages"):
             inside.wrap(teacher, name)
-        games.wrap(run.simulator, "reset")
-        run.learner.iterate(0.0)
+        games.wrap(run.trainee.simulator, "reset")
+        run.trainee.learner.iterate(0.0)
         inside.seconds = games.seconds = total = 0.0
         episodes = teacher.episodes
         while total < seconds:
             began = perf_counter()
-            teacher.update(total / seconds, run.learner.frames, total)
-            run.learner.iterate(total / seconds)
+            teacher.update(total / seconds, run.trainee.learner.frames, total)
+            run.trainee.learner.iterate(total / seconds)
             total += perf_counter() - began
-        run.learner.close()
+        run.trainee.learner.close()
     return (inside.seconds - games.seconds) / total, (teacher.episodes - episodes) / total
 
 

@@ -20,13 +20,18 @@ import torch
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents.environments import make_vector_env
-from train.evaluation.contest import Contest, optimality_gap
+from train.evaluation.contest import GameContest, optimality_gap
 from train.networks.actor_critic import ActorCritic
+from train.networks.layers import Hidden
+from train.networks.policy import Seat
+from train.runs.by_name import settings_of
 from train.runs.folder import new_folder
-from train.runs.run import Run, start_run
+from train.runs.loop import Run
+from train.runs.single import start_run
 from train.settings.algorithms import DQNSettings, PPOSettings
 from train.settings.presets import tuned
-from train.settings.run import TaskSettings, TrainSettings, settings_of
+from train.settings.run import TrainSettings
+from train.settings.task import TaskSettings
 
 MAZE = TaskSettings(task="maze", maze="5x5", num_goals=3)
 SAME = PPOSettings(num_games=512, rollout_steps=16, minibatch_size=2048, epochs=3, shared=False)
@@ -38,15 +43,14 @@ def layers(seconds: float) -> None:
     print(f"{'cells, width':<16}{'bag f32':>10}{'bag bf16':>10}{'dense f32':>11}{'dense bf16':>11}")
     for width in (128, 256):
         for maze in ("5x5", "9x9", "15x15"):
-            simulator = Simulator(make_task("maze", maze=maze), 4096)
-            simulator.reset()
+            player = Seat(make_task("maze", maze=maze), "runner")
+            simulator = Simulator(player.task, 4096)
             observed = torch.from_numpy(simulator.observe("index", 0))
             speeds = []
             for form in ("bag", "dense"):
                 for bfloat16 in (False, True):
-                    network = ActorCritic(
-                        simulator.encoder("index"), 1, 4, width, True, form, bfloat16
-                    )
+                    hidden = Hidden(width, form=form, bfloat16=bfloat16)
+                    network = ActorCritic(player.features, 4, hidden)
                     optimizer = torch.optim.Adam(network.parameters())
                     count, began = 0, 0.0
                     while count < 4 or perf_counter() - began < seconds / 10:
@@ -115,9 +119,9 @@ def speed(seconds: float, rounds: int = 4) -> None:
             run = our_run(TrainSettings(MAZE, ppo, frames=10**12, precision=precision))
 
             def ours(run: Run = run) -> int:
-                before = run.learner.frames
-                run.learner.iterate(0.0)
-                return run.learner.frames - before
+                before = run.trainee.learner.frames
+                run.trainee.learner.iterate(0.0)
+                return run.trainee.learner.frames - before
 
             learners[f"ours, {precision}, {'shared' if shared else 'separate'}"] = ours
     best = dict.fromkeys(learners, 0.0)
@@ -143,7 +147,7 @@ def gap(limit: float, target: float = 0.02) -> None:
     budgets = [b for b in (10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 90.0, 120.0, 240.0) if b <= limit]
     found: dict[str, float] = {}
     for budget in budgets:
-        run = our_run(TrainSettings(MAZE, tuned("ppo", MAZE), seconds=budget))
+        run = our_run(TrainSettings(MAZE, tuned("ppo", MAZE.setting), seconds=budget))
         run.train()
         reached = run.metrics.rows[-1]["optimality_gap"]
         print(f"  ours {budget:5.0f} s: gap {100 * reached:.2f} %", flush=True)
@@ -151,7 +155,7 @@ def gap(limit: float, target: float = 0.02) -> None:
             found["ours"] = budget
             break
     task = make_task("maze", maze="5x5", num_goals=3)
-    contest = Contest(task, "runner", {}, 1000)
+    contest = GameContest(task, "runner", {}, 1000)
     optimum = contest.optimal()
     best = PPOSettings(
         num_games=64, rollout_steps=64, minibatch_size=512, epochs=4, learning_rate=1e-3, gamma=0.95
@@ -167,7 +171,7 @@ def gap(limit: float, target: float = 0.02) -> None:
         print(f"Stable-Baselines3: not within {limit:.0f} s")
 
 
-def sb3_gap(settings: PPOSettings, budget: float, contest: Contest, optimum: object) -> float:
+def sb3_gap(settings: PPOSettings, budget: float, contest: GameContest, optimum: object) -> float:
     """The greedy gap of Stable-Baselines3 after `budget` seconds, its learning rate annealed."""
     from stable_baselines3.common.callbacks import BaseCallback
 
@@ -233,15 +237,15 @@ def products(seconds: float) -> None:
             task="maze", maze="5x5", num_goals=3, frames=10**12, threads=1, **flat
         )
         run, hyper = our_run(settings), settings.hyper
-        while run.learner.frames < 30_000:  # past DQN's warm-up
-            run.learner.iterate(0.0)
+        while run.trainee.learner.frames < 30_000:  # past DQN's warm-up
+            run.trainee.learner.iterate(0.0)
         rows, width, outputs = 50, hyper.width, 4
         shares, rates = [], []
         for _ in range(5):
-            frames, began = run.learner.frames, perf_counter()
+            frames, began = run.trainee.learner.frames, perf_counter()
             while perf_counter() - began < seconds / 5:
-                run.learner.iterate(0.0)
-            rate = (run.learner.frames - frames) / (perf_counter() - began)
+                run.trainee.learner.iterate(0.0)
+            rate = (run.trainee.learner.frames - frames) / (perf_counter() - began)
             play = product_seconds(hyper.num_games, rows, width, outputs, False) / hyper.num_games
             if isinstance(hyper, PPOSettings):
                 update = product_seconds(hyper.minibatch_size, rows, width, outputs + 1, True)

@@ -15,8 +15,8 @@ from scripted_agents import cop_number, solve_chase, solve_in_turns
 from scripted_agents.equilibrium import _solve
 from train.evaluation.exploitability import exploitability
 from train.self_play.trainee import SelfPlay, start_self_play
-from train.settings.run import TaskSettings
 from train.settings.self_play import SelfPlaySettings, self_play_ppo
+from train.settings.task import TaskSettings
 
 
 def seconds(call: Any) -> float:
@@ -50,7 +50,9 @@ def exploitabilities(folder: Path) -> None:
         maze = run.task.mazes[0]
 
         def whole(run: SelfPlay = run, maze: Any = maze) -> None:
-            tables = [run.policy(r).action_probabilities(maze) for r in ("chaser", "evader")]  # type: ignore[attr-defined]
+            tables = [
+                run.trainee.policy(r).action_probabilities(maze) for r in ("chaser", "evader")
+            ]  # type: ignore[attr-defined]
             exploitability(maze, tables[0], tables[1])
 
         _solve.cache_clear()

@@ -1,13 +1,25 @@
 """Speed of the world: steps per second, ratios against peers in the same run, and how it scales.
 
 python tests/benchmarks/bench_simulator.py [--seconds 1]
+python tests/benchmarks/bench_simulator.py --against v0.1.0 [--turns 5]
+
+`--against` measures this version and another one, a folder or a git revision, in turns, each in a
+process of its own, and prints how long a step takes in both and the ratio.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
+from time import perf_counter
 
 import gymnasium
 import numpy as np
@@ -78,11 +90,124 @@ def peers() -> dict[str, Callable[[float], float]]:
     return found
 
 
+# -- two versions in turns -------------------------------------------------------------------------
+
+ROOT = Path(__file__).parents[2]
+# Runs under either version, so it keeps to what both know.
+MEASURE = """
+import json, sys
+from time import perf_counter
+import numpy as np
+from pursuit import Simulator, Task, chase_v0, make_task
+from scripted_agents.environments import default_policies
+
+def nanoseconds(call, per_call, seconds):
+    for turn in range(300):
+        call(turn)
+    times, began, turn = [], perf_counter(), 0
+    while perf_counter() - began < seconds:
+        start = perf_counter()
+        for turn in range(turn, turn + 8):
+            call(turn)
+        times.append((perf_counter() - start) / 8)
+    return float(np.quantile(times, 0.1)) * 1e9 / per_call
+
+def batch(task, games, seconds, scripted=False, encoding=None):
+    simulator = Simulator(task, games)
+    simulator.reset()
+    shape = (16, games, task.num_agents)
+    drawn = np.random.default_rng(0).integers(task.num_actions, size=shape, dtype=np.int32)
+    policies = default_policies(task, 0.2)
+    seats = [policies[role] if scripted else None for role in task.seat_roles]
+    seats[0] = None
+    out = simulator.observe(encoding, 0) if encoding else None
+    def call(turn):
+        simulator.act(seats, drawn[turn % 16])
+        simulator.step(drawn[turn % 16])
+        if encoding:
+            simulator.observe(encoding, 0, out=out)
+    return nanoseconds(call, games, seconds)
+
+def single(seconds):
+    env = chase_v0.parallel_env(maze="5x5")
+    env.reset(seed=0)
+    pairs = np.random.default_rng(0).integers(4, size=(256, 2)).tolist()
+    drawn = [dict(zip(env.possible_agents, pair)) for pair in pairs]
+    def call(turn):
+        env.step(drawn[turn % 256])
+        if not env.agents:
+            env.reset()
+    return nanoseconds(call, 1, seconds)
+
+seconds = float(sys.argv[1])
+duel = make_task("chase", maze="7x7")
+found = {
+    "duel, random actions": batch(duel, 4096, seconds),
+    "duel, scripted evader": batch(duel, 4096, seconds, True),
+    "duel, scripted evader and index": batch(duel, 4096, seconds, True, "index"),
+    "duel, one game": batch(duel, 1, seconds),
+    "one runner, 3 goals": batch(Task("7x7", num_runners=1, num_goals=3), 4096, seconds),
+    "one PettingZoo game": single(seconds),
+}
+for team in (2, 4, 8):
+    task = Task("7x7", num_chasers=team, num_evaders=team)
+    found[f"{team}v{team}, random actions"] = batch(task, 4096, seconds)
+    found[f"{team}v{team}, scripted"] = batch(task, 4096, seconds, True)
+print(json.dumps(found))
+"""
+
+
+@contextmanager
+def checkout(version: str) -> Iterator[Path]:
+    """The folder of another version: a folder as it is, or a revision in a worktree for now."""
+    if Path(version).is_dir():
+        yield Path(version).resolve()
+        return
+    with tempfile.TemporaryDirectory() as parent:
+        folder = Path(parent) / "worktree"
+        git = ["git", "-C", str(ROOT), "worktree"]
+        subprocess.run([*git, "add", "--detach", "-q", str(folder), version], check=True)
+        try:
+            yield folder
+        finally:
+            subprocess.run([*git, "remove", "--force", str(folder)], check=True)
+
+
+def measured(folder: Path, seconds: float) -> dict[str, float]:
+    """Nanoseconds a game step of every case, of the version in `folder`."""
+    command = [sys.executable, "-c", MEASURE, str(seconds)]
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    said = subprocess.run(
+        command, cwd=folder, env=environment, check=True, capture_output=True, text=True
+    )
+    return json.loads(said.stdout)
+
+
+def compare(version: str, seconds: float, turns: int) -> None:
+    """Print the time of a step now and then, medians over turns, and now / then."""
+    with checkout(version) as other:
+        for folder in (ROOT, other):
+            measured(folder, 0.01)  # compiles
+        began = perf_counter()
+        pairs = [(measured(ROOT, seconds), measured(other, seconds)) for _ in range(turns)]
+    print(f"ns a game step, medians of {turns} turns in {perf_counter() - began:.0f} s")
+    print(f"{'':<36}{'now':>12}{version[-24:]:>26}{'ratio':>8}")
+    for name in pairs[0][0]:
+        now, then = (float(np.median([pair[side][name] for pair in pairs])) for side in (0, 1))
+        print(f"{name:<36}{now:>12.1f}{then:>26.1f}{now / then:>8.2f}")
+
+
 def main() -> None:
     """Print everything."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=1.0, help="time of each measurement")
-    seconds = parser.parse_args().seconds
+    parser.add_argument("--against", help="another version: a folder, or a git revision")
+    parser.add_argument("--turns", type=int, default=5, help="of both versions")
+    given = parser.parse_args()
+    seconds = given.seconds
+    if given.against:
+        compare(given.against, seconds, given.turns)
+        return
     chase = make_task("chase", maze="7x7")
     ours = {
         "Simulator 7x7 1v1, 4096 games, scripted evader": simulator_rate(chase, 4096, seconds),

@@ -13,9 +13,8 @@ from tensordict.nn import (
 )
 from torchrl.objectives import A2CLoss, ReinforceLoss
 
-from train.algorithms.learner import NetworkLearner
-from train.algorithms.rollouts import RolloutLearner, draw
-from train.environments.simulator_env import SimulatorEnv
+from train.algorithms.learner import Build, Games, NetworkLearner
+from train.algorithms.rollouts import RolloutLearner, actor_critic_of, draw
 from train.networks.actor_critic import ActorCritic
 from train.settings.algorithms import A2CSettings, ReinforceSettings
 
@@ -50,7 +49,7 @@ class A2C(RolloutLearner):
     """
 
     def __init__(
-        self, settings: A2CSettings, env: SimulatorEnv, network: ActorCritic, device: str
+        self, settings: A2CSettings, env: Games, network: ActorCritic, device: str = "cpu"
     ) -> None:
         gae_lambda = settings.gae_lambda if settings.gae else 1.0
         super().__init__(settings, env, network, device, gae_lambda, settings.critic)
@@ -99,7 +98,7 @@ class Reinforce(NetworkLearner):
     network: ActorCritic
 
     def __init__(
-        self, settings: ReinforceSettings, env: SimulatorEnv, network: ActorCritic, device: str
+        self, settings: ReinforceSettings, env: Games, network: ActorCritic, device: str = "cpu"
     ) -> None:
         super().__init__(settings, env, network, device)
         self.settings = settings
@@ -145,10 +144,10 @@ class Reinforce(NetworkLearner):
         """
         env, gamma = self.env, self.settings.gamma
         now = env.reset()
-        running = torch.arange(env.simulator.num_games)
+        running = torch.arange(env.num_games)
         steps: list[tuple[torch.Tensor, ...]] = []
-        returns = torch.zeros(env.simulator.num_games, 1)
-        actions = torch.zeros(env.simulator.num_games, dtype=torch.int64)
+        returns = torch.zeros(env.num_games, 1)
+        actions = torch.zeros(env.num_games, dtype=torch.int64)
         while len(running):
             observation = now["observation"][running].to(self.device)
             logits, value = self.network(observation)
@@ -172,3 +171,13 @@ class Reinforce(NetworkLearner):
         }
         stacked["value_target"] = torch.cat(targets[::-1])
         return TensorDict(stacked, batch_size=[len(stacked["action"])])
+
+
+def build_a2c(settings: A2CSettings, env: Games, how: Build) -> A2C:
+    """The learner over its games."""
+    return A2C(settings, env, actor_critic_of(settings, env.player, how), how.device)
+
+
+def build_reinforce(settings: ReinforceSettings, env: Games, how: Build) -> Reinforce:
+    """The learner over its games."""
+    return Reinforce(settings, env, actor_critic_of(settings, env.player, how), how.device)

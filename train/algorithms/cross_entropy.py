@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,9 +15,11 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 from curricula import linear
 from pursuit.compiled import compiled
 from pursuit.rules import draw_uniform, next_uniform, seed_streams
+from train.algorithms.learner import Build
 from train.environments.simulator_env import SimulatorEnv
-from train.networks.actor_critic import ActorCritic, Convolutions, Flat, IndexLayer
-from train.networks.policy import LearnedPolicy
+from train.networks.actor_critic import ActorCritic
+from train.networks.layers import Convolutions, Flat, Hidden, IndexLayer
+from train.networks.policy import LearnedPolicy, Player
 from train.settings.algorithms import CrossEntropySettings
 
 
@@ -181,15 +182,13 @@ class CrossEntropy:
 
     Args:
         settings: the hyperparameters.
-        env: the games.
+        env: the games; its simulator is stepped directly.
         network: its policy's weights are searched; the value is not used.
         seed: of the candidates.
 
     Attributes:
         mean, std: [weights] float32, the distribution.
     """
-
-    stochastic = True
 
     def __init__(
         self, settings: CrossEntropySettings, env: SimulatorEnv, network: ActorCritic, seed: int
@@ -205,8 +204,7 @@ class CrossEntropy:
         self.std = torch.full_like(self.mean, settings.initial_std)
         self._write_mean()
         simulator = env.simulator
-        if env.teacher is not None:
-            env.teacher.copies = settings.population
+        env.hook.copies = settings.population
         self._streams = np.zeros((simulator.num_games, 1), dtype=np.uint64)
         seed_streams(self._streams, seed, 0)
         self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
@@ -255,7 +253,7 @@ class CrossEntropy:
             )
             simulator.step(self._actions)
             self.frames += int(running.sum())
-            done = simulator.ended[0] | simulator.ended[1]
+            done = simulator.ended
             if several:
                 done |= simulator.active[:, env.seat] == 0
             ending = running & done
@@ -268,19 +266,12 @@ class CrossEntropy:
     def _share_starts(self, population: int, each: int) -> None:
         """Give every candidate's games the same random streams, so that all get the same starts."""
         simulator = self.env.simulator
-        simulator.reset()
-        state = simulator.get_state()
-        shared = {
-            name: np.concatenate([array[:each]] * population)
-            for name, array in vars(state).items()
-            if name in ("rows", "streams")
-        }
-        simulator.set_state(replace(state, **shared))
+        chosen = np.tile(np.arange(each), population)
+        simulator.set_state(simulator.get_state(chosen))
 
     def policy(self, greedy: bool = True) -> LearnedPolicy:
         """That of the mean."""
-        task, seat = self.env.simulator.task, self.env.seat
-        return LearnedPolicy(self.network, task, task.agent_names[seat], self.env.encoding, greedy)
+        return self.env.player.policy(self.network, greedy)
 
     def state_dict(self) -> dict[str, Any]:
         """The distribution, the random state and the frames; and the mean as a network."""
@@ -304,3 +295,14 @@ class CrossEntropy:
 
     def close(self) -> None:
         """Nothing is held open."""
+
+
+def network_of(settings: CrossEntropySettings, player: Player, how: Build) -> ActorCritic:
+    """A policy of what the player observes, with fresh weights; its value is not used."""
+    hidden = Hidden(settings.width, settings.activation, form="dense")
+    return ActorCritic(player.features, player.num_actions, hidden)
+
+
+def build(settings: CrossEntropySettings, env: SimulatorEnv, how: Build) -> CrossEntropy:
+    """The learner over its games."""
+    return CrossEntropy(settings, env, network_of(settings, env.player, how), how.seed)

@@ -13,10 +13,10 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.data.postprocs import MultiStep
 
 from curricula import linear
-from train.algorithms.learner import NetworkLearner, means
+from train.algorithms.learner import Build, Games, NetworkLearner, means
 from train.algorithms.prioritized import prioritized_sampler
-from train.environments.simulator_env import SimulatorEnv
-from train.networks.actor_critic import QNetwork
+from train.networks.policy import Player
+from train.networks.q_network import QNetwork
 from train.settings.algorithms import DQNSettings
 
 logging.getLogger("torchrl").setLevel(logging.WARNING)  # it tells of every storage it makes
@@ -92,12 +92,11 @@ class DQN(NetworkLearner):
     """
 
     network: QNetwork
-    stochastic = False
 
     def __init__(
         self,
         settings: DQNSettings,
-        env: SimulatorEnv,
+        env: Games,
         network: QNetwork,
         target: QNetwork,
         device: str,
@@ -114,17 +113,7 @@ class DQN(NetworkLearner):
             batch_size=settings.batch_size,
             priority_key="td_error",
             generator=self.generator,
-            **(
-                {
-                    "sampler": prioritized_sampler(
-                        settings.buffer_size,
-                        settings.priority_exponent,
-                        settings.importance_exponent,
-                    )
-                }
-                if settings.prioritized
-                else {}
-            ),
+            **({"sampler": _sampler(settings)} if settings.prioritized else {}),
         )
         self.collector = Collector(
             env,
@@ -140,7 +129,7 @@ class DQN(NetworkLearner):
         self._batches = iter(self.collector)
 
     def iterate(self, progress: float) -> dict[str, float]:
-        """Play one rollout into the buffer, and take `updates` gradient steps from it."""
+        """Play one rollout into the buffer, and take `gradient_steps` from it."""
         settings = self.settings
         self.set_learning_rate(progress)
         explored = min(progress / max(settings.exploration_share, 1e-9), 1.0)
@@ -240,3 +229,20 @@ class DQN(NetworkLearner):
     def close(self) -> None:
         """Stop collecting."""
         self.collector.shutdown()
+
+
+def _sampler(settings: DQNSettings) -> Any:
+    exponents = (settings.priority_exponent, settings.importance_exponent)
+    return prioritized_sampler(settings.buffer_size, *exponents)
+
+
+def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:
+    """Action values of what the player observes, with fresh weights."""
+    sizes = (player.features, player.num_actions, build.hidden(settings))
+    return QNetwork(*sizes, settings.dueling).to(build.device)
+
+
+def build(settings: DQNSettings, env: Games, how: Build) -> DQN:
+    """The learner over its games."""
+    network, target = (network_of(settings, env.player, how) for _ in range(2))
+    return DQN(settings, env, network, target, how.device, how.seed)

@@ -1,7 +1,9 @@
-"""What every learner is to a run."""
+"""What every learner is to a run, and what the games are to a learner."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import torch
@@ -9,21 +11,45 @@ from torch import nn
 
 from curricula import linear
 from pursuit.policy import Policy
-from train.environments.simulator_env import SimulatorEnv
-from train.networks.policy import LearnedPolicy, PolicyNetwork
+from train.environments.hooks import EpisodeHook
+from train.networks.layers import Hidden
+from train.networks.policy import Player, PolicyNetwork
 from train.settings.algorithms import NetworkSettings
 
 
+class Games(Protocol):
+    """A batched TorchRL environment (an `EnvBase`), with what learners ask beside its specs.
+
+    Attributes:
+        player: who learns.
+        hook: whoever changes the next episodes.
+        num_games: in lockstep.
+        resume: set it to have the next full reset go on with the games as they stand.
+    """
+
+    hook: EpisodeHook
+    num_games: int
+    resume: bool
+
+    @property
+    def player(self) -> Player:
+        """Who learns."""
+
+    def reset(self) -> Any:
+        """Begin all games anew; a TensorDict of what is observed."""
+
+    def step_episodes(self, actions: torch.Tensor, running: torch.Tensor) -> Any:
+        """A step without restarts, for learners from whole episodes."""
+
+
 class Learner(Protocol):
-    """One algorithm in one seat of a batch of games.
+    """One algorithm in one seat of a batch of games, or in all seats of a role.
 
     Attributes:
         frames: environment steps taken, all games counted.
-        stochastic: whether `policy(greedy=False)` exists.
     """
 
     frames: int
-    stochastic: bool
 
     def iterate(self, progress: float) -> dict[str, float]:
         """Play and learn for a moment; `progress` in [0, 1] through the budget.
@@ -33,7 +59,11 @@ class Learner(Protocol):
         """
 
     def policy(self, greedy: bool = True) -> Policy:
-        """What was learned so far; it follows the learner as it goes on."""
+        """What was learned so far; it follows the learner as it goes on.
+
+        Raises:
+            ValueError: not greedy, of a learner of no distribution.
+        """
 
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain values: what a resumed learner needs to go on exactly.
@@ -48,6 +78,45 @@ class Learner(Protocol):
         """Let go of whatever is held open."""
 
 
+@dataclass(frozen=True)
+class Build:
+    """How a learner is to be built on this machine.
+
+    Attributes:
+        device: where the network lives.
+        bfloat16: matrix products in bfloat16.
+        first_layer: "bag", "dense", or "auto" for the faster.
+        seed: of what the learner itself draws (networks draw from torch's generator).
+    """
+
+    device: str = "cpu"
+    bfloat16: bool = False
+    first_layer: str = "auto"
+    seed: int = 0
+
+    def hidden(self, settings: NetworkSettings) -> Hidden:
+        """The hidden layers that the settings ask for."""
+        form: Any = None if self.first_layer == "auto" else self.first_layer
+        rest = (settings.activation, settings.first_std, form, self.bfloat16)
+        return Hidden(settings.width, *rest)
+
+
+def network_loader(
+    network_of: Callable[[Any, Player, Build], PolicyNetwork],
+) -> Callable[[Any, Player, dict[str, Any], bool], Policy]:
+    """What makes a policy, on the CPU, of the state of a learner whose networks `network_of` makes.
+
+    It raises KeyError or RuntimeError for the state of other settings.
+    """
+
+    def load(settings: Any, player: Player, state: dict[str, Any], greedy: bool = True) -> Policy:
+        network = network_of(settings, player, Build())
+        network.load_state_dict(state["network"])
+        return player.policy(network, greedy)
+
+    return load
+
+
 class NetworkLearner:
     """What the learners with a network and Adam share.
 
@@ -58,10 +127,8 @@ class NetworkLearner:
         device: where it lives.
     """
 
-    stochastic = True
-
     def __init__(
-        self, settings: NetworkSettings, env: SimulatorEnv, network: PolicyNetwork, device: str
+        self, settings: NetworkSettings, env: Games, network: PolicyNetwork, device: str
     ) -> None:
         self.env, self.network, self.device = env, network, device
         self._descent = settings
@@ -93,10 +160,9 @@ class NetworkLearner:
         """Anneal it."""
         self.optimizer.param_groups[0]["lr"] = self.annealed(self._descent.learning_rate, progress)
 
-    def policy(self, greedy: bool = True) -> LearnedPolicy:
-        """The network in the learner's seat."""
-        task, seat = self.env.simulator.task, self.env.seat
-        return LearnedPolicy(self.network, task, task.agent_names[seat], self.env.encoding, greedy)
+    def policy(self, greedy: bool = True) -> Policy:
+        """The network as the player."""
+        return self.env.player.policy(self.network, greedy)
 
     def state_dict(self) -> dict[str, Any]:
         """Weights, Adam's moments and the frames."""

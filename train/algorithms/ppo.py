@@ -7,10 +7,10 @@ from typing import Any
 import torch
 from tensordict import TensorDictBase
 
-from train.algorithms.learner import means
-from train.algorithms.rollouts import RolloutLearner
-from train.environments.simulator_env import SimulatorEnv
-from train.networks.actor_critic import ActorCritic
+from train.algorithms.learner import Build, Games, means
+from train.algorithms.rollouts import RolloutLearner, actor_critic_of
+from train.networks.actor_critic import ActorCritic, CentralActorCritic
+from train.networks.policy import Player
 from train.settings.algorithms import PPOSettings
 
 
@@ -79,7 +79,7 @@ class PPO(RolloutLearner):
     """
 
     def __init__(
-        self, settings: PPOSettings, env: SimulatorEnv, network: ActorCritic, device: str
+        self, settings: PPOSettings, env: Games, network: ActorCritic, device: str = "cpu"
     ) -> None:
         penalised = settings.kl_target > 0
         super().__init__(settings, env, network, device, settings.gae_lambda, keep_all=penalised)
@@ -132,3 +132,16 @@ class PPO(RolloutLearner):
         """Take them back."""
         super().load_state_dict(state)
         self.kl_coef = state["kl_coef"]
+
+
+def network_of(settings: PPOSettings, player: Player, build: Build) -> ActorCritic:
+    """Fresh, with a critic of its own kind where the settings want a central one."""
+    if not settings.central_critic:
+        return actor_critic_of(settings, player, build)
+    sizes = (player.features, player.num_actions, player.members)
+    return CentralActorCritic(*sizes, build.hidden(settings)).to(build.device)
+
+
+def build(settings: PPOSettings, env: Games, how: Build) -> PPO:
+    """The learner over its games."""
+    return PPO(settings, env, network_of(settings, env.player, how), how.device)

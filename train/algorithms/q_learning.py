@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from curricula import linear
 from pursuit.compiled import compiled, inlined
 from pursuit.maze import Maze
-from pursuit.policy import GameView
-from pursuit.rules import next_below, next_uniform, seed_streams
-from pursuit.simulator import Simulator
+from pursuit.policy import GameView, pairs_of_cells
+from pursuit.rules import Games, next_below, next_uniform, seed_streams
 from pursuit.task import Task
+from train.algorithms.learner import Build
 from train.environments.simulator_env import SimulatorEnv
+from train.networks.policy import Seat
 from train.settings.algorithms import QLearningSettings
 
 MAX_STATES = 20_000_000
@@ -26,24 +27,25 @@ STEPS_PER_ITERATION = 64
 
 
 @inlined
-def number_state(rows: Any, game: int, agents: int, goals: int, cells: int, binomials: Any) -> Any:
+def number_state(games: Games, game: int, cells: int, binomials: Any) -> Any:
     """The state number of one game; see `number_states`."""
+    agents, goals = games.position.shape[1], games.goal.shape[1]
     base = cells + 1 if agents > 2 else cells
     state = np.int64(0)
     for agent in range(agents):
-        alive = rows[game, agents + agent] != 0
-        state = state * base + (rows[game, agent] if alive else base - 1)
+        alive = games.active[game, agent] != 0
+        state = state * base + (games.position[game, agent] if alive else base - 1)
     if goals == 0:
         return state
     number = np.int64(0)
     left = 0
     for goal in range(goals):
-        cell = rows[game, 3 * agents + goal]
+        cell = games.goal[game, goal]
         if cell >= 0:
             # A goal's rank is counted instead of sorted for: no branch depends on the order.
             rank = 1
             for other in range(goals):
-                beside = rows[game, 3 * agents + other]
+                beside = games.goal[game, other]
                 rank += (beside >= 0) & (beside < cell)
             number += binomials[cell, rank]
             number += binomials[cells, left]  # sets with fewer goals come first
@@ -53,7 +55,16 @@ def number_state(rows: Any, game: int, agents: int, goals: int, cells: int, bino
 
 @compiled
 def number_states(
-    rows: Any, agents: int, goals: int, cells: int, binomials: Any, chosen: Any, states: Any
+    position: Any,
+    active: Any,
+    event: Any,
+    goal: Any,
+    steps: Any,
+    maze: Any,
+    cells: int,
+    binomials: Any,
+    chosen: Any,
+    states: Any,
 ) -> None:
     """The state number of every game that is `chosen`.
 
@@ -61,15 +72,16 @@ def number_states(
     remaining goals are a set, numbered in the combinatorial number system: their order is nothing.
 
     Args:
-        rows: [games, ...] int32, as the rule book lays them out.
-        agents, goals, cells: of the task.
+        position, active, event, goal, steps, maze: the arrays of `pursuit.rules.Games`.
+        cells: of the task's maze.
         binomials: [cells + 2, goals + 1] int64, n over k; in the last row the number of sets.
         chosen: [games] bool; the states of others stay as they are.
         states: [games] int64, out.
     """
-    for game in range(rows.shape[0]):
+    games = Games(position, active, event, goal, steps, maze)
+    for game in range(states.shape[0]):
         if chosen[game]:
-            states[game] = number_state(rows, game, agents, goals, cells, binomials)
+            states[game] = number_state(games, game, cells, binomials)
 
 
 @compiled
@@ -95,13 +107,19 @@ def choose_actions(
 def learn(
     q_values: Any,
     visits: Any,
-    rows: Any,
+    position: Any,
+    active: Any,
+    event: Any,
+    goal: Any,
+    steps: Any,
+    maze: Any,
     numbering: Any,
     states: Any,
     actions: Any,
     seat: int,
     rewards: Any,
-    ended: Any,
+    ended_by_rule: Any,
+    ended_by_time: Any,
     done: Any,
     gamma: float,
     learning_rate: float,
@@ -111,24 +129,25 @@ def learn(
 
     Args:
         q_values, visits: [states, actions].
-        rows: [games, ...], after the step.
-        numbering: agents, goals, cells and binomials, as `number_states` takes them.
+        position, active, event, goal, steps, maze: the arrays of the games after the step.
+        numbering: cells and binomials, as `number_states` takes them.
         states: [games] int64, before the step; the ones after it are written in their place.
         actions, seat, rewards: what the learner did and earned.
-        ended: [2, games] bool, terminated and truncated; truncated games are bootstrapped.
+        ended_by_rule, ended_by_time: [games] bool; the truncated games are bootstrapped.
         done: [games] bool, out: whose episode is over, for the game or for a captured learner.
         gamma, learning_rate, power: the step size is learning_rate / visits ** power.
 
     Returns:
         The mean |error|, and the number of games that are done.
     """
-    agents, goals, cells, binomials = numbering
+    games = Games(position, active, event, goal, steps, maze)
+    cells, binomials = numbering
     num_actions = q_values.shape[1]
     total, count = 0.0, 0
     for game in range(states.shape[0]):
         state, action = states[game], actions[game, seat]
-        after = number_state(rows, game, agents, goals, cells, binomials)
-        terminated = ended[0, game] or rows[game, agents + seat] == 0
+        after = number_state(games, game, cells, binomials)
+        terminated = ended_by_rule[game] or games.active[game, seat] == 0
         target = np.float64(rewards[game, seat])
         if not terminated:
             best = q_values[after, 0]
@@ -142,7 +161,7 @@ def learn(
         error = target - q_values[state, action]
         q_values[state, action] += rate * error
         total += abs(error)
-        done[game] = terminated or ended[1, game]
+        done[game] = terminated or ended_by_time[game]
         count += done[game]
         states[game] = after
     return total / states.shape[0], count
@@ -182,19 +201,17 @@ class StateNumbers:
             [[comb(n, k) for k in range(goals + 1)] for n in range(cells + 2)], dtype=np.int64
         )
         binomials[cells + 1] = sum(self.goal_sets)
-        self.for_kernels = (task.num_agents, goals, cells, binomials)
+        self.for_kernels = (cells, binomials)
 
-    def __call__(self, rows: NDArray[np.int32]) -> NDArray[np.int64]:
-        """[games] int64, the state of every game in `rows`."""
-        states = np.empty(len(rows), dtype=np.int64)
-        self.renumber(rows, np.ones(len(rows), dtype=bool), states)
+    def __call__(self, games: Games) -> NDArray[np.int64]:
+        """[games] int64, the state of every game."""
+        states = np.empty(len(games.steps), dtype=np.int64)
+        self.renumber(games, np.ones(len(states), dtype=bool), states)
         return states
 
-    def renumber(
-        self, rows: NDArray[np.int32], chosen: NDArray[np.bool_], states: NDArray[np.int64]
-    ) -> None:
+    def renumber(self, games: Games, chosen: NDArray[np.bool_], states: NDArray[np.int64]) -> None:
         """Write the states of the `chosen` games into `states` [games]."""
-        number_states(rows, *self.for_kernels, chosen, states)
+        number_states(*games, *self.for_kernels, chosen, states)
 
 
 def initial_values(numbers: StateNumbers, optimism: float) -> NDArray[np.float64]:
@@ -233,7 +250,7 @@ class QTablePolicy:
                 f"a table learned in task {own.name!r} on {own.mazes[0].name} fits no other mazes, "
                 "agents, goals or actions"
             )
-        return self.q_values[self.numbers(view.rows)].argmax(axis=1).astype(np.int32)
+        return self.q_values[self.numbers(view.games)].argmax(axis=1).astype(np.int32)
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: 1 for the greedy action.
@@ -248,12 +265,9 @@ class QTablePolicy:
                 f"{task.num_actions} actions is none over pairs of cells of this maze; only one "
                 "chaser against one evader is"
             )
-        size, seat = maze.num_cells, task.seat(self.agent)
-        rows = np.zeros((size * size, Simulator(task, 1).rows.shape[1]), dtype=np.int32)
-        own, other = np.divmod(np.arange(size * size, dtype=np.int32), size)
-        rows[:, seat], rows[:, 1 - seat], rows[:, 2:4] = own, other, 1
-        best = self.q_values[self.numbers(rows)].argmax(axis=1)
-        return np.eye(task.num_actions)[best].reshape(size, size, -1)
+        states = self.numbers(pairs_of_cells(task, maze, self.agent))
+        best = self.q_values[states].argmax(axis=1)
+        return np.eye(task.num_actions)[best].reshape(maze.num_cells, maze.num_cells, -1)
 
 
 class QLearning:
@@ -261,7 +275,7 @@ class QLearning:
 
     Args:
         settings: the hyperparameters.
-        env: the games.
+        env: the games; its simulator is stepped directly.
         seed: of the exploration.
 
     Raises:
@@ -271,8 +285,6 @@ class QLearning:
         q_values: [states, actions] float64.
         visits: [states, actions] uint32.
     """
-
-    stochastic = False
 
     def __init__(self, settings: QLearningSettings, env: SimulatorEnv, seed: int) -> None:
         self.settings, self.env, self.frames = settings, env, 0
@@ -294,13 +306,13 @@ class QLearning:
         simulator, seat, actions = env.simulator, env.seat, self._actions
         if not self._begun:
             if not env.resume:
-                env.restart()
+                env.begin()
             self._begun = True
         explored = min(progress / max(settings.exploration_share, 1e-9), 1.0)
         epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
         error, states, done = 0.0, self._states, self._done
         done[:] = True
-        self.numbers.renumber(simulator.rows, done, states)
+        self.numbers.renumber(simulator.games, done, states)
         for _ in range(STEPS_PER_ITERATION):
             simulator.act(env.policies, actions)
             choose_actions(self.q_values, states, self._streams, epsilon, actions, seat)
@@ -308,13 +320,14 @@ class QLearning:
             size, count = learn(
                 self.q_values,
                 self.visits,
-                simulator.rows,
+                *simulator.games,
                 self.numbers.for_kernels,
                 states,
                 actions,
                 seat,
                 simulator.rewards,
-                simulator.ended,
+                simulator.terminated,
+                simulator.truncated,
                 done,
                 settings.gamma,
                 settings.learning_rate,
@@ -324,7 +337,7 @@ class QLearning:
             if count:
                 env.finish(done)
                 env.restart(done)
-                self.numbers.renumber(simulator.rows, done, states)
+                self.numbers.renumber(simulator.games, done, states)
         self.frames += STEPS_PER_ITERATION * simulator.num_games
         return {"epsilon": epsilon, "td_error": error / STEPS_PER_ITERATION}
 
@@ -334,8 +347,8 @@ class QLearning:
             raise ValueError(
                 "q_learning learns no distribution over actions; take the greedy policy"
             )
-        task = self.env.simulator.task
-        return QTablePolicy(task, task.agent_names[self.env.seat], self.q_values)
+        seat = self.env.player
+        return QTablePolicy(seat.task, seat.agent, self.q_values)
 
     def state_dict(self) -> dict[str, Any]:
         """The table, the visits, the random streams and the frames."""
@@ -359,13 +372,20 @@ class QLearning:
         """Nothing is held open."""
 
 
-def policy_from_state(task: Task, agent: str, state: dict[str, Any]) -> QTablePolicy:
+def build(settings: QLearningSettings, env: SimulatorEnv, how: Build) -> QLearning:
+    """The learner over its games."""
+    return QLearning(settings, env, how.seed)
+
+
+def load(
+    settings: QLearningSettings, seat: Seat, state: dict[str, Any], greedy: bool = True
+) -> QTablePolicy:
     """The policy in what `QLearning.state_dict` gave.
 
     Raises:
         RuntimeError: a table of another shape.
     """
-    policy = QTablePolicy(task, agent, state["q_values"].numpy())
-    if policy.q_values.shape != (policy.numbers.count, task.num_actions):
+    policy = QTablePolicy(seat.task, seat.agent, state["q_values"].numpy())
+    if policy.q_values.shape != (policy.numbers.count, seat.num_actions):
         raise RuntimeError("a table of another shape")
     return policy

@@ -1,107 +1,198 @@
-"""The learners, all behind one interface (`learner.Learner`), and what makes them from settings."""
+"""The algorithms by name: their settings, how each is built and loaded, and what it can do.
+
+A new learner is a file with its settings, its class and its `build`, and one entry here; command
+line, run folders, sweeps and reports follow.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from pursuit.policy import Policy
-from pursuit.simulator import Simulator
-from train.algorithms.learner import Learner
-from train.environments.simulator_env import SimulatorEnv
-from train.networks.actor_critic import ActorCritic, CentralActorCritic, QNetwork
-from train.networks.policy import LearnedPolicy
+from train.algorithms import a2c, cross_entropy, dqn, ppo, q_learning
+from train.algorithms.learner import Build, Learner, network_loader
+from train.algorithms.rollouts import actor_critic_of
 from train.settings.algorithms import (
+    HYPERPARAMETERS,
     A2CSettings,
-    ActorCriticSettings,
     CrossEntropySettings,
     DQNSettings,
-    NetworkSettings,
+    Hyperparameters,
     PPOSettings,
     QLearningSettings,
     ReinforceSettings,
 )
-from train.settings.run import TrainSettings
-from train.teaching.teacher import training_task
+from train.settings.checks import check
 
-__all__ = ["Learner", "build_network", "make_learner", "policy_of"]
+__all__ = ["ALGORITHMS", "Algorithm", "Build", "algorithm_of", "entry", "register"]
 
 
-def build_network(settings: TrainSettings[Any], bfloat16: bool = False) -> ActorCritic | QNetwork:
-    """The network of a run, with fresh weights, on its device.
+@dataclass(frozen=True)
+class Algorithm:
+    """What is known of an algorithm before it is built.
+
+    Attributes:
+        name: on the command line and in `config.json`.
+        settings: the class of its hyperparameters.
+        build: (settings, env, Build) -> the learner over its games.
+        load: (settings, player, state, greedy) -> the policy in what the learner's `state_dict`
+            gave, on the CPU; KeyError or RuntimeError for a state of other settings.
+        learns_distribution: whether there is a policy other than the greedy one.
+        whole_episodes: it learns from episodes that are played to their end.
+        has_advantages: it tells them to the hook of its games.
+        self_play: it can learn against an opponent that learns.
+        teams: it can learn for several agents of a role at once.
+        central_critic: its critic can see what all agents of a role observe.
+        one_maze: it has a table for one maze.
+        cpu_only: it has nothing to put on a GPU.
+        observations: the encodings that it can use; None for all.
+        actions: the kinds of action spaces that it can use.
+        check_player: raises ValueError for a player that it cannot learn to be.
+    """
+
+    name: str
+    settings: type[Hyperparameters]
+    build: Callable[[Any, Any, Build], Learner]
+    load: Callable[[Any, Any, dict[str, Any], bool], Policy]
+    learns_distribution: bool = True
+    whole_episodes: bool = False
+    has_advantages: bool = False
+    self_play: bool = False
+    teams: bool = False
+    central_critic: bool = False
+    one_maze: bool = False
+    cpu_only: bool = False
+    observations: tuple[str, ...] | None = None
+    actions: frozenset[str] = frozenset({"discrete"})
+    check_player: Callable[[Any], object] = lambda player: None
+
+    def check(self, *, observation: str, device: str = "cpu", greedy: bool = True) -> None:
+        """Raise ValueError for what it cannot do: an observation, a device, a sampled policy."""
+        check(
+            greedy or self.learns_distribution,
+            f"evaluate='sampled'; {self.name} learns no distribution over actions",
+        )
+        check(
+            device == "cpu" or not self.cpu_only,
+            f"device={device!r}; {self.name} runs on the cpu only",
+        )
+        check(
+            self.observations is None or observation in self.observations,
+            f"observation={observation!r}; {self.name} has a table over states, not over "
+            "observations; leave it out"
+            if self.one_maze
+            else f"observation={observation!r}; {self.name} can use "
+            f"{', '.join(self.observations or ())}",
+        )
+
+    def check_self_play(self, role: str, agents: int) -> None:
+        """Raise ValueError unless it can learn for so many agents of `role` in self-play."""
+        able = [name for name, other in ALGORITHMS.items() if other.self_play]
+        check(
+            self.self_play,
+            f"{role}_algorithm={self.name!r}; of {', '.join(ALGORITHMS)} only "
+            f"{', '.join(able[:-1])} and {able[-1]} learn in self-play",
+        )
+        check(
+            self.teams or agents == 1,
+            f"{role}_algorithm={self.name!r} with {agents} {role}s; several agents of a role learn "
+            f"by {' or '.join(name for name in able if ALGORITHMS[name].teams)}",
+        )
+
+
+ALGORITHMS: dict[str, Algorithm] = {}
+
+
+def register(algorithm: Algorithm) -> None:
+    """Take an algorithm in.
 
     Raises:
-        ValueError: the algorithm has none.
+        ValueError: the name stands for other settings already.
     """
-    task, hyper = training_task(settings), settings.hyper
-    encoder = Simulator(task).encoder(settings.observation)
-    sizes = (encoder, task.num_agents, task.num_actions)
-    form: Any = None if settings.first_layer == "auto" else settings.first_layer
-    if isinstance(hyper, CrossEntropySettings):
-        return ActorCritic(*sizes, hyper.width, form="dense", activation=hyper.activation)
-    if not isinstance(hyper, NetworkSettings):
-        raise ValueError(f"{settings.algorithm} has no network")
-    if isinstance(hyper, PPOSettings) and hyper.central_critic:
-        role = task.seat_roles[task.seat(settings.task.agent)]
-        inner: Any = (hyper.width, bfloat16, hyper.first_std, hyper.activation)
-        return CentralActorCritic(*sizes, task.count(role), *inner).to(settings.device)
-    rest: tuple[Any, ...] = (form, bfloat16, hyper.first_std, hyper.activation)
-    network: ActorCritic | QNetwork
-    if isinstance(hyper, DQNSettings):
-        network = QNetwork(*sizes, hyper.width, hyper.dueling, *rest)
-    else:
-        assert isinstance(hyper, ActorCriticSettings)
-        network = ActorCritic(*sizes, hyper.width, hyper.shared, *rest)
-    return network.to(settings.device)
+    known = HYPERPARAMETERS.setdefault(algorithm.name, algorithm.settings)
+    check(
+        known is algorithm.settings and algorithm.name not in ALGORITHMS,
+        f"an algorithm called {algorithm.name!r} is there already; rename one",
+    )
+    ALGORITHMS[algorithm.name] = algorithm
 
 
-def make_learner(
-    settings: TrainSettings[Any], env: SimulatorEnv, bfloat16: bool = False
-) -> Learner:
-    """The learner of a run over its games.
-
-    Raises:
-        ValueError: a combination that this algorithm cannot do.
-    """
-    hyper, device = settings.hyper, settings.device
-    if isinstance(hyper, QLearningSettings):
-        from train.algorithms.q_learning import QLearning
-
-        return QLearning(hyper, env, settings.seed)
-    network: Any = build_network(settings, bfloat16)
-    if isinstance(hyper, CrossEntropySettings):
-        from train.algorithms.cross_entropy import CrossEntropy
-
-        return CrossEntropy(hyper, env, network, settings.seed)
-    if isinstance(hyper, DQNSettings):
-        from train.algorithms.dqn import DQN
-
-        target: Any = build_network(settings, bfloat16)
-        return DQN(hyper, env, network, target, device, settings.seed)
-    if isinstance(hyper, PPOSettings):
-        from train.algorithms.ppo import PPO
-
-        return PPO(hyper, env, network, device)
-    from train.algorithms.a2c import A2C, Reinforce
-
-    if isinstance(hyper, A2CSettings):
-        return A2C(hyper, env, network, device)
-    assert isinstance(hyper, ReinforceSettings)
-    return Reinforce(hyper, env, network, device)
+def entry(name: str) -> Algorithm:
+    """An algorithm by its name; ValueError naming the known ones for another."""
+    check(name in ALGORITHMS, f"unknown algorithm {name!r}; one of {', '.join(ALGORITHMS)}")
+    return ALGORITHMS[name]
 
 
-def policy_of(settings: TrainSettings[Any], state: dict[str, Any], greedy: bool = True) -> Policy:
-    """The policy in what `Learner.state_dict` gave, on the CPU.
+def algorithm_of(settings: Hyperparameters) -> Algorithm:
+    """The algorithm that hyperparameters belong to; ValueError for none."""
+    for algorithm in ALGORITHMS.values():
+        if type(settings) is algorithm.settings:
+            return algorithm
+    raise ValueError(f"no algorithm has settings of {type(settings).__name__}")
 
-    Raises:
-        KeyError, RuntimeError: a state of other settings.
-    """
-    task = training_task(settings)
-    if isinstance(settings.hyper, QLearningSettings):
-        from train.algorithms.q_learning import policy_from_state
 
-        return policy_from_state(task, settings.task.agent, state)
-    from dataclasses import replace
+_LOAD_ACTOR_CRITIC = network_loader(actor_critic_of)
 
-    network = build_network(replace(settings, device="cpu", first_layer="auto"))
-    network.load_state_dict(state["network"])
-    return LearnedPolicy(network, task, settings.task.agent, settings.observation, greedy)
+register(
+    Algorithm(
+        "ppo",
+        PPOSettings,
+        ppo.build,
+        network_loader(ppo.network_of),
+        has_advantages=True,
+        self_play=True,
+        teams=True,
+        central_critic=True,
+    )
+)
+register(
+    Algorithm(
+        "a2c",
+        A2CSettings,
+        a2c.build_a2c,
+        _LOAD_ACTOR_CRITIC,
+        has_advantages=True,
+        self_play=True,
+        teams=True,
+    )
+)
+register(
+    Algorithm(
+        "reinforce", ReinforceSettings, a2c.build_reinforce, _LOAD_ACTOR_CRITIC, whole_episodes=True
+    )
+)
+register(
+    Algorithm(
+        "dqn",
+        DQNSettings,
+        dqn.build,
+        network_loader(dqn.network_of),
+        learns_distribution=False,
+        self_play=True,
+    )
+)
+register(
+    Algorithm(
+        "cross_entropy",
+        CrossEntropySettings,
+        cross_entropy.build,
+        network_loader(cross_entropy.network_of),
+        whole_episodes=True,
+        cpu_only=True,
+    )
+)
+register(
+    Algorithm(
+        "q_learning",
+        QLearningSettings,
+        q_learning.build,
+        q_learning.load,
+        learns_distribution=False,
+        one_maze=True,
+        cpu_only=True,
+        observations=("index",),
+        check_player=lambda seat: q_learning.StateNumbers(seat.task),
+    )
+)

@@ -10,10 +10,17 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import Collector
 from torchrl.objectives.value import GAE
 
-from train.algorithms.learner import NetworkLearner
-from train.environments.simulator_env import SimulatorEnv
+from train.algorithms.learner import Build, Games, NetworkLearner
 from train.networks.actor_critic import ActorCritic
-from train.settings.algorithms import RolloutSettings
+from train.networks.policy import Player
+from train.settings.algorithms import ActorCriticSettings, RolloutSettings
+
+
+def actor_critic_of(settings: ActorCriticSettings, player: Player, build: Build) -> ActorCritic:
+    """A policy and a value of what the player observes, with fresh weights."""
+    hidden = build.hidden(settings)
+    network = ActorCritic(player.features, player.num_actions, hidden, settings.shared)
+    return network.to(build.device)
 
 
 def draw(logarithms: torch.Tensor) -> torch.Tensor:
@@ -74,7 +81,7 @@ class RolloutLearner(NetworkLearner):
     def __init__(
         self,
         settings: RolloutSettings,
-        env: SimulatorEnv,
+        env: Games,
         network: ActorCritic,
         device: str,
         gae_lambda: float,
@@ -108,11 +115,9 @@ class RolloutLearner(NetworkLearner):
             rollout["state_value"] = torch.zeros_like(rollout["state_value"])
         self._add_next_values(rollout)
         self.gae(rollout)
-        teacher = self.env.teacher
-        if teacher is not None and teacher.wants_errors:
-            done = rollout["next", "done"].squeeze(-1)
-            advantage = rollout["advantage"].squeeze(-1)
-            teacher.note_advantages(advantage.cpu().numpy(), done.cpu().numpy())
+        if self.env.hook.wants_advantages:
+            noted = (rollout["advantage"], rollout["next", "done"])
+            self.env.hook.note_advantages(*(column.squeeze(-1).cpu().numpy() for column in noted))
         frames = TensorDict(
             {key: rollout[key].flatten(0, 1) for key in self.keys}, batch_size=[rollout.numel()]
         )

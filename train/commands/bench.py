@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 
 import numpy as np
@@ -12,8 +14,12 @@ from pursuit import chase_v0
 from pursuit.simulator import Simulator
 from pursuit.task import Task, make_task
 from scripted_agents.environments import default_policies
-from train.commands.main import parse
-from train.settings.algorithms import check
+from train.commands.parse import parse
+from train.runs.folder import new_folder
+from train.runs.single import start_run
+from train.settings.checks import check
+from train.settings.run import TrainSettings
+from train.settings.task import TaskSettings
 
 
 @dataclass(frozen=True)
@@ -61,7 +67,6 @@ def simulator_rate(
     policies = default_policies(task, 0.2)
     seats = [policies[role] if scripted else None for role in task.seat_roles]
     seats[0] = None
-    simulator.reset()
     out = simulator.observe(encoding, 0) if encoding else None
     turn = 0
 
@@ -136,17 +141,10 @@ def bench(arguments: Sequence[str]) -> None:
 
 def ppo_rate(seconds: float) -> float:
     """Frames a second of PPO with its preset, learning included."""
-    from pathlib import Path
-    from tempfile import TemporaryDirectory
-
-    from train.runs.folder import new_folder
-    from train.runs.run import start_run
-    from train.settings.run import TaskSettings, TrainSettings
-
     with TemporaryDirectory() as folder:
         run = start_run(
             TrainSettings(TaskSettings(task="maze"), seconds=seconds),
             new_folder(Path(folder) / "run"),
         )
         run.train()
-        return run.learner.frames / run.seconds
+        return run.trainee.frames / run.seconds

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import os
-import re
 import sys
-import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from importlib import import_module
+from typing import Any
 
-Form = TypeVar("Form")
+import pursuit
+from train.commands.parse import fail
 
+# A table of our own rather than tyro's subcommands: those want every form at hand, and so every
+# module, with torch, before `pursuit maze --help` can answer.
 COMMANDS = {
     "train": "train an agent, and compare it with the exact optimum",
     "evaluate": "evaluate a trained run again, on as many episodes as you like",
@@ -37,8 +37,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(usage())
         return
     if given[0] == "--version":
-        import pursuit
-
         print(f"pursuit {pursuit.__version__}")
         return
     name, rest = given[0], given[1:]
@@ -72,91 +70,14 @@ def usage() -> str:
     )
 
 
-def fail(message: str) -> None:
-    """One line on stderr, exit status 2."""
-    print(f"pursuit: error: {' '.join(message.split())}", file=sys.stderr)
-    sys.exit(2)
-
-
 def command(name: str) -> Callable[[Sequence[str]], None]:
-    """The function of a subcommand, imported only when it is called: torch takes seconds."""
-    if name in ("train", "evaluate", "render", "levels"):
-        from train.commands import train as training_commands
+    """The function of a subcommand: that of its name, in the file of its name.
 
-        return {
-            "train": training_commands.train,
-            "evaluate": training_commands.evaluate,
-            "render": training_commands.render,
-            "levels": training_commands.levels,
-        }[name]
-    if name == "ablate":
-        from train.experiments import ablation
-
-        return ablation.ablate
-    if name in ("sweep", "report"):
-        from train.commands import sweep as sweep_commands
-
-        return {"sweep": sweep_commands.sweep, "report": sweep_commands.report}[name]
-    if name == "solve":
-        from train.commands.solve import solve
-
-        return solve
-    if name == "self-play":
-        from train.commands.self_play import self_play
-
-        return self_play
-    if name == "league":
-        from train.self_play.league import league
-
-        return league
-    if name == "bench":
-        from train.commands.bench import bench
-
-        return bench
-    from train.commands import world as world_commands
-
-    return {"baseline": world_commands.baseline, "maze": world_commands.maze}[name]
-
-
-def parse(
-    form: type[Form], arguments: Sequence[str], prog: str, default: Form | None = None
-) -> Form:
-    """`arguments` as the dataclass `form`, by tyro; its error boxes are folded into one line.
-
-    Raises:
-        ValueError: arguments that the form does not have, or values that it does not allow.
+    Imported only when it is called: torch takes seconds.
     """
-    import tyro
-
-    boxed = io.StringIO()
-    extra: Any = {} if default is None else {"default": default}
-    try:
-        with contextlib.redirect_stderr(boxed), warnings.catch_warnings(record=True) as noted:
-            warnings.simplefilter("always", UserWarning)
-            parsed = tyro.cli(
-                form,
-                args=list(arguments),
-                prog=f"pursuit {prog}",
-                config=(
-                    tyro.conf.OmitArgPrefixes,
-                    tyro.conf.FlagCreatePairsOff,
-                    tyro.conf.HelptextFromCommentsOff,
-                ),
-                **extra,
-            )
-        for said in dict.fromkeys(str(warning.message) for warning in noted):
-            print(f"pursuit: warning: {said}", file=sys.stderr)
-        return parsed
-    except SystemExit as exit_:
-        if not exit_.code:
-            raise
-        text = re.sub(r"\x1b\[[0-9;]*m|[─╭╮╰╯│]+|-{5,}", " ", boxed.getvalue())
-        text = " ".join(text.split("For full helptext")[0].split())
-        text = re.sub(
-            r"^(Value error|Parsing error|Unrecognized options|Required options)\s*", "", text
-        )
-        text = re.sub(r"Error parsing \S+: ", "", text)
-        raise ValueError(f"{text} (see pursuit {prog} --help)") from None
+    module = name.replace("-", "_")
+    function: Any = getattr(import_module(f"train.commands.{module}"), module)
+    return function
 
 
 if __name__ == "__main__":

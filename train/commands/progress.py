@@ -1,12 +1,15 @@
-"""Long work on the terminal: a live bar with lines above it, or lines alone elsewhere."""
+"""Training on the terminal: a live bar with lines above it, or lines alone elsewhere."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
-from typing import Self
+from typing import Any, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from train.runs.loop import Run
 
 
 class ProgressLines:
@@ -43,3 +46,38 @@ class ProgressLines:
             self.progress.console.print(line, highlight=False)
         else:
             print(line, flush=True)
+
+
+class Watch(ProgressLines):
+    """Shows a run as it learns."""
+
+    def __call__(self, run: Run, row: dict[str, float]) -> None:
+        """Report a rollout (an empty row) or an evaluation."""
+        self.advance(run.progress)
+        if row:
+            self.say(
+                [
+                    f"{100 * run.progress:3.0f} %",
+                    f"{run.seconds:6.1f} s",
+                    f"{run.trainee.frames / 1e6:7.2f} M frames",
+                    f"{row['frames_per_second'] / 1e3:5.1f} k/s",
+                    *run.trainee.told(row),
+                ]
+            )
+
+
+def carry_out(run: Run, episodes: int, again: str) -> dict[str, Any]:
+    """Train as far as the budget goes, or Ctrl-C lets it; evaluate, and give the results.
+
+    Args:
+        run: begun, or to go on with.
+        episodes: of the final evaluation.
+        again: the command that goes on with it.
+    """
+    print(f"folder: {run.folder}")
+    if run.progress < 1.0:
+        with Watch() as watch:
+            run.train(watch)
+    if run.stopped:
+        print(f"interrupted; go on with: {again} --resume {run.folder}", file=sys.stderr)
+    return run.results(episodes)

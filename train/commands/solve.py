@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from pursuit.maze import Maze, load_maze
 from scripted_agents import ChaseSolution, cop_number, mean_over_starts, solve_chase
-from train.commands.main import parse
-from train.runs.folder import write_beside
-from train.settings.algorithms import check
+from train.commands.parse import parse
+from train.figures import BLUE, ORANGE, pyplot, save
+from train.settings.checks import check
 
 
 @dataclass(frozen=True)
@@ -115,14 +115,10 @@ def telling_cells(solution: ChaseSolution) -> tuple[int, int]:
 
 def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int) -> None:
     """Values as colours and policies as arrows over the maze; the other side stands still."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     maze = solution.maze
     side = min(7.0, 1.5 + 0.45 * max(maze.height, maze.width))
-    figure, axes = pyplot.subplots(1, 2, figsize=(2 * side + 1.2, side + 0.7), layout="constrained")
+    size = (2 * side + 1.2, side + 0.7)
+    figure, axes = pyplot().subplots(1, 2, figsize=size, layout="constrained")
     sides = (
         (axes[0], solution.values[:, evader], solution.chaser_policy[:, evader], evader, "evader"),
         (axes[1], solution.values[chaser], solution.evader_policy[:, chaser], chaser, "chaser"),
@@ -134,7 +130,7 @@ def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int)
         image = _draw_values(axis, maze, values, other, (low, max(high, low + 1e-9)))
         _draw_walls(axis, maze)
         _draw_arrows(axis, maze, policy, other)
-        color = "#D55E00" if name == "chaser" else "#0072B2"
+        color = ORANGE if name == "chaser" else BLUE
         axis.plot(maze.columns[other], maze.rows[other], "o", ms=11, color=color)
         axis.set_title(f"optimal {mover}, the {name} being at ●", fontsize=10)
         axis.set_aspect("equal")
@@ -142,8 +138,7 @@ def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int)
     unit = "steps" if solution.horizon is not None else f"steps, discount {solution.discount:g}"
     figure.colorbar(image, ax=axes, shrink=0.8, label=f"value ({unit})")
     figure.suptitle(f"{maze.name}: the exact game, {solution.move_order}", fontsize=11)
-    write_beside(path, lambda beside: figure.savefig(beside, dpi=130, format="png"))
-    pyplot.close(figure)
+    save(figure, path)
 
 
 def _draw_values(

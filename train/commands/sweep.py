@@ -1,4 +1,4 @@
-"""`pursuit sweep` and `pursuit report`."""
+"""`pursuit sweep`."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from typing import Annotated
 
 import tyro
 
-from train.commands.main import parse
+from train.commands.parse import parse
+from train.experiments.exact import write_exact
 from train.experiments.executors import run_locally, run_on_ray
-from train.experiments.sweep import Sweep, load_sweep, shipped, status_of
-from train.runs.folder import write_beside
-from train.settings.algorithms import check
+from train.experiments.report import report
+from train.experiments.sweep import Sweep, load_sweep, shipped
+from train.settings.checks import check
 
 
 @dataclass(frozen=True)
@@ -98,9 +99,7 @@ def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
     counts = {status: list(statuses.values()).count(status) for status in statuses.values()}
     print(", ".join(f"{number} {status}" for status, number in sorted(counts.items())))
     if "complete" in counts:
-        from train.experiments.report import report as make_report
-
-        print(f"report: {make_report(out) / 'report.md'}")
+        print(f"report: {report(out) / 'report.md'}")
     failed = [name for name, status in statuses.items() if status not in ("complete", "stopped")]
     if failed:
         for name in failed:
@@ -164,53 +163,3 @@ def _span(seconds: float) -> str:
     if minutes < 1:
         return f"{seconds:.0f} s"
     return f"{minutes} min" if minutes < 120 else f"{minutes / 60:.1f} h"
-
-
-def write_exact(plan: Sweep, out: Path) -> str:
-    """The table of states and mean optimal tours that needs no learning.
-
-    Returns:
-        The table as Markdown, which is in `out/exact.md` too.
-    """
-    from pursuit.maze import load_maze
-    from scripted_agents.tour import expected_tour_length, num_states
-
-    mazes, goals = plan.exact.get("mazes", []), plan.exact.get("goals", [])
-    check(bool(mazes) and bool(goals), "[exact] needs mazes and goals, with one value at least")
-    known = {"mazes", "goals"}
-    check(set(plan.exact) <= known, f"[exact] has {sorted(plan.exact)}; it knows mazes and goals")
-    heads = [f"states, {g} goal{'s' if g > 1 else ''}" for g in goals]
-    heads += [f"mean optimum, {g} goal{'s' if g > 1 else ''}" for g in goals]
-    lines = [f"# {plan.title}", "", "| maze | cells | " + " | ".join(heads) + " |"]
-    lines.append("|---|---|" + "---|" * len(heads))
-    for name in mazes:
-        maze = load_maze(name)
-        cells = [f"{num_states(maze.num_cells, g):,}" for g in goals]
-        for number in goals:
-            mean = expected_tour_length(maze, number)
-            cells.append(f"{mean:.4f}" if mean.exact else f"{mean:.3f} ± {mean.ci95:.3f}")
-        lines.append(f"| {name} | {maze.num_cells} | " + " | ".join(cells) + " |")
-    lines += ["", "Means over all placements; those with ± are of samples, the others exact."]
-    text = "\n".join(lines) + "\n"
-    write_beside(out / "exact.md", lambda beside: beside.write_text(text, encoding="utf-8"))
-    return text
-
-
-@dataclass(frozen=True)
-class ReportCommand:
-    """Collect the runs of a sweep into Parquet tables, draw its figures, write its report."""
-
-    folder: Annotated[Path, tyro.conf.Positional]
-    """The folder of the sweep."""
-
-
-def report(arguments: Sequence[str]) -> None:
-    """`pursuit report`."""
-    from train.experiments.report import report as make_report
-
-    given = parse(ReportCommand, arguments, "report")
-    check(given.folder.is_dir(), f"{given.folder}: no such folder")
-    folder = make_report(given.folder)
-    print((folder / "report.md").read_text(encoding="utf-8"))
-    states = [status_of(path.parent) for path in given.folder.glob("runs/*/config.json")]
-    print(f"{states.count('complete')} of {len(states)} runs; figures and tables: {folder}")

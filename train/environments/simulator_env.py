@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,128 +14,169 @@ from torchrl.envs import EnvBase
 
 from pursuit.policy import Policy
 from pursuit.simulator import Simulator
+from train.environments.hooks import EpisodeHook
+from train.networks.policy import Seat
 
-if TYPE_CHECKING:
-    from train.teaching.teacher import Teacher
+FLAGS = ("terminated", "truncated", "done")
 
 
 class SimulatorEnv(EnvBase):
-    """One seat of every game is the learner's; policies fill the others.
+    """The learner's seats of every game; policies fill the others.
 
-    Keys: "observation" [num_games, ...], "action" [num_games] int64, "reward", "terminated",
-    "truncated" and "done" [num_games, 1]. After a step, "next" holds the last observation of an
-    episode that ended; the partial reset that follows begins the next one, so that nothing is
-    bootstrapped across episodes.
+    The learner has k seats of each game, one after the other: one here, all of a role in `TeamEnv`.
+    Each of them is one entry of the batch, game by game.
+
+    Keys: "observation" [batch, ...], "action" [batch] int64, "reward", "terminated", "truncated"
+    and "done" [batch, 1]. After a step, "next" holds the last observation of an episode that ended;
+    the partial reset that follows begins the next one, so that nothing is bootstrapped across
+    episodes. An episode is over with its game, or when none of the learner's agents is left in it.
+    Where k > 1, an agent that has been caught while others run on is "idle" ([batch, 1] bool): what
+    it records counts for nothing.
 
     Args:
         simulator: made with `auto_restart=False`.
-        seat: the learner's seat.
+        player: who learns; its encoding is observed.
         policies: whoever fills each seat; None in the learner's.
-        encoding: one of `pursuit.observations.ENCODINGS`.
-        copies: how many seats of each game the learner has; a subclass fills all of them.
+        hook: changes the next episodes.
+        members: k.
 
     Attributes:
+        seat, seats: the learner's first seat, and all of them.
+        central: whether each agent observes what all k do as well.
+        scale: rewards are multiplied by it.
+        idle: [num_games, k] bool.
         finished_returns, finished_lengths: of the episodes that ended since they were last cleared.
         resume: set it to have the next full reset go on with the games as they stand.
-        teacher: gives every episode its lesson; None where there is no curriculum.
+        begun: whether `begin` was called.
     """
+
+    central = False
+    scale = 1.0
 
     def __init__(
         self,
         simulator: Simulator,
-        seat: int,
+        player: Seat,
         policies: Sequence[Policy | None],
-        encoding: str = "index",
-        copies: int = 1,
+        hook: EpisodeHook | None = None,
+        members: int = 1,
     ) -> None:
-        super().__init__(device="cpu", batch_size=[simulator.num_games * copies])
-        self.simulator, self.seat, self.policies, self.encoding = (
-            simulator,
-            seat,
-            list(policies),
-            encoding,
-        )
-        self.finished_returns: list[np.ndarray[Any, Any]] = []
-        self.finished_lengths: list[np.ndarray[Any, Any]] = []
-        self.resume = False
-        self.teacher: Teacher | None = None
-        self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
-        games, space = simulator.num_games * copies, simulator.encoder(encoding).space
+        batch = simulator.num_games * members
+        super().__init__(device="cpu", batch_size=[batch])
+        self.simulator, self.player, self.policies = simulator, player, list(policies)
+        self.hook = hook or EpisodeHook()
+        self.encoding, self.num_games, self.members = player.encoding, simulator.num_games, members
+        self.seat = player.number
+        self.seats = slice(self.seat, self.seat + members)
+        self.finished_returns: list[NDArray[Any]] = []
+        self.finished_lengths: list[NDArray[Any]] = []
+        self.resume = self.begun = False
+        self.idle = np.zeros((self.num_games, members), dtype=bool)
+        self._actions = np.zeros((self.num_games, simulator.num_agents), dtype=np.int32)
+        self.action_spec = Categorical(player.num_actions, shape=(batch,), dtype=torch.int64)
+        self.reward_spec = Unbounded((batch, 1))
+        flag = Binary(n=1, shape=(batch, 1), dtype=torch.bool)
+        self.full_done_spec = Composite({key: flag.clone() for key in FLAGS}, shape=(batch,))
+        self._specify_observation()
+
+    def _specify_observation(self) -> None:
+        batch, space = self.batch_size[0], self.simulator.encoder(self.encoding).space
         dtype = torch.from_numpy(np.zeros(1, dtype=space.dtype)).dtype
-        shape = (games, *space.shape)
-        low, high = (torch.as_tensor(bound, dtype=dtype) for bound in (space.low, space.high))
-        self.observation_spec = Composite(
-            observation=Bounded(low.expand(shape), high.expand(shape), shape=shape, dtype=dtype),
-            shape=(games,),
+        shape = (batch, *([self.members + 1] if self.central else []), *space.shape)
+        low, high = (
+            torch.as_tensor(bound, dtype=dtype).expand(shape) for bound in (space.low, space.high)
         )
-        self.action_spec = Categorical(
-            simulator.task.num_actions, shape=(games,), dtype=torch.int64
-        )
-        self.reward_spec = Unbounded((games, 1))
-        self.full_done_spec = Composite(
-            {
-                key: Binary(n=1, shape=(games, 1), dtype=torch.bool)
-                for key in ("done", "terminated", "truncated")
-            },
-            shape=(games,),
-        )
+        spec: Any = {"observation": Bounded(low, high, shape=shape, dtype=dtype)}
+        if self.members > 1:
+            spec["idle"] = Binary(n=1, shape=(batch, 1), dtype=torch.bool)
+        self.observation_spec = Composite(spec, shape=(batch,))
+
+    def begin(self) -> None:
+        """New episodes in all games; the first time those of the simulator's seed, with lessons.
+
+        The simulator has begun them already, but without the hook.
+        """
+        if not self.begun and self.simulator.last_seed is not None:
+            self.simulator.seed(self.simulator.last_seed)
+        self.begun = True
+        self.restart()
 
     def restart(self, games: NDArray[np.bool_] | None = None) -> None:
-        """Begin new episodes in the games of the mask, or in all, as the teacher says."""
-        if self.teacher is not None:
-            self.teacher.restart(games)
-        else:
+        """Begin new episodes in the games of the mask [num_games], or in all, as the hook says."""
+        chosen = np.arange(self.num_games) if games is None else np.flatnonzero(games)
+        if len(chosen):
+            self.hook.before_restart(chosen)
             self.simulator.reset(games=games)
+            self.idle[chosen] = False
+            self.hook.after_restart(chosen)
 
     def finish(self, games: NDArray[np.bool_]) -> None:
-        """Note the games of the mask, whose episodes have just ended, before they restart."""
-        self.finished_returns.append(self.simulator.returns[games, self.seat])
+        """Note the games of the mask [num_games], whose episodes have just ended."""
+        returns = self.simulator.returns[games, self.seats]
+        self.finished_returns.append(returns.mean(axis=1) if self.members > 1 else returns[:, 0])
         self.finished_lengths.append(self.simulator.steps[games].copy())
-        if self.teacher is not None:
-            self.teacher.finish(games)
+        self.hook.episode_ended(games)
 
-    def _observe(self) -> torch.Tensor:
-        return torch.from_numpy(self.simulator.observe(self.encoding, self.seat))
+    def _seen(self) -> dict[str, torch.Tensor]:
+        """The observations [batch, ...] of the learner's seats, and who is idle."""
+        encoder = self.simulator.encoder(self.encoding)
+        seen = torch.from_numpy(encoder.encode(self.simulator.games, self.seats))
+        if self.central:
+            team = seen[:, None].expand(-1, self.members, *seen.shape[1:])
+            seen = torch.cat([seen[:, :, None], team], dim=2)
+        if self.members == 1:
+            return {"observation": seen[:, 0]}
+        idle = torch.from_numpy(self.idle.reshape(-1, 1).copy())
+        return {"observation": seen.flatten(0, 1), "idle": idle}
+
+    def _batch(self, content: dict[str, torch.Tensor]) -> TensorDictBase:
+        return TensorDict(content, batch_size=self.batch_size, device=self.device)
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
         if tensordict is not None and tensordict.get("_reset", None) is not None:
-            self.restart(tensordict["_reset"].view(-1).numpy())
+            self.restart(tensordict["_reset"].view(-1, self.members).all(dim=1).numpy())
         elif not self.resume:
-            self.restart()
+            self.begin()
         self.resume = False
-        return TensorDict(
-            {"observation": self._observe()}, batch_size=self.batch_size, device=self.device
-        )
+        return self._batch(self._seen())
 
-    def _step(
-        self, tensordict: TensorDictBase, alive: torch.Tensor | None = None
-    ) -> TensorDictBase:
+    def _play(
+        self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
+    ) -> tuple[TensorDictBase, NDArray[np.bool_]]:
+        """One step with the learner's actions [batch]: all after it, and whose episode is over.
+
+        Args:
+            actions: int64.
+            alive: [num_games]; an episode that is over elsewhere was so before.
+        """
         simulator = self.simulator
         simulator.act(self.policies, self._actions)
-        self._actions[:, self.seat] = tensordict["action"].numpy()
+        self._actions[:, self.seats] = actions.numpy().reshape(-1, self.members)
         simulator.step(self._actions)
-        terminated, truncated = torch.from_numpy(simulator.ended.copy())
-        if simulator.task.num_evaders > 1:
-            captured = torch.from_numpy(simulator.active[:, self.seat] == 0)
-            terminated, truncated = terminated | captured, truncated & ~captured
+        caught = simulator.active[:, self.seats] == 0
+        terminated = simulator.terminated[:, None] | caught
+        truncated = simulator.truncated[:, None] & ~caught
         done = terminated | truncated
-        ending = done if alive is None else done & alive
+        over = done.all(axis=1)
+        if self.members > 1:
+            self.idle[:] = caught & ~over[:, None]
+        ending = over if alive is None else over & alive
         if ending.any():
-            self.finish(ending.numpy())
-        return TensorDict(
-            {
-                "observation": self._observe(),
-                "reward": torch.from_numpy(simulator.rewards[:, self.seat, None].copy()),
-                "terminated": terminated[:, None],
-                "truncated": truncated[:, None],
-                "done": done[:, None],
-            },
-            batch_size=self.batch_size,
-            device=self.device,
-        )
+            self.finish(ending)
+        rewards = simulator.rewards[:, self.seats] * np.float32(self.scale)
+        flags = dict(zip(FLAGS, (terminated, truncated, done), strict=True))
+        after = {
+            **self._seen(),
+            "reward": torch.from_numpy(rewards.reshape(-1, 1)),
+            **{name: torch.from_numpy(flag.reshape(-1, 1)) for name, flag in flags.items()},
+        }
+        return self._batch(after), over
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        return self._play(tensordict["action"])[0]
 
     def step_episodes(self, actions: torch.Tensor, running: torch.Tensor) -> TensorDictBase:
-        """A step without restarts, for learning from whole episodes.
+        """A step without restarts, for learning from whole episodes; one seat a game.
 
         Args:
             actions: [num_games] int64; those of games that have ended are ignored.
@@ -144,36 +185,25 @@ class SimulatorEnv(EnvBase):
         Returns:
             Everything after the step, for all games.
         """
-        alive = torch.zeros(self.simulator.num_games, dtype=torch.bool)
-        alive[running] = True
-        action = TensorDict({"action": actions}, batch_size=self.batch_size)
-        return self._step(action, alive)
+        alive = np.zeros(self.num_games, dtype=bool)
+        alive[running.numpy()] = True
+        return self._play(actions, alive)[0]
 
     def step_and_maybe_reset(
         self, tensordict: TensorDictBase
     ) -> tuple[TensorDictBase, TensorDictBase]:
         """What `EnvBase.step_and_maybe_reset` does, in a quarter of its time.
 
-        The games that ended begin anew without the checks and copies of the general partial reset;
-        a test holds the two against each other.
+        The games that are over begin anew without the checks and copies of the general partial
+        reset; a test holds the two against each other.
         """
-        after = self._step(tensordict)
-        done = after["done"]
-        observation = after["observation"]
-        if done.any():
-            self.restart(done.view(-1).numpy())
-            observation = self._observe()
-        running = torch.zeros_like(done)
-        following = TensorDict(
-            {
-                "observation": observation,
-                "done": running,
-                "terminated": running.clone(),
-                "truncated": running.clone(),
-            },
-            batch_size=self.batch_size,
-            device=self.device,
-        )
+        after, over = self._play(tensordict["action"])
+        seen = {name: after[name] for name in ("observation", "idle")[: 1 + (self.members > 1)]}
+        if over.any():
+            self.restart(over)
+            seen = self._seen()
+        running = torch.zeros_like(after["done"])
+        following = self._batch({**seen, **{name: running.clone() for name in FLAGS}})
         return tensordict.set("next", after), following
 
     def _set_seed(self, seed: int | None) -> None:

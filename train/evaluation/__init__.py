@@ -1,1 +1,5 @@
 """How well a policy plays, beside the exact references."""
+
+from train.evaluation.exploitability import Exploitability, exploitability
+
+__all__ = ["Exploitability", "exploitability"]

@@ -1,12 +1,15 @@
-"""Evaluation: how many steps an agent needs (or survives), beside the exact optimum.
+"""Contests: how well a policy does, beside the references and the exact optimum.
 
-One chaser against one evader in one maze is evaluated exactly, by backward induction over all pairs
-of cells; everything else is played out from seeded starts that are the same for everybody.
+A run knows a `Contest` and nothing of what is played in it. `GameContest` is that of one agent in
+the games of a task: one chaser against one evader in one maze is evaluated exactly, by backward
+induction over all pairs of cells; everything else is played out from seeded starts that are the
+same for everybody.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +17,7 @@ from numpy.typing import NDArray
 from pursuit.policy import Policy, TabularPolicy
 from pursuit.simulator import Simulator
 from pursuit.single_agent import fill_seats
-from pursuit.task import Task
+from pursuit.task import ROLES, Task
 from scripted_agents import (
     BestResponse,
     RandomAgent,
@@ -22,16 +25,17 @@ from scripted_agents import (
     best_response,
     evaluate_exactly,
     mean_over_starts,
-    table_of,
     tour_lengths,
 )
 from scripted_agents.environments import DEFAULTS
-
-MAX_EXACT_CELLS = 1024
-"""Above this number of cells a duel is played out rather than solved (seconds, gigabytes)."""
-
-EVALUATION_SEED = 2**62
-"""Far from the seeds that people train with, so that evaluation starts are never trained on."""
+from train.evaluation.games import (
+    EVALUATION_SEED,
+    half_width,
+    is_exact,
+    play_out,
+    table_in,
+    won_by,
+)
 
 
 @dataclass(frozen=True)
@@ -56,9 +60,40 @@ class Score:
     exact: bool
 
 
+def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
+    """Achieved / optimal - 1 in steps, on the same starts; negative for evaders that fall short."""
+    return None if optimum is None else achieved.mean_steps / optimum.mean_steps - 1.0
+
+
+class Contest(Protocol):
+    """What a run is judged by.
+
+    Attributes:
+        less_is_better: whether few steps are good.
+    """
+
+    @property
+    def less_is_better(self) -> bool: ...  # noqa: D102 -- see the class
+
+    def describe(self) -> dict[str, Any]:
+        """What is played, by whom and where, as plain values: "task", "role", "maze"."""
+
+    def line(self) -> str:
+        """The same in one line, with whoever else plays."""
+
+    def score(self, name: str, policy: Policy) -> Score:
+        """How well a policy does."""
+
+    def optimal(self) -> Score | None:
+        """The exact optimum; None where it is not known."""
+
+    def baselines(self) -> list[Score]:
+        """The references: random, scripted and, where it is known, optimal."""
+
+
 @dataclass(frozen=True)
-class Contest:
-    """What is evaluated: one agent of a task, with fixed policies in all other seats."""
+class GameContest:
+    """One agent of a task, with fixed policies in all other seats; a `Contest`."""
 
     task: Task
     agent: str
@@ -72,69 +107,74 @@ class Contest:
         return self.task.seat_roles[self.task.seat(self.agent)]
 
     @property
+    def less_is_better(self) -> bool:
+        """Whether few steps are good: for everybody but evaders that have nothing to collect."""
+        return self.role != "evader" or self.task.num_goals > 0
+
+    @property
     def is_exact(self) -> bool:
         """Whether lengths are means over all starts, computed without sampling."""
-        task = self.task
+        return is_exact(self.task, *self.opponents.values())
+
+    def describe(self) -> dict[str, Any]:
+        """The names of the task, the role and the (first) maze."""
+        return {"task": self.task.name, "role": self.role, "maze": self.task.mazes[0].name}
+
+    def line(self) -> str:
+        """One line that says what is evaluated."""
+        task, maze = self.task, self.task.mazes[0]
+        counts = {role: task.count(role) for role in ROLES} | {"goal": task.num_goals}
+        parts = [f"{n} {name}{'s' if n > 1 else ''}" for name, n in counts.items() if n]
+        others = sorted(
+            {
+                repr(policy)
+                for role, policy in self.opponents.items()
+                if role in task.seat_roles and (role != self.role or task.count(role) > 1)
+            }
+        )
+        against = f", with {', '.join(others)}" if others else ""
         return (
-            task.is_duel
-            and len(task.mazes) == 1
-            and task.max_cells <= MAX_EXACT_CELLS
-            and task.start == "random"
-            and all(isinstance(policy, TabularPolicy) for policy in self.opponents.values())
+            f"{task.name}: {self.agent} on maze {maze.name} ({maze.num_cells} cells; "
+            f"{', '.join(parts)}){against}, at most {task.max_steps} steps"
         )
 
     def starts(self) -> Simulator:
         """The games of the evaluation at their starts."""
-        simulator = Simulator(self.task, self.episodes, self.seed, auto_restart=False)
-        simulator.reset()
-        return simulator
+        return Simulator(self.task, self.episodes, self.seed, auto_restart=False)
+
+    def play(self, policy: Policy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Play every start to its end: episode lengths [episodes], and who won [episodes]."""
+        seat, policies = fill_seats(self.task, self.agent, self.opponents)
+        policies[seat] = policy
+        return play_out(
+            self.starts(),
+            policies,
+            lambda games: games.terminated | games.truncated | (games.active[:, seat] == 0),
+            lambda games: won_by(games, seat),
+        )
 
     def _opponent_table(self) -> NDArray[np.float64]:
         other = "evader" if self.role == "chaser" else "chaser"
         policy = self.opponents.get(f"{other}_0", self.opponents.get(other))
-        assert isinstance(policy, TabularPolicy)  # is_exact
-        task = self.task
-        return table_of(policy, task.mazes[0], task.stay_action, task.move_order)
+        assert policy is not None  # is_exact
+        return table_in(self.task, policy)
 
     def score(self, name: str, policy: Policy) -> Score:
         """Play, and solve where it can be solved."""
         lengths, won = self.play(policy)
-        mean, exact = float(lengths.mean()), False
-        ci95 = 1.96 * float(lengths.std(ddof=1)) / len(lengths) ** 0.5 if len(lengths) > 1 else 0.0
+        mean, ci95, exact = float(lengths.mean()), half_width(lengths), False
         if self.is_exact and isinstance(policy, TabularPolicy):
             task = self.task
-            maze = task.mazes[0]
-            own = table_of(policy, maze, task.stay_action, task.move_order)
-            tables = (own, self._opponent_table())
+            tables = (table_in(task, policy), self._opponent_table())
             values = evaluate_exactly(
-                maze,
+                task.mazes[0],
                 *(tables if self.role == "chaser" else tables[::-1]),
                 horizon=task.max_steps,
                 move_order=task.move_order,  # type: ignore[arg-type]
             )
-            mean = mean_over_starts(values, maze, task.min_start_distance)
+            mean = mean_over_starts(values, task.mazes[0], task.min_start_distance)
             ci95, exact = 0.0, True
         return Score(name, mean, ci95, float(won.mean()), len(lengths), exact)
-
-    def play(self, policy: Policy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Play every start to its end: episode lengths [episodes], and who won [episodes]."""
-        simulator, task = self.starts(), self.task
-        seat, policies = fill_seats(task, self.agent, self.opponents)
-        policies[seat] = policy
-        lengths = np.full(self.episodes, task.max_steps, dtype=np.int64)
-        running, won = np.ones(self.episodes, dtype=bool), np.zeros(self.episodes, dtype=bool)
-        actions = np.zeros((self.episodes, task.num_agents), dtype=np.int32)
-        for step in range(1, task.max_steps + 1):
-            simulator.act(policies, actions)
-            simulator.step(actions)
-            captured = simulator.active[:, seat] == 0
-            ended = running & (simulator.terminated | simulator.truncated | captured)
-            lengths[ended] = step
-            won[ended] = won_by(simulator, seat)[ended]
-            running &= ~ended
-            if not running.any():
-                break
-        return lengths, won
 
     def best_response(self) -> BestResponse | None:
         """The exact best response to the opponent, where `is_exact`."""
@@ -162,20 +202,18 @@ class Contest:
             mean = mean_over_starts(best.values, maze, task.min_start_distance)
             _, won = self.play(TablePolicy(maze, best.policy))
             return Score("optimal", mean, 0.0, float(won.mean()), self.episodes, True)
-        if (task.num_agents, task.num_runners) == (1, 1):
-            simulator = self.starts()
-            lengths = np.zeros(self.episodes, dtype=np.int64)
-            for number, maze in enumerate(task.mazes):
-                here = simulator.maze_index == number
-                if here.any():
-                    lengths[here] = tour_lengths(
-                        maze, simulator.positions[here, 0], simulator.goals[here]
-                    )
-            spread = 1.96 * float(lengths.std(ddof=1)) / len(lengths) ** 0.5
-            share = float((lengths <= task.max_steps).mean())
-            mean = float(np.minimum(lengths, task.max_steps).mean())
-            return Score("optimal", mean, spread, share, self.episodes, False)
-        return None
+        if (task.num_agents, task.num_runners) != (1, 1):
+            return None
+        simulator = self.starts()
+        lengths = np.zeros(self.episodes, dtype=np.int64)
+        for number, maze in enumerate(task.mazes):
+            here = simulator.maze_index == number
+            if here.any():
+                starts, goals = simulator.positions[here, 0], simulator.goals[here]
+                lengths[here] = tour_lengths(maze, starts, goals)
+        share = float((lengths <= task.max_steps).mean())
+        mean = float(np.minimum(lengths, task.max_steps).mean())
+        return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
 
     def baselines(self) -> list[Score]:
         """Random, scripted (A* or nearest goal) and, where it is known, optimal."""
@@ -186,24 +224,3 @@ class Contest:
         ]
         optimum = self.optimal()
         return scores if optimum is None else [*scores, optimum]
-
-
-def won_by(simulator: Simulator, seat: int) -> NDArray[np.bool_]:
-    """[num_games] bool: whether the agent in `seat` has won, of games that have just ended.
-
-    Chasers win when no evader is left, runners when no goal is; evaders when they are not caught
-    and, where there are goals, none is left.
-    """
-    task = simulator.task
-    role, own = task.seat_roles[seat], simulator.active[:, seat] != 0
-    if role == "chaser" and task.num_evaders:
-        evaders = [other == "evader" for other in task.seat_roles]
-        return np.asarray((simulator.active[:, evaders] == 0).all(axis=1))
-    if role == "evader" and not task.num_goals:
-        return own
-    return np.asarray(simulator.terminated & own)
-
-
-def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
-    """Achieved / optimal - 1 in steps, on the same starts; negative for evaders that fall short."""
-    return None if optimum is None else achieved.mean_steps / optimum.mean_steps - 1.0

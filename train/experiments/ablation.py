@@ -1,4 +1,4 @@
-"""`pursuit ablate`: arms against a control, with equal budgets and the same final difficulty.
+"""Ablations: arms against a control, with equal budgets and the same final difficulty.
 
 An ablation is a sweep whose variants are called arms: the runs, executors and folders are those of
 `pursuit sweep`; the report is its own.
@@ -6,19 +6,14 @@ An ablation is a sweep whose variants are called arms: the runs, executors and f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Annotated
 
-import tyro
-
-from train.commands.main import parse
-from train.commands.sweep import SweepCommand, carry_out
-from train.experiments.sweep import Sweep, choose_version, multiply_out, read_file, shipped
-from train.runs.run import contest_of
-from train.settings.algorithms import check
-from train.settings.run import TaskSettings
+from train.experiments.sweep import Sweep, choose_version, multiply_out, read_file
+from train.runs.folder import RUN
+from train.runs.parts import contest_of
+from train.settings.checks import check
+from train.settings.task import TaskSettings
 
 ABLATIONS = Path(__file__).with_name("files") / "ablations"
 EQUAL = (
@@ -30,39 +25,6 @@ EQUAL = (
     *(f.name for f in fields(TaskSettings)),
 )
 """What no arm may have of its own."""
-
-
-@dataclass(frozen=True)
-class AblateCommand(SweepCommand):
-    """Compare arms (curricula, say) with a control, over several seeds.
-
-    All arms get the same budget, and all are evaluated on the task itself, at its final difficulty,
-    throughout training. `pursuit ablate --list` names the shipped files; what is complete is
-    skipped, what was interrupted goes on.
-    """
-
-    file: Annotated[str | None, tyro.conf.Positional] = None
-    """An ablation file (.toml), or the name of a shipped one."""
-    list: bool = False
-    """Name the shipped ablation files."""
-    out: Path | None = None
-    """The folder of the ablation; ablations/NAME-VERSION if left out."""
-
-
-def ablate(arguments: Sequence[str]) -> None:
-    """`pursuit ablate`."""
-    given = parse(AblateCommand, arguments, "ablate")
-    if given.list:
-        for name in shipped(ABLATIONS):
-            plan = load_ablation(name)
-            arms = len({run.label["variant"] for run in plan.runs})
-            print(f"{name:<22}{arms} arms  {plan.title}")
-        return
-    check(given.file is not None, "give an ablation file, or --list")
-    plan = load_ablation(str(given.file), given.version)
-    stem = Path(str(given.file)).stem
-    out = Path("ablations") / (f"{stem}-{given.version}" if given.version else stem)
-    carry_out(plan, replace(given, out=given.out or out), f"pursuit ablate {' '.join(arguments)}")
 
 
 def load_ablation(name: str, version: str | None = None) -> Sweep:
@@ -107,9 +69,14 @@ def load_ablation(name: str, version: str | None = None) -> Sweep:
             "compared within each of its values",
         )
         check(not sweep.exact, "an ablation has no [exact]")
+        check(
+            all(run.kind == RUN for run in sweep.runs),
+            "an ablation compares runs of one agent by their gap to the optimum; compare "
+            "self-play in a sweep, with [[variants]]",
+        )
         for task, run in {run.settings.task: run for run in sweep.runs}.items():
             check(
-                contest_of(run.settings, 2).optimal() is not None,
+                contest_of(run.settings.task, 2).optimal() is not None,
                 f"the exact optimum of task {task.task!r} with these agents is not known, and an "
                 "ablation is measured against it; take a runner alone, or one chaser against one "
                 "evader",

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from train.experiments.report import PALETTE, _csv, _pyplot, _tidy
+from train.experiments.ablation_figures import Curve, draw_arms, draw_final
 from train.experiments.statistics import (
     Interval,
     first_below,
     interquartile_mean,
-    interquartile_means,
     mean_over,
     permutation_p,
     probability_of_improvement,
@@ -23,42 +21,11 @@ from train.experiments.statistics import (
 )
 from train.experiments.sweep import HINTS
 from train.experiments.tables import collect
-from train.runs.folder import read_json, write_beside
-from train.settings.algorithms import check
+from train.files import read_json, write_csv, write_text
+from train.settings.checks import check
 
 THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
 """Per cent above the optimum that are waited for."""
-GREY = "#7F7F7F"
-ARM_COLORS = tuple(color for color in PALETTE if color != GREY)
-
-
-@dataclass(frozen=True)
-class Curve:
-    """One run, evaluated at the final difficulty throughout.
-
-    Attributes:
-        seconds, frames: [evaluations] of training.
-        shortfall: [evaluations] per cent by which it is worse than the exact optimum: more steps,
-            or for an evader fewer.
-        optimality: [evaluations] in [0, 1]: optimum / steps, or for an evader steps / optimum.
-        lesson: [evaluations] mean of what was trained on since the evaluation before; NaN without a
-            curriculum.
-        final: per cent short of the optimum in the final evaluation.
-        greedy, sampled: the same of the policy that takes the most probable action, and of the one
-            that draws; NaN where an algorithm has no such policy.
-        seed, task: whose.
-    """
-
-    seconds: NDArray[np.float64]
-    frames: NDArray[np.float64]
-    shortfall: NDArray[np.float64]
-    optimality: NDArray[np.float64]
-    lesson: NDArray[np.float64]
-    final: float
-    greedy: float
-    sampled: float
-    seed: int
-    task: str
 
 
 def curve_of(row: dict[str, Any], evaluations: list[dict[str, Any]]) -> Curve:
@@ -129,9 +96,9 @@ def ablation_report(out: Path) -> Path:
         title = hints["title"] + (f" ({task})" if task else "")
         draw_arms(folder / name, {a: c for a, c in here.items() if c}, control, title)
         figures.append(name)
-    write_beside(folder / "table.csv", lambda beside: beside.write_text(_csv(table)))
+    write_csv(folder / "table.csv", table)
     text = markdown(hints["title"], table, control, complete, everything, figures)
-    write_beside(folder / "report.md", lambda beside: beside.write_text(text, encoding="utf-8"))
+    write_text(folder / "report.md", text)
     return folder
 
 
@@ -240,9 +207,9 @@ def markdown(
         f"gap is by how many per cent the {' or '.join(kinds)} policy is worse than the exact "
         "optimum: the interquartile mean over runs, with a stratified bootstrap. Greedy takes the "
         "most probable action, sampled plays the policy as it is learned: where the greedy one "
-        "steps to and fro between two cells for ever, that gets away; both are given, best to worst run. "
-        "Times are those of the first "
-        "evaluation at or below the threshold, medians over runs; a run that never got there "
+        "steps to and fro between two cells for ever, that gets away; both are given, best to "
+        "worst run. Times are those of the first evaluation at or below the threshold, medians "
+        "over runs; a run that never got there "
         "counts as infinitely late, not as missing. Optimality is optimum / steps (for evaders "
         "steps / optimum), averaged over training time; 1 is perfect. P is the probability that "
         "a run of the arm ends nearer to the optimum than one of the control (Mann and Whitney); "
@@ -270,111 +237,3 @@ def _with(value: float, interval: Interval) -> str:
     if np.isnan(interval[0]):
         return _number(value)
     return f"{_number(value)} [{_number(interval[0])}, {_number(interval[1])}]"
-
-
-# -- figures ---------------------------------------------------------------------------------------
-
-
-def draw_final(path: Path, table: list[dict[str, Any]], control: str, title: str) -> None:
-    """Final gaps and probabilities of improvement with their intervals, one line an arm."""
-    pyplot = _pyplot()
-    import matplotlib
-
-    figure, (left, right) = pyplot.subplots(
-        1, 2, figsize=(9.5, 1.3 + 0.42 * len(table)), sharey=True, layout="constrained"
-    )
-    for place, row in enumerate(table):
-        own = row["arm"] == control
-        color = GREY if own else ARM_COLORS[place % len(ARM_COLORS)]
-        for axis, name in ((left, "gap"), (right, "improvement")):
-            value, low, high = (row[name + end] for end in ("", "_low", "_high"))
-            if np.isnan(value) or (own and axis is right):
-                continue
-            if not np.isnan(low):
-                axis.plot([low, high], [place, place], color=color, lw=5, alpha=0.35)
-            axis.plot(value, place, "o", color=color, ms=6)
-        left.plot([row["best"], row["worst"]], [place, place], "|", color=color, ms=9)
-    left.set_yticks(range(len(table)), [row["arm"] for row in table])
-    left.set_ylim(len(table) - 0.5, -0.5)
-    left.set_xscale("symlog", linthresh=1.0)
-    left.xaxis.set_major_formatter(matplotlib.ticker.FormatStrFormatter("%g"))
-    ends = [row[name] for row in table for name in ("best", "worst")]
-    left.set_xlim(1.4 * min(*ends, 0.0) - 0.1, 1.6 * max(ends) + 0.2)
-    left.axvline(0, color="#333333", lw=1.0, ls=":")
-    left.set_xlabel("final gap to the optimum (%)")
-    right.set_xlim(-0.03, 1.03)
-    right.axvline(0.5, color="#333333", lw=1.0, ls=":")
-    right.set_xlabel(f"P(better than {control})")
-    for axis in (left, right):
-        _tidy(axis)
-    figure.suptitle(title, fontsize=11)
-    write_beside(path, lambda beside: figure.savefig(beside, dpi=130, format="png"))
-    pyplot.close(figure)
-
-
-def draw_arms(path: Path, arms: dict[str, list[Curve]], control: str, title: str) -> None:
-    """A panel for each arm: the control in grey, all seeds faint, what was trained on below."""
-    pyplot = _pyplot()
-    import matplotlib
-
-    names = [name for name in arms if name != control] or [control]
-    columns = min(len(names), 4)
-    lines = -(-len(names) // columns)
-    figure, grid = pyplot.subplots(
-        2 * lines,
-        columns,
-        figsize=(max(3.3 * columns + 0.6, 7.5), 3.5 * lines + 0.5),
-        squeeze=False,
-        sharex=True,
-        height_ratios=(3, 1) * lines,
-        layout="constrained",
-    )
-    everything = [curve for curves in arms.values() for curve in curves]
-    top = max(float(np.nanmax(curve.shortfall)) for curve in everything)
-    bottom = min(0.0, *(float(np.nanmin(curve.shortfall)) for curve in everything))
-    for number, name in enumerate(names):
-        upper = grid[2 * (number // columns), number % columns]
-        lower = grid[2 * (number // columns) + 1, number % columns]
-        color = ARM_COLORS[list(arms).index(name) % len(ARM_COLORS)]
-        for arm, shade, order in ((control, GREY, 1), (name, color, 2)):
-            for curve in arms.get(arm, []):
-                upper.plot(
-                    curve.seconds, curve.shortfall, color=shade, lw=0.8, alpha=0.4, zorder=order
-                )
-            places, middle = _middle(arms.get(arm, []))
-            if len(places):
-                upper.plot(places, middle, color=shade, lw=1.9, zorder=order + 2, label=arm)
-        upper.set_yscale("symlog", linthresh=1.0)
-        upper.set_ylim(1.3 * bottom, 1.6 * top + 0.2)
-        upper.yaxis.set_major_formatter(matplotlib.ticker.FormatStrFormatter("%g"))
-        upper.axhline(0, color="#333333", lw=1.0, ls=":")
-        upper.set_title(name, fontsize=10)
-        for curve in arms[name]:
-            lower.plot(curve.seconds, curve.lesson, color=color, lw=1.0, alpha=0.6)
-        if all(np.isnan(curve.lesson).all() for curve in arms[name]):
-            said = "as the task" if name == control else "levels, chosen one by one"
-            lower.text(0.5, 0.5, said, transform=lower.transAxes, ha="center", va="center")
-            lower.set_yticks([])
-        for axis in (upper, lower):
-            _tidy(axis)
-    for number in range(len(names), lines * columns):
-        for half in (0, 1):
-            grid[2 * (number // columns) + half, number % columns].set_visible(False)
-    for line in range(lines):
-        grid[2 * line, 0].set_ylabel("gap to the optimum (%)")
-        grid[2 * line + 1, 0].set_ylabel("trained on")
-    figure.supxlabel("training time (s)", fontsize=10)
-    figure.suptitle(f"{title}; grey: {control}", fontsize=11)
-    write_beside(path, lambda beside: figure.savefig(beside, dpi=130, format="png"))
-    pyplot.close(figure)
-
-
-def _middle(curves: list[Curve]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The interquartile mean of the curves, where all of them are."""
-    if not curves:
-        return np.zeros(0), np.zeros(0)
-    start = max(curve.seconds[0] for curve in curves)
-    end = min(curve.seconds[-1] for curve in curves)
-    places = np.linspace(start, max(start, end), 80)
-    values = [np.interp(places, curve.seconds, curve.shortfall) for curve in curves]
-    return places, interquartile_means(np.stack(values, axis=-1))

@@ -3,35 +3,25 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from train.experiments.kinds import open_run
 from train.experiments.sweep import ERROR, PROGRESS, STOPPED, Sweep, SweepRun, prepare, status_of
-from train.runs.folder import CHECKPOINT, CONFIG, METRICS, RESULTS, write_beside
+from train.files import only_one, write_beside, write_text
+from train.runs.folder import CHECKPOINT, CONFIG, METRICS, RESULTS
+from train.runs.loop import Run
 
 Told = Callable[[dict[str, str], dict[str, float]], None]
 """Called now and then with the status of every run by name, and the progress of those running."""
-
-
-@contextlib.contextmanager
-def only_one(out: Path) -> Iterator[None]:
-    """Holds `out` for this process; ValueError where another one works on it."""
-    out.mkdir(parents=True, exist_ok=True)
-    with (out / ".lock").open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise ValueError(f"{out}: another sweep works on this folder; wait for it") from None
-        yield
 
 
 def worker_environment() -> dict[str, str]:
@@ -61,7 +51,7 @@ def record_end(folder: Path, code: int) -> None:
     if code < 0:
         reason = f"killed by signal {-code} ({signal.Signals(-code).name})"
     text = f"{reason}\n\nexit status {code}; the end of log.txt:\n" + "\n".join(log[-30:]) + "\n"
-    write_beside(folder / ERROR, lambda beside: beside.write_text(text))
+    write_text(folder / ERROR, text)
 
 
 def progress_of(folder: Path) -> float:
@@ -82,7 +72,7 @@ def run_locally(sweep: Sweep, out: Path, workers: int, told: Told) -> dict[str, 
     Raises:
         KeyboardInterrupt: once the runs have saved.
     """
-    with only_one(out):
+    with only_one(out, "sweep"):
         folders = dict((run.name, folder) for run, folder in prepare(sweep, out))
         statuses = {name: status_of(folder) for name, folder in folders.items()}
         waiting = [name for name, status in statuses.items() if status != "complete"]
@@ -177,7 +167,7 @@ def run_on_ray(sweep: Sweep, out: Path, address: str | None, told: Told) -> dict
         The status of every run by name.
     """
     ray = import_ray()
-    with only_one(out):
+    with only_one(out, "sweep"):
         folders = dict((run.name, folder) for run, folder in prepare(sweep, out))
         statuses = {name: status_of(folder) for name, folder in folders.items()}
         todo = [run for run in sweep.runs if statuses[run.name] != "complete"]
@@ -247,18 +237,12 @@ def _tune(ray: Any, sweep: Sweep, todo: list[SweepRun], folders: dict[str, Path]
     episodes = sweep.episodes
 
     def trainable(config: dict[str, Any]) -> None:
-        import torch
-
-        from train.runs.folder import load_settings
-        from train.runs.run import Run
-
         name = config["run"]
-        torch.set_num_threads(1)
         with TemporaryDirectory(prefix="pursuit-") as temporary:
             folder = Path(temporary)
             for file, content in given[name].items():
                 (folder / file).write_bytes(content)
-            run = Run(load_settings(folder), folder, resume=(folder / CHECKPOINT).exists())
+            run = open_run(folder)
 
             def hand_over() -> None:
                 names = (METRICS, RESULTS, CHECKPOINT)
@@ -267,7 +251,7 @@ def _tune(ray: Any, sweep: Sweep, todo: list[SweepRun], folders: dict[str, Path]
 
             evaluations = 0
 
-            def report(run: Any, row: dict[str, float]) -> None:
+            def report(run: Run, row: dict[str, float]) -> None:
                 nonlocal evaluations
                 if not row:
                     return
@@ -305,6 +289,8 @@ def _tune(ray: Any, sweep: Sweep, todo: list[SweepRun], folders: dict[str, Path]
         put_files(folder, files)
 
 
-def _score(run: Any, row: dict[str, float]) -> float:
-    """What ASHA maximises: evaders live long, everybody else is quick."""
-    return row["mean_steps"] if run.contest.role == "evader" else -row["mean_steps"]
+def _score(run: Run, row: dict[str, float]) -> float:
+    """What ASHA maximises."""
+    objective = run.trainee.objective
+    value = row[objective.column]
+    return -value if objective.less_is_better else value

@@ -6,31 +6,26 @@ import hashlib
 import itertools
 import json
 import re
+import sys
 import tomllib
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from train.runs.folder import (
-    CHECKPOINT,
-    CONFIG,
-    RESULTS,
-    load_settings,
-    read_json,
-    save_settings,
-    write_beside,
-    write_json,
-)
-from train.settings.algorithms import check
-from train.settings.run import TrainSettings, settings_of
+from train.experiments.kinds import KINDS, is_complete, open_run, read_settings, write_config
+from train.files import write_json, write_text
+from train.runs.folder import CHECKPOINT, CONFIG, RUN
+from train.runs.loop import Run
+from train.runs.tasks import task_of
+from train.settings.checks import check
 
 EXPERIMENTS = Path(__file__).with_name("files")
 VERSIONS = ("short", "full")
 KEYS = frozenset(
-    {"title", "settings", "grid", "variants", "seeds", "search", "report", "exact", "episodes"}
-)
+    ("title", "kind", "settings", "grid", "variants", "seeds", "search", "report", "exact")
+) | {"episodes"}
 OVERRIDES = frozenset({"settings", "grid", "seeds", "episodes", "search", "exact"})
 HINTS, LABEL = "sweep.json", "run.json"
 ERROR, PROGRESS, STOPPED = "error.txt", "progress.txt", "stopped_early.json"
@@ -42,12 +37,14 @@ class SweepRun:
 
     Attributes:
         name: of its folder: readable, with a fingerprint of the complete settings at the end.
+        kind: of run, one of `KINDS`.
         settings: all of them.
         label: what the sweep file says of this run: the names that vary, and `variant`.
     """
 
     name: str
-    settings: TrainSettings[Any]
+    kind: str
+    settings: Any
     label: dict[str, Any]
 
 
@@ -136,6 +133,8 @@ def choose_version(content: dict[str, Any], version: str | None) -> dict[str, An
 
 def multiply_out(content: dict[str, Any], stem: str) -> Sweep:
     """All combinations as checked settings."""
+    kind = content.get("kind", RUN)
+    check(kind in KINDS, f"unknown kind {kind!r}; one of {', '.join(KINDS)}")
     common = _table(content, "settings")
     grid = _table(content, "grid")
     search = dict(_table(content, "search"))
@@ -162,14 +161,13 @@ def multiply_out(content: dict[str, Any], stem: str) -> Sweep:
             for name in variant.keys() & {*grid, *sample}:
                 raise ValueError(f"{name!r} is set by a variant and by the grid or search; by one")
             try:
-                settings = settings_of(**{"threads": 1, **flat})
-                check_runs(settings)
+                settings = KINDS[kind].settings_of(**{"threads": 1, **flat})
             except ValueError as error:
                 told = ", ".join(f"{k}={v!r}" for k, v in (label | {"seed": seed}).items())
                 raise ValueError(f"the combination {told} cannot run: {error}") from None
             if "name" in label:
                 label["variant"] = label.pop("name")
-            run = SweepRun(run_name(settings, label), settings, label)
+            run = SweepRun(run_name(kind, settings, label), kind, settings, label)
             runs.setdefault(run.name.rsplit("-", 1)[1], run)  # a combination named twice runs once
     exact = _table(content, "exact")
     check(has_runs or bool(exact), "nothing to do; give [settings] and [grid], or [exact]")
@@ -256,31 +254,19 @@ def draw_samples(search: dict[str, Any]) -> list[dict[str, Any]]:
     return drawn
 
 
-def check_runs(settings: TrainSettings[Any]) -> None:
-    """What can be known of a run without starting it.
-
-    Raises:
-        ValueError: no such maze, a task that cannot be made, too many states for a table.
-    """
-    task = settings.task.build()
-    if settings.algorithm == "q_learning":
-        from train.algorithms.q_learning import StateNumbers
-
-        StateNumbers(task)
-
-
-def fingerprint(settings: TrainSettings[Any]) -> str:
+def fingerprint(kind: str, settings: Any) -> str:
     """Ten hexadecimal digits of everything that decides the outcome of a run."""
-    plain = settings.to_plain() | {"maze_text": settings.task.build().mazes[0].to_text()}
+    maze = task_of(settings.task).mazes[0]
+    plain = {"kind": kind, **asdict(settings), "maze_text": maze.to_text()}
     text = json.dumps(plain, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:10]
 
 
-def run_name(settings: TrainSettings[Any], label: dict[str, Any]) -> str:
+def run_name(kind: str, settings: Any, label: dict[str, Any]) -> str:
     """A readable folder name that no other settings have."""
-    parts = [str(value) for value in label.values()] or [settings.algorithm]
+    parts = [str(value) for value in label.values()] or [kind]
     text = "-".join([*parts, f"seed{settings.seed}"])
-    return re.sub(r"[^A-Za-z0-9_.+-]+", "_", text)[:80] + "-" + fingerprint(settings)
+    return re.sub(r"[^A-Za-z0-9_.+-]+", "_", text)[:80] + "-" + fingerprint(kind, settings)
 
 
 def prepare(sweep: Sweep, out: Path) -> list[tuple[SweepRun, Path]]:
@@ -299,15 +285,14 @@ def prepare(sweep: Sweep, out: Path) -> list[tuple[SweepRun, Path]]:
     folders = [(run, out / "runs" / run.name) for run in sweep.runs]
     for run, folder in folders:
         if (folder / CONFIG).exists():
-            saved = load_settings(folder)
             check(
-                fingerprint(saved) == fingerprint(run.settings),
+                fingerprint(*read_settings(folder)) == fingerprint(run.kind, run.settings),
                 f"{folder}: holds a run of other settings than its name says; remove that folder",
             )
     for run, folder in folders:
         folder.mkdir(parents=True, exist_ok=True)
         if not (folder / CONFIG).exists():
-            save_settings(folder, run.settings)
+            write_config(run.kind, run.settings, folder)
         write_json(folder / LABEL, run.label)
     names = [run.name for run in sweep.runs]
     write_json(out / HINTS, {"title": sweep.title, **sweep.report, "runs": names})
@@ -316,7 +301,7 @@ def prepare(sweep: Sweep, out: Path) -> list[tuple[SweepRun, Path]]:
 
 def status_of(folder: Path) -> str:
     """complete, failed, stopped (early, by a scheduler), interrupted or new."""
-    if (folder / RESULTS).exists() and not read_json(folder / RESULTS).get("interrupted"):
+    if is_complete(folder):
         return "complete"
     if (folder / ERROR).exists():
         return "failed"
@@ -327,13 +312,11 @@ def status_of(folder: Path) -> str:
 
 def perform(folder: Path, episodes: int) -> None:
     """Do the run in `folder`, or go on with it, to its results; in a process of its own."""
-    from train.runs.run import Run
+    run = open_run(folder)
 
-    run = Run(load_settings(folder), folder, resume=(folder / CHECKPOINT).exists())
-
-    def report(run: Any, row: dict[str, float]) -> None:
+    def report(run: Run, row: dict[str, float]) -> None:
         if row:
-            write_beside(folder / PROGRESS, lambda beside: beside.write_text(str(run.progress)))
+            write_text(folder / PROGRESS, str(run.progress))
 
     if run.progress < 1.0:
         run.train(report)
@@ -342,6 +325,4 @@ def perform(folder: Path, episodes: int) -> None:
 
 
 if __name__ == "__main__":
-    import sys
-
     perform(Path(sys.argv[1]), int(sys.argv[2]))

@@ -6,17 +6,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from train.experiments.kinds import read_settings
 from train.experiments.sweep import ERROR, HINTS, LABEL, status_of
-from train.runs.folder import (
-    CONFIG,
-    METRICS,
-    RESULTS,
-    load_settings,
-    read_json,
-    read_metrics,
-    write_beside,
-)
-from train.settings.algorithms import check
+from train.files import read_json, write_beside
+from train.runs.folder import CONFIG, METRICS, RESULTS, RUN, read_metrics
+from train.runs.tasks import task_of
+from train.settings.checks import check
 
 if TYPE_CHECKING:
     import polars
@@ -60,14 +55,18 @@ def collect(out: Path) -> tuple[polars.DataFrame, polars.DataFrame]:
 
 def row_of(folder: Path) -> dict[str, Any]:
     """One run as a flat row."""
-    settings = load_settings(folder)
+    kind, settings = read_settings(folder)
     plain = asdict(settings)
-    task, hyper, lessons = (plain.pop(name) for name in ("task", "hyper", "lessons"))
-    task["maze"] = settings.task.build().mazes[0].name
-    task["role"] = settings.task.agent
+    task = plain.pop("task")
+    task["maze"] = task_of(settings.task).mazes[0].name
+    task["role"] = settings.task.agent if kind == RUN else "both"
+    for name in ("hyper", "lessons"):
+        plain |= {k: v for k, v in plain.pop(name, {}).items() if k not in plain}
+    if "members" in plain:
+        plain["members"] = " ".join(plain["members"])
     label = read_json(folder / LABEL) if (folder / LABEL).exists() else {}
-    row: dict[str, Any] = {"run": folder.name, "status": status_of(folder)}
-    row |= {"variant": label.get("variant"), **task, **plain, **hyper, **lessons}
+    row: dict[str, Any] = {"run": folder.name, "kind": kind, "status": status_of(folder)}
+    row |= {"variant": label.get("variant"), **task, **plain}
     # What a sweep names is kept as it says it, so that reports can group by `preset`, say.
     row |= {name: value for name, value in label.items() if name not in row}
     row["budget_seconds"], row["budget_frames"] = row.pop("seconds"), row.pop("frames")
@@ -75,17 +74,18 @@ def row_of(folder: Path) -> dict[str, Any]:
         results = read_json(folder / RESULTS)
         row |= {name: results[name] for name in ("frames", "seconds", "frames_per_second")}
         row |= results["evaluation"]
-        for score in results["scores"]:
+        row |= {f"{name}_at_start": value for name, value in results.get("at_start", {}).items()}
+        for score in results.get("scores", ()):
             if score["name"] in KINDS:
                 row[KINDS[score["name"]]] = score["mean_steps"]
             elif not score["name"].startswith(("learned", "optimal")):
                 row["scripted"], row["scripted_steps"] = score["name"], score["mean_steps"]
+        row["objective"], row["unit"] = (results["objective"][name] for name in ("column", "unit"))
         row |= {f"{name}_version": value for name, value in results["versions"].items()}
         row["commit"] = row.pop("commit_version", None)
         row["machine"] = results["machine"]["processor"]
     elif (folder / METRICS).exists() and (rows := read_metrics(folder)):
-        names = ("frames", "seconds", "mean_steps", "success_rate", "optimality_gap")
-        row |= {name: rows[-1].get(name) for name in names}
+        row |= rows[-1]
     error = folder / ERROR
     row["error"] = error.read_text().splitlines()[0] if error.exists() else None
     return row

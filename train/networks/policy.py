@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,9 +12,10 @@ import torch
 from numpy.typing import NDArray
 
 from pursuit.maze import Maze
-from pursuit.policy import GameView
-from pursuit.simulator import Simulator
+from pursuit.observations import Encoder
+from pursuit.policy import GameView, Policy, pairs_of_cells
 from pursuit.task import Task
+from train.networks.features import Features, features_of
 
 
 class PolicyNetwork(Protocol):
@@ -31,26 +34,86 @@ class PolicyNetwork(Protocol):
         """Take them."""
 
 
+class Player(Protocol):
+    """Whoever a learner learns to play: all that it knows of the game is this and its specs."""
+
+    @property
+    def features(self) -> Features:
+        """What it observes."""
+
+    @property
+    def num_actions(self) -> int:
+        """How many actions it chooses from."""
+
+    @property
+    def members(self) -> int:
+        """How many agents have its role, itself included."""
+
+    def policy(self, network: PolicyNetwork, greedy: bool = True) -> Policy:
+        """A network as this player."""
+
+
+@dataclass(frozen=True)
+class Seat:
+    """An agent of a task, or with a role's name any of that role: the `Player` of grid games.
+
+    Attributes:
+        task: the game.
+        agent: by name or role.
+        encoding: what it observes.
+    """
+
+    task: Task
+    agent: str
+    encoding: str = "index"
+
+    @property
+    def number(self) -> int:
+        """Of the seat; for a role that of its first agent."""
+        return self.task.seat(self.agent)
+
+    @property
+    def role(self) -> str:
+        """Its role."""
+        return self.task.seat_roles[self.number]
+
+    @property
+    def members(self) -> int:
+        """Agents of that role."""
+        return self.task.count(self.role)
+
+    @property
+    def num_actions(self) -> int:
+        """4, or 5 where one may stay."""
+        return self.task.num_actions
+
+    @cached_property
+    def features(self) -> Features:
+        """Of its encoding."""
+        return features_of(Encoder(self.task, self.encoding), self.task.num_agents)
+
+    def policy(self, network: PolicyNetwork, greedy: bool = True) -> LearnedPolicy:
+        """A network in this seat."""
+        return LearnedPolicy(network, self, greedy)
+
+
 class LearnedPolicy:
     """A network that fills a seat.
 
     Args:
         network: gives the logits.
-        task: the task that it was trained in.
-        agent: the agent that it learned to play, by name or role.
-        encoding: what it observes.
+        seat: in which it was trained.
         greedy: take the most probable action; False draws from the distribution.
 
     Attributes:
-        task, agent, encoding, greedy: the arguments.
+        network, seat, greedy: the arguments.
+        task, agent, encoding: of the seat.
     """
 
-    def __init__(
-        self, network: PolicyNetwork, task: Task, agent: str, encoding: str, greedy: bool = True
-    ) -> None:
-        self.network, self.task, self.agent, self.encoding = network, task, agent, encoding
-        self.greedy = greedy
-        self._shape = Simulator(task).encoder(encoding).shape
+    def __init__(self, network: PolicyNetwork, seat: Seat, greedy: bool = True) -> None:
+        self.network, self.seat, self.greedy = network, seat, greedy
+        self.task, self.agent, self.encoding = seat.task, seat.agent, seat.encoding
+        self._shape = seat.features.shape
 
     def probabilities(self, observations: NDArray[Any]) -> NDArray[np.float64]:
         """[..., actions] float64: the distribution played, for observations [..., *shape]."""
@@ -107,10 +170,6 @@ class LearnedPolicy:
                 "no table over pairs of cells of this maze; only one chaser against one evader is"
             )
         size, seat = maze.num_cells, task.seat(self.agent)
-        simulator = Simulator(task, 1)
-        rows = np.zeros((size * size, simulator.rows.shape[1]), dtype=np.int32)
-        own, other = np.divmod(np.arange(size * size, dtype=np.int32), size)
-        rows[:, seat], rows[:, 1 - seat], rows[:, 2:4] = own, other, 1
-        rows[:, -1] = task.mazes.index(maze)
-        observed = simulator.encoder(self.encoding).encode(rows, slice(seat, seat + 1))[:, 0]
+        pairs = pairs_of_cells(task, maze, seat)
+        observed = Encoder(task, self.encoding).encode(pairs, slice(seat, seat + 1))[:, 0]
         return self.probabilities(observed).reshape(size, size, task.num_actions)

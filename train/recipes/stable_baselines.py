@@ -7,6 +7,7 @@ The saved model fills an opponent's seat: pursuit train --role evader --maze 5x5
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,12 +16,12 @@ from typing import Any
 
 from pursuit.single_agent import SingleAgentVectorEnv
 from pursuit.stable_baselines import StableBaselinesVecEnv
-from train.commands.main import fail, parse
-from train.commands.world import contest_line, print_scores
-from train.evaluation.contest import Contest
+from train.commands.parse import fail, parse
+from train.commands.scores import print_scores
+from train.runs.parts import contest_of
 from train.runs.third_party import load_stable_baselines, save_stable_baselines
-from train.settings.algorithms import check
-from train.settings.run import TaskSettings
+from train.settings.checks import check
+from train.settings.task import TaskSettings
 
 
 @dataclass(frozen=True)
@@ -101,10 +102,10 @@ def run(recipe: Recipe) -> None:
         def _on_step(self) -> bool:
             return bool(recipe.frames) or perf_counter() - self.began < recipe.seconds
 
-    task = recipe.task.build()
+    contest = contest_of(recipe.task, 1000)
     games = 32 if recipe.algorithm == "dqn" else 64
     envs = SingleAgentVectorEnv(
-        task, recipe.task.agent, recipe.task.opponents(), games, recipe.observation
+        contest.task, contest.agent, contest.opponents, games, recipe.observation
     )
     vec_env = StableBaselinesVecEnv(envs)
     vec_env.seed(recipe.seed)
@@ -112,16 +113,13 @@ def run(recipe: Recipe) -> None:
     model.learn(recipe.frames or 10**12, callback=Budget())
     save_stable_baselines(model, recipe.out, recipe.algorithm, recipe.task, recipe.observation)
     policy = load_stable_baselines(recipe.out)
-    contest = Contest(task, recipe.task.agent, recipe.task.opponents(), 1000)
-    print(contest_line(contest))
+    print(contest.line())
     print(f"Stable-Baselines3 {recipe.algorithm}: {model.num_timesteps:,} frames")
     print_scores([*contest.baselines(), contest.score("learned", policy)])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command line; errors are one line and exit status 2."""
-    import sys
-
     try:
         run(parse(Recipe, sys.argv[1:] if arguments is None else arguments, "recipe"))
     except (ValueError, OSError, ImportError) as error:

@@ -10,6 +10,7 @@ values are not bootstrapped at the time limit.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,11 +23,12 @@ from pursuit import race_v0
 from pursuit.policy import Policy
 from pursuit.simulator import Simulator
 from scripted_agents import NearestGoalRunner, RandomAgent
-from train.commands.main import fail, parse
-from train.evaluation.contest import EVALUATION_SEED
+from train.commands.parse import fail, parse
+from train.evaluation.games import EVALUATION_SEED
+from train.runs.tasks import task_of
 from train.runs.third_party import load_stable_baselines, save_stable_baselines
-from train.settings.algorithms import check
-from train.settings.run import TaskSettings
+from train.settings.checks import check
+from train.settings.task import TaskSettings
 
 
 @dataclass(frozen=True)
@@ -61,11 +63,10 @@ class Recipe:
 
 def mean_length(task: TaskSettings, policy: Policy, episodes: int = 1000) -> float:
     """Mean episode length with `policy` in every seat, on the starts of every evaluation."""
-    built = task.build()
+    built = task_of(task)
     simulator = Simulator(built, episodes, EVALUATION_SEED, auto_restart=False)
-    simulator.reset()
     actions = np.zeros((episodes, built.num_agents), dtype=np.int32)
-    while not simulator.ended.any(axis=0).all():
+    while not simulator.ended.all():
         simulator.act([policy] * built.num_agents, actions)
         simulator.step(actions)
     return float(simulator.steps.mean())
@@ -86,7 +87,7 @@ def run(recipe: Recipe) -> None:
             return bool(recipe.frames) or perf_counter() - self.began < recipe.seconds
 
     env = race_v0.parallel_env(
-        maze=recipe.task.build().mazes[0],
+        maze=task_of(recipe.task).mazes[0],
         num_runners=2,
         num_goals=recipe.num_goals,
         observation="one_hot",
@@ -122,8 +123,6 @@ def run(recipe: Recipe) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command line; errors are one line and exit status 2."""
-    import sys
-
     try:
         run(parse(Recipe, sys.argv[1:] if arguments is None else arguments, "recipe"))
     except (ValueError, OSError, ImportError) as error:

@@ -1,4 +1,4 @@
-"""The folder of a run: written beside and renamed, so that an interruption loses nothing.
+"""The folder of a run, of whatever kind.
 
 `config.json`, `metrics.csv`, `results.json`, `checkpoint.pt`, `learning_curve.png`, `replay.gif`,
 TensorBoard events.
@@ -7,19 +7,18 @@ TensorBoard events.
 from __future__ import annotations
 
 import csv
-import json
-import os
 import pickle
 import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from pursuit.maze import library_names
-from train.settings.algorithms import check
-from train.settings.run import TrainSettings
+from pursuit.maze import Maze, library_names
+from train.files import read_json, write_beside, write_csv, write_json
+from train.settings.checks import check
 
 CONFIG, METRICS, RESULTS, CHECKPOINT = (
     "config.json",
@@ -30,35 +29,8 @@ CONFIG, METRICS, RESULTS, CHECKPOINT = (
 FORMAT = 4
 """Of `config.json` and `checkpoint.pt`; raised whenever older ones can no longer be read."""
 
-
-def write_beside(path: Path, write: Callable[[Path], object]) -> None:
-    """Have `write` make a file beside `path`, then put it in its place in one step.
-
-    Raises:
-        OSError: the disk is full, say; whatever was at `path` is still there.
-    """
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        write(beside)
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
-
-
-def write_json(path: Path, content: Any) -> None:
-    """`content` as indented JSON, atomically."""
-    text = json.dumps(content, indent=2) + "\n"
-    write_beside(path, lambda beside: beside.write_text(text, encoding="utf-8"))
-
-
-def read_json(path: Path) -> Any:
-    """The JSON in `path`; ValueError naming the file where there is none."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
-    except ValueError:
-        raise ValueError(f"{path}: damaged, not JSON") from None
+RUN, SIDE, SELF_PLAY = "run", "side", "self-play"
+"""Kinds: a run of one agent; one side of self-play, saved as a policy; both sides together."""
 
 
 def new_folder(path: Path) -> Path:
@@ -80,35 +52,36 @@ def new_folder(path: Path) -> Path:
     return path
 
 
-def save_settings(folder: Path, settings: TrainSettings[Any]) -> None:
-    """Write `config.json`: the settings, and the maze as text."""
-    plain = settings.to_plain()
-    write_json(
-        folder / CONFIG,
-        {"format": FORMAT, **plain, "maze_text": settings.task.build().mazes[0].to_text()},
-    )
+def save_config(folder: Path, kind: str, settings: Any, maze: Maze) -> None:
+    """Write `config.json`: the kind of run, its settings, and the maze as text."""
+    plain = {"format": FORMAT, "kind": kind, **asdict(settings), "maze_text": maze.to_text()}
+    write_json(folder / CONFIG, plain)
 
 
-def load_settings(folder: Path) -> TrainSettings[Any]:
-    """What `save_settings` wrote; a maze that was a file is taken from its text.
+def load_config(folder: Path) -> tuple[str, dict[str, Any]]:
+    """The kind of run in a folder, and its settings; a maze that was a file is its text.
 
     Raises:
         ValueError: no run in this folder, or a damaged one.
     """
-    if not (folder / CONFIG).exists():
+    path = folder / CONFIG
+    if not path.exists():
         raise ValueError(f"{folder}: no run here ({CONFIG} is missing)")
-    plain = read_json(folder / CONFIG)
-    if not isinstance(plain, dict) or not isinstance(plain.get("task"), dict):
-        raise ValueError(f"{folder / CONFIG}: damaged, not the settings of a run")
+    plain = read_json(path)
+    check(
+        isinstance(plain, dict) and isinstance(plain.get("task"), dict),
+        f"{path}: damaged, not the settings of a run",
+    )
     check(
         plain.pop("format", None) == FORMAT,
         f"{folder}: written by another version of pursuit (format {FORMAT} needed); use that "
         "version, or a new folder",
     )
-    text = plain.pop("maze_text", None)
+    kind, text = plain.pop("kind", None), plain.pop("maze_text", None)
+    check(kind in (RUN, SIDE, SELF_PLAY), f"{path}: damaged, a run of kind {kind!r}")
     if isinstance(text, str) and plain["task"].get("maze") not in library_names():
         plain["task"]["maze"] = text
-    return TrainSettings.from_plain(plain)
+    return kind, plain
 
 
 def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
@@ -147,6 +120,18 @@ def load_checkpoint(folder: Path) -> dict[str, Any]:
     return state
 
 
+MISFITS = (KeyError, RuntimeError, TypeError, AttributeError)
+"""What loading the checkpoint of other settings leads to."""
+
+
+def misfit(folder: Path) -> ValueError:
+    """The error that says so."""
+    return ValueError(
+        f"{folder}: the checkpoint does not fit the settings in {CONFIG}; one of the two is from "
+        "another run"
+    )
+
+
 class MetricsFile:
     """`metrics.csv`: one row per evaluation, readable at any moment.
 
@@ -164,14 +149,7 @@ class MetricsFile:
     def add(self, row: dict[str, float]) -> None:
         """Append a row and write the file anew, atomically."""
         self.rows.append(row)
-        write_beside(self.path, self._write)
-
-    def _write(self, path: Path) -> None:
-        names = list(dict.fromkeys(name for row in self.rows for name in row))
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, names)
-            writer.writeheader()
-            writer.writerows(self.rows)
+        write_csv(self.path, self.rows)
 
 
 def read_metrics(folder: Path) -> list[dict[str, float]]:

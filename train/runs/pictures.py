@@ -7,21 +7,27 @@ from typing import Any
 
 import numpy as np
 
+from pursuit.animation import save_animation
 from pursuit.parallel_env import scene_of
 from pursuit.policy import Policy
-from pursuit.rendering import Scene, save_animation
+from pursuit.rendering import Scene
 from pursuit.simulator import Simulator
 from pursuit.single_agent import fill_seats
-from train.evaluation.contest import Contest
-from train.runs.folder import write_beside
+from train.evaluation.contest import GameContest
+from train.figures import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PINK,
+    plain_numbers,
+    pyplot,
+    save,
+    short_numbers,
+    tidy,
+)
 
-# Okabe and Ito's palette: distinct for colour-blind readers, and in print.
-COLORS = {
-    "learned": "#0072B2",
-    "optimal": "#009E73",
-    "scripted": "#D55E00",
-    "random": "#7F7F7F",
-}
+COLORS = {"learned": BLUE, "optimal": GREEN, "scripted": ORANGE, "random": GREY}
 
 
 def draw_learning_curve(
@@ -42,17 +48,12 @@ def draw_learning_curve(
         lessons: of `curriculum.csv`; none where there is no curriculum.
         taught: what those lessons are.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     frames = np.array([row["frames"] for row in rows]) / 1e6
     steps = np.array([row["mean_steps"] for row in rows])
     by_name = {score["name"]: score for score in scores}
     has_gap = "optimal" in by_name and any("optimality_gap" in row for row in rows)
     heights = [3.0] + [2.0] * has_gap + [1.3] * bool(lessons)
-    figure, axes = pyplot.subplots(
+    figure, axes = pyplot().subplots(
         len(heights),
         1,
         figsize=(7, 0.7 + 1.15 * sum(heights)),
@@ -70,8 +71,7 @@ def draw_learning_curve(
         label = f"{name}: {score['mean_steps']:.2f}"
         upper.axhline(score["mean_steps"], color=color, lw=1.4, ls="--", label=label)
     upper.set_yscale("log")
-    upper.yaxis.set_major_formatter(matplotlib.ticker.ScalarFormatter())
-    upper.yaxis.set_minor_formatter(matplotlib.ticker.LogFormatter(labelOnlyBase=False))
+    plain_numbers(upper.yaxis)
     upper.set_ylabel("mean episode length (steps, log)")
     upper.set_title(title, fontsize=11, loc="left")
     upper.legend(frameon=False, fontsize=9)
@@ -83,16 +83,14 @@ def draw_learning_curve(
         lower.set_yscale("symlog", linthresh=1.0)
         low, high = min(np.nanmin(gap), 0.0), max(np.nanmax(gap), 0.0)
         lower.set_ylim(1.5 * low - 0.3, 1.5 * high + 0.3)
-        lower.yaxis.set_major_formatter(matplotlib.ticker.FormatStrFormatter("%g"))
+        short_numbers(lower.yaxis)
         lower.set_ylabel("gap to the optimum (%)")
     if lessons:
         draw_lessons(axes[-1, 0], lessons, frames[-1], taught)
     axes[-1, 0].set_xlabel("frames (millions)")
     for axis in axes[:, 0]:
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.grid(alpha=0.25, lw=0.6)
-    write_beside(path, lambda beside: figure.savefig(beside, dpi=150, format="png"))
-    pyplot.close(figure)
+        tidy(axis)
+    save(figure, path, 150)
 
 
 def draw_lessons(axis: Any, lessons: list[dict[str, Any]], end: float, taught: str) -> None:
@@ -101,13 +99,13 @@ def draw_lessons(axis: Any, lessons: list[dict[str, Any]], end: float, taught: s
     mean, low, high = (
         np.array([row[name] for row in [*lessons, lessons[-1]]]) for name in ("mean", "low", "high")
     )
-    axis.plot(places, mean, color="#CC79A7", lw=1.6, drawstyle="steps-post")
+    axis.plot(places, mean, color=PINK, lw=1.6, drawstyle="steps-post")
     if (high > low).any():
-        axis.fill_between(places, low, high, color="#CC79A7", alpha=0.18, lw=0, step="post")
+        axis.fill_between(places, low, high, color=PINK, alpha=0.18, lw=0, step="post")
     axis.set_ylabel(taught.replace("-", "\n", 1).replace("-", " "))
 
 
-def replay(contest: Contest, policy: Policy, episodes: int = 3) -> list[Scene]:
+def replay(contest: GameContest, policy: Policy, episodes: int = 3) -> list[Scene]:
     """The scenes of some episodes played by `policy`, one after the other."""
     task = contest.task
     seat, policies = fill_seats(task, contest.agent, contest.opponents)
@@ -116,7 +114,6 @@ def replay(contest: Contest, policy: Policy, episodes: int = 3) -> list[Scene]:
     actions = np.zeros((1, task.num_agents), dtype=np.int32)
     for episode in range(episodes):
         simulator = Simulator(task, 1, contest.seed, first_game=episode, auto_restart=False)
-        simulator.reset()
         caption = f"episode {episode + 1} of {episodes}"
         scenes.append(scene_of(simulator, caption=caption))
         while not simulator.ended.any():
@@ -127,6 +124,6 @@ def replay(contest: Contest, policy: Policy, episodes: int = 3) -> list[Scene]:
     return scenes
 
 
-def save_replay(path: Path, contest: Contest, policy: Policy, episodes: int = 3) -> None:
+def save_replay(path: Path, contest: GameContest, policy: Policy, episodes: int = 3) -> None:
     """Write a replay as .gif or .mp4, by the suffix of `path`."""
     save_animation(path, replay(contest, policy, episodes))

@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from gymnasium.spaces import Discrete
 
-from pursuit.policy import Policy
 from pursuit.simulator import Simulator
-from train.networks.policy import LearnedPolicy
-from train.runs.folder import read_json, write_json
-from train.settings.algorithms import check
-from train.settings.run import TaskSettings
+from train.files import read_json, write_json
+from train.networks.policy import LearnedPolicy, Seat
+from train.runs.tasks import agent_of, task_of
+from train.settings.checks import check
+from train.settings.task import TaskSettings
 
 ALGORITHMS = ("ppo", "a2c", "dqn")
 
@@ -65,7 +66,7 @@ def save_stable_baselines(
         {
             "algorithm": algorithm,
             "net_arch": model.policy_kwargs.get("net_arch"),
-            "task": {**vars(task), "maze": task.build().mazes[0].to_text()},
+            "task": {**vars(task), "maze": task_of(task).mazes[0].to_text()},
             "observation": encoding,
         },
     )
@@ -106,13 +107,10 @@ def load_stable_baselines(path: Path, greedy: bool = True) -> LearnedPolicy:
         greedy or algorithm != "dqn",
         f"{path}: dqn learns no distribution over actions; take the greedy policy",
     )
-    built = task.build()
-    simulator = Simulator(built)
-    from gymnasium.spaces import Discrete
-
+    built = task_of(task)
     form = DQNPolicy if algorithm == "dqn" else ActorCriticPolicy
     policy = form(
-        simulator.encoder(encoding).space,
+        Simulator(built).encoder(encoding).space,
         Discrete(built.num_actions),
         lambda _: 0.0,
         net_arch=net_arch,
@@ -128,21 +126,5 @@ def load_stable_baselines(path: Path, greedy: bool = True) -> LearnedPolicy:
             f"{path}: damaged, or weights of another network ({type(error).__name__})"
         ) from None
     policy.set_training_mode(False)
-    return LearnedPolicy(StableBaselinesNetwork(policy), built, task.agent, encoding, greedy)
-
-
-def load_opponent(path: Path) -> Policy:
-    """A policy from the folder of a run, or from a saved Stable-Baselines3 model.
-
-    Raises:
-        ValueError: neither, or damaged.
-    """
-    if path.is_dir():
-        from train.runs.run import load_policy
-
-        return load_policy(path)
-    check(
-        path.suffix == ".zip",
-        f"{path}: no policy; give the folder of a run, or a saved Stable-Baselines3 model (.zip)",
-    )
-    return load_stable_baselines(path)
+    seat = Seat(built, agent_of(task, built), encoding)
+    return LearnedPolicy(StableBaselinesNetwork(policy), seat, greedy)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from pursuit.policy import GameView, Policy
 from scripted_agents import solve_matrix_game
+from train.files import write_beside
 from train.networks.policy import LearnedPolicy
-from train.runs.folder import write_beside
-from train.settings.algorithms import check
+from train.settings.checks import check
 
-SAMPLING = ("latest", "window", "uniform", "pfsp", "psro")
 LATEST = "latest"
 """The name of the opponent as it is now; it is no snapshot, and always there."""
 MEMORY = 200.0
@@ -249,10 +248,3 @@ def nash_mixtures(payoff: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
     """
     game = solve_matrix_game(payoff.T)
     return game.column, game.row
-
-
-def draw_opponents(
-    shares: Sequence[float] | NDArray[np.float64], games: int, rng: np.random.Generator
-) -> NDArray[np.int64]:
-    """[games] int64 members, drawn by their shares."""
-    return rng.choice(len(shares), size=games, p=np.asarray(shares)).astype(np.int64)

@@ -2,190 +2,99 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-import torch
 
 from pursuit.policy import Policy
-from pursuit.simulator import Simulator, SimulatorState
-from pursuit.task import Task
 from scripted_agents import mean_over_starts
-from scripted_agents.environments import SCRIPTED, scripted_policy
-from train.algorithms.learner import Learner
-from train.algorithms.registry import make_learner, policy_of
-from train.environments.team_env import SelfPlayEnv
+from scripted_agents.environments import SCRIPTED
 from train.evaluation.exploitability import exploitability, nash_conv
-from train.evaluation.matchups import is_exact, match, table_in
-from train.runs.folder import (
-    CHECKPOINT,
-    CONFIG,
-    FORMAT,
-    RESULTS,
-    MetricsFile,
-    load_checkpoint,
-    load_settings,
-    save_checkpoint,
-    save_settings,
-    write_json,
-)
-from train.runs.interruption import Interruption
-from train.runs.run import MISFITS, has_fast_bfloat16, keep_freed_memory, load_policy
-from train.self_play.pool import (
-    LATEST,
-    OpponentPool,
-    PoolPolicy,
-    nash_mixtures,
-    weights,
-)
-from train.settings.algorithms import DETERMINISTIC, check
-from train.settings.self_play import (
-    LEARN,
-    ROLES,
-    SETTINGS,
-    SelfPlaySettings,
-    load_self_play_settings,
-)
+from train.evaluation.games import is_exact, table_in
+from train.evaluation.matchups import match
+from train.runs.folder import CONFIG, MISFITS, SELF_PLAY, SIDE, misfit, save_checkpoint, save_config
+from train.runs.loop import Budget, Clock, Objective, Run
+from train.runs.threads import prepare_torch
+from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
+from train.self_play.pool import LATEST, OpponentPool, nash_mixtures, weights
+from train.self_play.side import Side, share_trunk
+from train.settings.self_play import LEARN, ROLES, SelfPlaySettings
 
-EVALUATIONS = 20
 MAX_GAME_CELLS = 256
 """Above this number of cells the value of the game is not solved in every run (minutes)."""
 PAIR_EPISODES = 200
 """Games for an entry of the payoff matrix that has no exact value."""
 
-Report = Callable[["SelfPlay", dict[str, float]], None]
 
-
-class Side:
-    """One role that learns: its games, its learner, and the opponents it meets.
-
-    Attributes:
-        env, learner: of this role.
-        opponent: fills the other role's seats.
-    """
-
-    def __init__(
-        self, settings: SelfPlaySettings, role: str, state: dict[str, Any] | None = None
-    ) -> None:
-        own = settings.of_role(role)
-        self.role, self.settings = role, own
-        task = own.task.build()
-        number = ROLES.index(role)
-        games = own.hyper.num_games // task.count(role)
-        # Both roles' games begin differently though they share a seed.
-        self.simulator = Simulator(
-            task, games, settings.seed, first_game=number * 2**20, auto_restart=False
-        )
-        empty: Any = None
-        self.opponent = PoolPolicy(empty, games)
-        self.env = SelfPlayEnv(
-            self.simulator,
-            role,
-            self.opponent,
-            own.observation,
-            getattr(own.hyper, "central_critic", False),
-            settings.hyper.gamma,
-            # Discounted steps, up to 1 / (1 - gamma) of them, would drown the policy in value loss.
-            1.0 - settings.hyper.gamma if own.task.rewards == "zero_sum" else 1.0,
-            2 * settings.seed + number,
-        )
-        if state is not None:  # before there is a collector, which begins with what it finds
-            self._restore_games(state)
-        self.learner: Learner = make_learner(own, self.env, has_fast_bfloat16())
-
-    def policy(self) -> Policy:
-        """As it plays while it learns: drawn, where there is a distribution."""
-        return self.learner.policy(greedy=not self.learner.stochastic)
-
-    def load(self, state: dict[str, Any]) -> Policy:
-        """The policy of a snapshot."""
-        return policy_of(self.settings, state, greedy=not self.learner.stochastic)
-
-    def snapshot(self) -> dict[str, Any]:
-        """What `load` needs."""
-        network: Any = self.learner.state_dict()["network"]
-        return {"network": {name: tensor.clone() for name, tensor in network.items()}}
-
-    def state_dict(self) -> dict[str, Any]:
-        """Everything but the pool."""
-        games = vars(self.simulator.get_state())
-        return {
-            "learner": self.learner.state_dict(),
-            "simulator": {
-                name: torch.from_numpy(array.view(np.int64) if name == "streams" else array)
-                for name, array in games.items()
-            },
-            "opponents": torch.from_numpy(self.opponent.opponents.copy()),
-            "idle": torch.from_numpy(self.env.idle.copy()),
-            "rng": self.env.rng.bit_generator.state,
-        }
-
-    def _restore_games(self, state: dict[str, Any]) -> None:
-        arrays = {name: tensor.numpy() for name, tensor in state["simulator"].items()}
-        arrays["streams"] = arrays["streams"].view(np.uint64)
-        self.simulator.set_state(SimulatorState(**arrays))
-        self.opponent.opponents[:] = state["opponents"].numpy()
-        self.env.idle[:] = state["idle"].numpy()
-        self.env.rng.bit_generator.state = state["rng"]
-        self.env.resume = True
+def other_role(role: str) -> str:
+    """Of two."""
+    return ROLES[1 - ROLES.index(role)]
 
 
 class SelfPlay:
-    """Both roles learning against each other, in a folder.
+    """Both roles learning against each other; a `Trainee`.
 
-    `chaser/` and `evader/` in it are runs of their own for `pursuit evaluate`, `render` and
-    `league`; `pool/` holds the snapshots.
+    In the folder of its run `chaser/` and `evader/` are saved as policies of their own, for
+    `pursuit evaluate`, `render` and `league`; `pool/` holds the snapshots.
 
     Args:
         settings: what to do.
-        folder: an empty one, or that of the run to go on with.
-        resume: go on from its checkpoint.
+        parts: what they became.
+        folder: of the run.
+        state: what `state_dict` gave; None begins.
 
     Raises:
-        ValueError: settings that cannot run here, or a checkpoint that does not fit.
+        KeyError, RuntimeError, TypeError, AttributeError: a state of other settings.
+
+    Attributes:
+        task, sides, pools: the game, who learns, and the opponents in each role.
+        payoffs, mixtures: of the meta-game of PSRO.
+        taken: snapshots so far.
     """
 
-    def __init__(self, settings: SelfPlaySettings, folder: Path, resume: bool = False) -> None:
-        self.settings, self.folder, self.stopped = settings, folder, False
-        keep_freed_memory()
-        torch.set_num_threads(settings.threads)
-        torch.manual_seed(settings.seed)
-        self.task: Task = settings.task.build()
-        state = load_checkpoint(folder) if resume else None
-        try:
-            given = {role: state["sides"][role] if state else None for role in settings.learning}
-            self.sides = {role: Side(settings, role, given[role]) for role in settings.learning}
-        except MISFITS:
-            raise self._misfit() from None
+    kind: ClassVar[str] = SELF_PLAY
+    evaluates_first: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        settings: SelfPlaySettings,
+        parts: SelfPlayParts,
+        folder: Path,
+        state: dict[str, Any] | None = None,
+    ) -> None:
+        self.settings, self.parts, self.folder, self.task = settings, parts, folder, parts.task
+        self.sides = {
+            role: Side(own, ROLES.index(role), state["sides"][role] if state else None)
+            for role, own in parts.sides.items()
+        }
         if settings.share_networks:
-            _share(self.sides)
+            share_trunk(*(self.sides[role] for role in ROLES))
         self.pools = {role: self._pool(role) for role in ROLES}
         for role, side in self.sides.items():
-            side.opponent.pool = self.pools[_other(role)]
+            side.opponents.policy.pool = self.pools[other_role(role)]
         self.rng = np.random.default_rng(settings.seed)
-        self.seconds, self.evaluations, self.taken = 0.0, 0, 0
+        self.taken = 0
         self.payoffs: dict[tuple[str, str], float] = {}
         self.mixtures: dict[str, dict[str, float]] = {}
         if state is not None:
-            self._resume(state)
-        self.metrics = MetricsFile(folder, self.frames if resume else None)
+            self._load_state_dict(state)
         self._share_out()
+        # What is measured depends on the game, not on who plays: every learned policy is a table.
+        exact = is_exact(self.task, *(self.policy(role) for role in ROLES))
+        column, unit = ("nash_conv", "discounted steps") if exact else ("steps", "steps")
+        self.objective = Objective(column, unit)
 
     def _pool(self, role: str) -> OpponentPool:
-        settings, frozen = self.settings, getattr(self.settings, role)
         if role in self.sides:
-            side = self.sides[role]
-            latest, load = side.policy(), side.load
+            latest, load = self.sides[role].policy(), self.sides[role].load
         else:
-            latest, load = frozen_policy(frozen, role, settings), lambda state: latest
-        pool = OpponentPool(self.folder / "pool" / role, latest, settings.pool_size, load)
-        for name in settings.members:
-            pool.add_scripted(name, scripted_opponent(name, role, settings))
+            latest, load = self.parts.frozen[role], lambda state: latest
+        pool = OpponentPool(self.folder / "pool" / role, latest, self.settings.pool_size, load)
+        for name in self.settings.members:
+            pool.add_scripted(name, self.parts.scripted[name, role])
         return pool
 
     @property
@@ -193,39 +102,21 @@ class SelfPlay:
         """Steps of all learning agents."""
         return sum(side.learner.frames for side in self.sides.values())
 
-    @property
-    def progress(self) -> float:
-        """Share of the budget spent, in [0, 1]."""
-        if self.settings.frames is not None:
-            return min(self.frames / self.settings.frames, 1.0)
-        return min(self.seconds / (self.settings.seconds or 1.0), 1.0)
+    def policy(self, role: str) -> Policy:
+        """Who plays a role now."""
+        return self.pools[role].members[0].policy
 
-    def train(self, report: Report = lambda run, row: None) -> None:
-        """Learn until the budget is spent; Ctrl-C (or SIGTERM) ends it after the current rollouts.
-
-        Args:
-            report: called with every row of `metrics.csv`, and with {} after every iteration.
-        """
-        with Interruption() as interruption:
-            if not self.metrics.rows:
-                self._record({}, report)
-            while self.progress < 1.0 and not self.stopped:
-                began = perf_counter()
-                losses: dict[str, float] = {}
-                for role, side in self.sides.items():
-                    found = side.learner.iterate(self.progress)
-                    losses |= {f"{role}_{name}": value for name, value in found.items()}
-                if self.progress * self.settings.snapshots >= self.taken + 1:
-                    self._take_snapshots()
-                self._share_out()
-                self.seconds += perf_counter() - began
-                self.stopped = interruption.asked
-                report(self, {})
-                if self.progress * EVALUATIONS >= self.evaluations + 1 or self.stopped:
-                    self.evaluations = int(self.progress * EVALUATIONS)
-                    self._record(losses, report)
-        for side in self.sides.values():
-            side.learner.close()
+    def iterate(self, clock: Clock) -> dict[str, float]:
+        """One iteration of every learner; snapshots where they are due."""
+        figures: dict[str, float] = {}
+        for role, side in self.sides.items():
+            found = side.learner.iterate(clock.progress)
+            figures |= {f"{role}_{name}": value for name, value in found.items()}
+        if clock.progress * self.settings.snapshots >= self.taken + 1:
+            self.taken = int(clock.progress * self.settings.snapshots)
+            self._take_snapshots()
+        self._share_out()
+        return figures
 
     # -- opponents -------------------------------------------------------------------------------
 
@@ -233,30 +124,33 @@ class SelfPlay:
         """How often each opponent is drawn from now on."""
         settings = self.settings
         for role, side in self.sides.items():
-            pool = self.pools[_other(role)]
+            pool = self.pools[other_role(role)]
             mixture = None
             if settings.sampling == "psro" and self.mixtures:
-                given = self.mixtures[_other(role)]
+                given = self.mixtures[other_role(role)]
                 shares = np.array([given.get(name, 0.0) for name in pool.names])
                 mixture = shares / shares.sum() if shares.sum() > 0 else None
-            sampling = settings.sampling if _other(role) in self.sides else "latest"
-            arguments = (settings.window, settings.pfsp_power, mixture)
-            side.env.shares = weights(pool, sampling, *arguments)
+            sampling = settings.sampling if other_role(role) in self.sides else "latest"
+            side.opponents.shares = weights(
+                pool, sampling, settings.window, settings.pfsp_power, mixture
+            )
 
     def _take_snapshots(self) -> None:
-        self.taken = int(self.progress * self.settings.snapshots)
-        places: dict[str, list[str]] = {role: self.pools[role].names for role in ROLES}
+        places = {role: self.pools[role].names for role in ROLES}
         for role, side in self.sides.items():
             self.pools[role].add(f"{self.taken:05d}", side.snapshot(), self.rng)
-        for role, side in self.sides.items():
-            # Members may have moved: games go on against whom they began.
-            pool = self.pools[_other(role)]
-            moved = np.array(
-                [pool.names.index(n) if n in pool.names else 0 for n in places[_other(role)]]
-            )
-            side.opponent.opponents[:] = moved[side.opponent.opponents]
+        for role in ROLES:
+            self._keep_opponents(role, places[role])
         if self.settings.sampling == "psro":
             self._solve_meta_game()
+
+    def _keep_opponents(self, role: str, before: list[str]) -> None:
+        """Members of a pool have moved: games go on against whom they began."""
+        names, learner = self.pools[role].names, self.sides.get(other_role(role))
+        if learner is not None:
+            moved = np.array([names.index(name) if name in names else 0 for name in before])
+            opponents = learner.opponents.policy.opponents
+            opponents[:] = moved[opponents]
 
     def _solve_meta_game(self) -> None:
         """The Nash mixture of all pairs of snapshots (and scripted members; not the latest)."""
@@ -271,33 +165,31 @@ class SelfPlay:
             for j, evader in enumerate(members["evader"]):
                 pair = (chaser.name, evader.name)
                 if pair not in self.payoffs:
-                    self.payoffs[pair] = self._payoff(chaser.policy, evader.policy)
+                    # Mean steps until capture: exact in a duel.
+                    self.payoffs[pair] = match(
+                        self.task, chaser.policy, evader.policy, PAIR_EPISODES, self.settings.seed
+                    ).steps
                 payoff[i, j] = self.payoffs[pair]
         for role, mixture in zip(ROLES, nash_mixtures(payoff), strict=True):
             names = [member.name for member in members[role]]
             self.mixtures[role] = dict(zip(names, mixture.tolist(), strict=True))
 
-    def _payoff(self, chaser: Policy, evader: Policy) -> float:
-        """Mean steps until capture: exact in a duel."""
-        return match(self.task, chaser, evader, PAIR_EPISODES, self.settings.seed).steps
-
-    # -- evaluation and files --------------------------------------------------------------------
-
-    def policy(self, role: str) -> Policy:
-        """Who plays a role now."""
-        return self.pools[role].members[0].policy
+    # -- evaluation ------------------------------------------------------------------------------
 
     def evaluate(self, episodes: int = 300) -> dict[str, float]:
         """Exact exploitability where it can be had, and both sides against scripted agents.
 
         Exploitability is in discounted steps, lengths are in steps.
         """
+        for side in self.sides.values():
+            side.env.finished_returns.clear()
+            side.env.finished_lengths.clear()
         task, row = self.task, {}
-        chaser, evader = self.policy("chaser"), self.policy("evader")
+        chaser, evader = (self.policy(role) for role in ROLES)
         if is_exact(task, chaser, evader):
             maze = task.mazes[0]
             tables = [table_in(task, policy) for policy in (chaser, evader)]
-            rest: Any = (self.settings.hyper.gamma, task.move_order)
+            rest: Any = (self.parts.discount, task.move_order)
             if maze.num_cells <= MAX_GAME_CELLS:
                 found = exploitability(maze, tables[0], tables[1], *rest)
                 row = {
@@ -312,7 +204,7 @@ class SelfPlay:
         row["steps"] = match(task, chaser, evader, episodes).steps
         for name in self._scripted():
             for role in self.sides:
-                other = scripted_opponent(name, _other(role), self.settings)
+                other = self.parts.scripted[name, other_role(role)]
                 one, two = (chaser, other) if role == "chaser" else (other, evader)
                 row[f"{role}_vs_{name}"] = match(task, one, two, episodes).steps
         return row
@@ -322,11 +214,25 @@ class SelfPlay:
         solved = self.task.is_duel and self.task.max_cells <= MAX_GAME_CELLS
         return tuple(name for name in SCRIPTED if name != "optimal" or solved)
 
+    def told(self, row: dict[str, float]) -> list[str]:
+        """Exploitability, steps, and both sides against A*."""
+        parts = []
+        if "nash_conv" in row:
+            parts.append(f"NashConv {row['nash_conv']:6.3f}")
+        if "chaser_exploitability" in row:
+            each = [f"{role} {row[f'{role}_exploitability']:.3f}" for role in ROLES]
+            parts.append(f"({', '.join(each)})")
+        parts.append(f"{row['steps']:6.1f} steps")
+        for role in ROLES:
+            if f"{role}_vs_astar" in row:
+                parts.append(f"{role} vs A* {row[f'{role}_vs_astar']:6.1f}")
+        return parts
+
     def matches(self, episodes: int) -> list[dict[str, Any]]:
         """Learned and scripted agents of both roles, everybody against everybody."""
         players = {
             role: {"learned" if role in self.sides else "frozen": self.policy(role)}
-            | {name: scripted_opponent(name, role, self.settings) for name in self._scripted()}
+            | {name: self.parts.scripted[name, role] for name in self._scripted()}
             for role in ROLES
         }
         return [
@@ -335,94 +241,24 @@ class SelfPlay:
             for e, evader in players["evader"].items()
         ]
 
-    def _record(self, losses: dict[str, float], report: Report) -> None:
-        row = {
-            "frames": float(self.frames),
-            "seconds": self.seconds,
-            "frames_per_second": self.frames / max(self.seconds, 1e-9),
-            **self.evaluate(),
-        }
-        for side in self.sides.values():
-            side.env.finished_returns.clear()
-            side.env.finished_lengths.clear()
-        row = {**row, **losses}
-        self.metrics.add(row)
-        self.save()
-        report(self, row)
-
-    def save(self) -> None:
-        """Write the checkpoint, and every role as a run of its own."""
-        save_checkpoint(
-            self.folder,
-            {
-                "sides": {role: side.state_dict() for role, side in self.sides.items()},
-                "pools": {role: pool.state_dict() for role, pool in self.pools.items()},
-                "rng": self.rng.bit_generator.state,
-                "torch_rng": torch.get_rng_state(),
-                "seconds": self.seconds,
-                "evaluations": self.evaluations,
-                "taken": self.taken,
-                "payoffs": [[*pair, value] for pair, value in self.payoffs.items()],
-                "mixtures": self.mixtures,
-            },
-        )
-        for role, side in self.sides.items():
-            folder = self.folder / role
-            if not (folder / CONFIG).exists():
-                folder.mkdir(exist_ok=True)
-                save_settings(folder, side.settings)
-            save_checkpoint(folder, {"learner": side.learner.state_dict()})
-        for pool in self.pools.values():
-            pool.clean()
-
-    def _resume(self, state: dict[str, Any]) -> None:
-        try:
-            for role, side in self.sides.items():
-                side.learner.load_state_dict(state["sides"][role]["learner"])
-            for role, pool in self.pools.items():
-                before = [entry["name"] for entry in state["pools"][role]]
-                pool.load_state_dict(state["pools"][role])
-                moved = [pool.names.index(n) if n in pool.names else 0 for n in before]
-                if _other(role) in self.sides:
-                    opponents = self.sides[_other(role)].opponent.opponents
-                    opponents[:] = np.array(moved)[opponents]
-            self.rng.bit_generator.state = state["rng"]
-            torch.set_rng_state(state["torch_rng"])
-            self.seconds, self.evaluations = state["seconds"], state["evaluations"]
-            self.taken, self.mixtures = state["taken"], state["mixtures"]
-            self.payoffs = {(chaser, evader): value for chaser, evader, value in state["payoffs"]}
-        except MISFITS:
-            raise self._misfit() from None
-
-    def _misfit(self) -> ValueError:
-        return ValueError(
-            f"{self.folder}: the checkpoint does not fit the settings in {SETTINGS}; one of the "
-            "two is from another run"
-        )
-
-    def results(self, episodes: int = 1000) -> dict[str, Any]:
-        """Evaluate once more, on more episodes, and write `results.json`."""
-        rows = self.metrics.rows
+    def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
+        """Exploitability, everybody against everybody, pools; where it is not exact, how well an
+        approximate best response to each side does."""
+        settings = self.settings
         content: dict[str, Any] = {
-            "task": self.settings.task.task,
+            "task": settings.task.task,
             "maze": self.task.mazes[0].name,
-            "sampling": self.settings.sampling,
-            "seed": self.settings.seed,
-            "frames": self.frames,
-            "seconds": round(self.seconds, 3),
-            "frames_per_second": round(self.frames / max(self.seconds, 1e-9), 1),
-            "interrupted": self.stopped,
+            "algorithm": ", ".join(side.parts.algorithm.name for side in self.sides.values()),
+            "sampling": settings.sampling,
+            "seed": settings.seed,
             "evaluation": self.evaluate(episodes),
             "matches": self.matches(episodes),
             "pools": {role: pool.state_dict() for role, pool in self.pools.items()},
             "mixtures": self.mixtures,
         }
-        if "nash_conv" in rows[0]:
-            start, end = rows[0]["nash_conv"], content["evaluation"]["nash_conv"]
-            content["nash_conv_at_start"], content["nash_conv_reduction"] = start, 1 - end / start
-        elif self.settings.best_response_seconds and not self.stopped:
+        exact = "nash_conv" in content["evaluation"]
+        if not exact and settings.best_response_seconds and not interrupted:
             content["approximate_best_response"] = self.approximate_best_responses(episodes)
-        write_json(self.folder / RESULTS, content)
         return content
 
     def approximate_best_responses(self, episodes: int) -> dict[str, float]:
@@ -432,8 +268,7 @@ class SelfPlay:
         """
         found = {}
         for role in self.sides:
-            other = _other(role)
-            seconds = self.settings.best_response_seconds
+            other = other_role(role)
             who: Any = {role: str(self.folder / role), other: LEARN, f"{other}_algorithm": "ppo"}
             settings = replace(
                 self.settings,
@@ -441,93 +276,74 @@ class SelfPlay:
                 share_networks=False,
                 sampling="latest",
                 members=(),
-                seconds=seconds,
+                seconds=self.settings.best_response_seconds,
                 frames=None,
                 best_response_seconds=0.0,
             )
             with TemporaryDirectory() as folder:
-                run = SelfPlay(settings, Path(folder))
+                run = make_self_play(settings, Path(folder))
                 run.train()
-                pair = (run.policy("chaser"), run.policy("evader"))
-                found[f"against_{role}"] = match(self.task, *pair, episodes).steps
+                chaser, evader = (run.trainee.policy(side) for side in ROLES)
+                steps = match(self.task, chaser, evader, episodes).steps
+                found[f"against_{role}"] = steps
         return found
 
+    # -- files -----------------------------------------------------------------------------------
 
-def scripted_opponent(name: str, role: str, settings: SelfPlaySettings) -> Policy:
-    """A scripted agent by its name; A* moves at random as often as `opponent_epsilon` says."""
-    task = settings.task
-    epsilon = task.opponent_epsilon if name == "astar" else 0.0
-    rest: Any = (epsilon, task.move_order, settings.hyper.gamma)
-    return scripted_policy(name, role, *rest)
+    def state_dict(self) -> dict[str, Any]:
+        """Both sides, who is in the pools, and the meta-game."""
+        return {
+            "sides": {role: side.state_dict() for role, side in self.sides.items()},
+            "pools": {role: pool.state_dict() for role, pool in self.pools.items()},
+            "rng": self.rng.bit_generator.state,
+            "taken": self.taken,
+            "payoffs": [[*pair, value] for pair, value in self.payoffs.items()],
+            "mixtures": self.mixtures,
+        }
+
+    def _load_state_dict(self, state: dict[str, Any]) -> None:
+        for role, side in self.sides.items():
+            side.learner.load_state_dict(state["sides"][role]["learner"])
+        for role, pool in self.pools.items():
+            before = [entry["name"] for entry in state["pools"][role]]
+            pool.load_state_dict(state["pools"][role])
+            self._keep_opponents(role, before)
+        self.rng.bit_generator.state = state["rng"]
+        self.taken, self.mixtures = state["taken"], state["mixtures"]
+        self.payoffs = {(chaser, evader): value for chaser, evader, value in state["payoffs"]}
+
+    def save_beside(self, folder: Path) -> None:
+        """Write every role as a policy of its own, and drop the snapshots that are in no pool."""
+        for role, side in self.sides.items():
+            own = folder / role
+            if not (own / CONFIG).exists():
+                own.mkdir(exist_ok=True)
+                save_config(own, SIDE, side_settings(self.settings, role), self.task.mazes[0])
+            save_checkpoint(own, {"trainee": {"learner": side.learner.state_dict()}})
+        for pool in self.pools.values():
+            pool.clean()
+
+    def close(self) -> None:
+        """End the learners' collecting."""
+        for side in self.sides.values():
+            side.learner.close()
 
 
-def frozen_policy(name: str, role: str, settings: SelfPlaySettings) -> Policy:
-    """Who plays a role that does not learn: a scripted agent, or the folder of a run.
+def make_self_play(
+    settings: SelfPlaySettings, folder: Path, state: dict[str, Any] | None = None
+) -> Run:
+    """The self-play of these settings in its folder, from its beginning or from a checkpoint.
 
     Raises:
-        ValueError: neither; or the run learned another role, or in other games.
+        ValueError: settings that cannot run here, or a checkpoint that does not fit.
     """
-    if name in SCRIPTED:
-        return scripted_opponent(name, role, settings)
-    from train.runs.third_party import load_opponent
-
-    folder = Path(name)
-    if (folder / CONFIG).exists():
-        policy = load_policy(folder, greedy=load_settings(folder).algorithm in DETERMINISTIC)
-    else:
-        policy = load_opponent(folder)
-    check_fits(policy, role, settings.task.build(), name)
-    return policy
-
-
-def check_fits(policy: Policy, role: str, task: Task, name: str) -> None:
-    """Raise ValueError unless a learned policy is of this role and of games like these."""
-    if not hasattr(policy, "task"):
-        return
-    learner: Any = policy
-    own: Task = learner.task
-    learned = own.seat_roles[own.seat(learner.agent)]
-    check(learned == role, f"{name}: learned to be {learned!r}; {role!r} is asked for")
-    check(
-        set(task.mazes) <= set(own.mazes),
-        f"{name}: learned in maze {own.mazes[0].name}, and the games are in {task.mazes[0].name}",
-    )
-    for what in ("num_chasers", "num_evaders", "num_goals", "stay_action", "move_order"):
-        mine, theirs = getattr(own, what), getattr(task, what)
-        check(mine == theirs, f"{name}: learned with {what}={mine}; the games have {theirs}")
-
-
-def start_self_play(settings: SelfPlaySettings, folder: Path) -> SelfPlay:
-    """New self-play in a new folder; the settings are on disk before anything is learned."""
-    run = SelfPlay(settings, folder)
-    text = run.task.mazes[0].to_text()
-    write_json(folder / SETTINGS, {"format": FORMAT, **asdict(settings), "maze_text": text})
-    return run
-
-
-def resume_self_play(folder: Path) -> SelfPlay:
-    """Go on with the self-play in `folder`; ValueError where there is none, or it is complete.
-
-    One that was killed before its first checkpoint begins anew; one that was killed after its last
-    has only its results to write.
-    """
-    begun = (folder / CHECKPOINT).exists()
-    run = SelfPlay(load_self_play_settings(folder), folder, resume=begun)
-    if run.progress >= 1.0 and (folder / RESULTS).exists():
-        raise ValueError(f"{folder}: complete; its budget is spent. See {folder / RESULTS}")
-    return run
-
-
-def _other(role: str) -> str:
-    return ROLES[1 - ROLES.index(role)]
-
-
-def _share(sides: dict[str, Side]) -> None:
-    """Give both roles one trunk, and every learner an optimizer of what it now has."""
-    one, two = (sides[role].learner for role in ROLES)
-    network: Any = two.network  # type: ignore[attr-defined]
-    trunk = one.network.policy_trunk  # type: ignore[attr-defined]
-    if network.shared:
-        network.value_trunk = trunk
-    network.policy_trunk = trunk
-    two.renew_optimizer()  # type: ignore[attr-defined]
+    prepare_torch(settings.threads, settings.seed)
+    parts = self_play_parts(settings)
+    budget = Budget(settings.seconds, settings.frames, settings.threads)
+    try:
+        trainee = SelfPlay(settings, parts, folder, None if state is None else state["trainee"])
+        return Run(trainee, folder, budget, state)
+    except MISFITS:
+        if state is None:
+            raise
+        raise misfit(folder) from None

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
+from train.settings.checks import check
+
 ACTIVATIONS = ("relu", "tanh")
 
 
-def check(condition: bool, message: str) -> None:
-    """Raise ValueError(message) unless `condition`."""
-    if not condition:
-        raise ValueError(message)
+def check_activation(name: str) -> None:
+    """ValueError for one that the networks have not."""
+    check(name in ACTIVATIONS, f"unknown activation {name!r}; one of {', '.join(ACTIVATIONS)}")
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,11 @@ class Hyperparameters:
     """Games in lockstep."""
     gamma: float = 0.95
     """Discount."""
+
+    @property
+    def central_critic(self) -> bool:
+        """Whether a critic is to see what all agents of a role observe."""
+        return False
 
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
@@ -73,10 +79,7 @@ class NetworkSettings(Hyperparameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check(
-            self.activation in ACTIVATIONS,
-            f"unknown activation {self.activation!r}; one of {', '.join(ACTIVATIONS)}",
-        )
+        check_activation(self.activation)
 
 
 @dataclass(frozen=True)
@@ -232,10 +235,7 @@ class CrossEntropySettings(Hyperparameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check(
-            self.activation in ACTIVATIONS,
-            f"unknown activation {self.activation!r}; one of {', '.join(ACTIVATIONS)}",
-        )
+        check_activation(self.activation)
         check(
             self.num_games % self.population == 0,
             f"num_games={self.num_games} cannot be shared out among population={self.population}; "
@@ -280,11 +280,10 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "cross_entropy": CrossEntropySettings,
     "q_learning": QLearningSettings,
 }
-ALGORITHMS = tuple(HYPERPARAMETERS)
-DETERMINISTIC = ("dqn", "q_learning")
-"""Algorithms that learn no distribution over actions."""
+"""The settings of every algorithm by its name; `algorithms/registry.py` says what each can do."""
 
 
-def algorithm_of(hyper: Hyperparameters) -> str:
-    """The name of the algorithm that `hyper` belongs to."""
-    return next(name for name, form in HYPERPARAMETERS.items() if type(hyper) is form)
+def algorithm_name(hyper: Hyperparameters) -> str:
+    """The name of the algorithm that `hyper` belongs to; that of its class where there is none."""
+    names = (name for name, form in HYPERPARAMETERS.items() if type(hyper) is form)
+    return next(names, type(hyper).__name__)

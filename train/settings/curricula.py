@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
 from curricula import Schedule
 from curricula.levels import SCORES
 from curricula.schedules import SHAPES, UNITS
-from train.settings.algorithms import check
+from train.settings.checks import check
 
 AXES = (
     "opponent-epsilon",
@@ -33,6 +34,21 @@ class CurriculumSettings:
         }
     )  # fmt: skip
 
+    @property
+    def solved_within(self) -> float:
+        """Success is an episode within this many times the exact optimum; 0: as the task says."""
+        return 0.0
+
+    @property
+    def needs_optimum(self) -> bool:
+        """Whether the exact optimum of every start must be known."""
+        return self.solved_within > 0
+
+    @property
+    def needs_advantages(self) -> bool:
+        """Whether the learner must tell its advantages."""
+        return False
+
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
             value = getattr(self, name)
@@ -52,6 +68,17 @@ class AxisSettings(CurriculumSettings):
     curriculum_mazes: str | None = None
     """Mazes from easy to hard, with commas, for maze-size and loops; the task's maze comes last by
     itself. Left out: its first rows, or itself with walls opened."""
+
+
+def check_choice(name: str, value: str, choices: Collection[str]) -> None:
+    """ValueError naming the choices for a value that is none of them."""
+    check(value in choices, f"unknown {name} {value!r}; one of {', '.join(choices)}")
+
+
+def check_length(length: float, unit: str) -> None:
+    """ValueError for a schedule of a negative length, or in an unknown unit."""
+    check_choice("schedule_unit", unit, UNITS)
+    check(length >= 0, f"schedule_length={length}; a length is at least 0")
 
 
 def check_unit(name: str, value: float, unit: str) -> None:
@@ -87,13 +114,8 @@ class ScheduleSettings(AxisSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, choices in (("schedule", SHAPES), ("schedule_unit", UNITS)):
-            value = getattr(self, name)
-            check(value in choices, f"unknown {name} {value!r}; one of {', '.join(choices)}")
-        check(
-            self.schedule_length >= 0,
-            f"schedule_length={self.schedule_length}; a length is at least 0",
-        )
+        check_choice("schedule", self.schedule, SHAPES)
+        check_length(self.schedule_length, self.schedule_unit)
         if self.schedule in ("linear", "cosine"):
             check_unit("schedule_length", self.schedule_length, self.schedule_unit)
         if self.schedule in ("step", "exponential"):
@@ -138,8 +160,7 @@ class StagedSettings(AxisSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        choices = ("auto", *AXES)
-        check(self.axis in choices, f"unknown axis {self.axis!r}; one of {', '.join(choices)}")
+        check_choice("axis", self.axis, ("auto", *AXES))
         check(self.num_stages >= 2, f"num_stages={self.num_stages}; at least 2")
 
 
@@ -159,15 +180,7 @@ class TurnSettings(StagedSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        choices = UNITS
-        check(
-            self.schedule_unit in choices,
-            f"unknown schedule_unit {self.schedule_unit!r}; one of {', '.join(choices)}",
-        )
-        check(
-            self.schedule_length >= 0,
-            f"schedule_length={self.schedule_length}; a length is at least 0",
-        )
+        check_length(self.schedule_length, self.schedule_unit)
         check_unit("schedule_length", self.schedule_length, self.schedule_unit)
 
 
@@ -231,12 +244,19 @@ class LevelReplaySettings(CurriculumSettings):
     """An episode is a success only within this many times the exact optimum of its start; 0 asks
     for what the task asks for."""
 
+    @property
+    def needs_optimum(self) -> bool:
+        """For regrets too."""
+        return self.solved_within > 0 or self.level_score == "regret"
+
+    @property
+    def needs_advantages(self) -> bool:
+        """Whether levels are scored by them."""
+        return self.level_score == "value_loss"
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        check(
-            self.level_score in SCORES,
-            f"unknown level_score {self.level_score!r}; one of {', '.join(SCORES)}",
-        )
+        check_choice("level_score", self.level_score, SCORES)
         check(self.level_buffer >= 2, f"level_buffer={self.level_buffer}; at least 2")
         check(
             self.level_temperature > 0,
@@ -276,5 +296,5 @@ CURRICULA: dict[str, type[CurriculumSettings]] = {
 
 def curriculum_form(name: str) -> type[CurriculumSettings]:
     """The settings of a curriculum by its name; ValueError for an unknown one."""
-    check(name in CURRICULA, f"unknown curriculum {name!r}; one of {', '.join(CURRICULA)}")
+    check_choice("curriculum", name, CURRICULA)
     return CURRICULA[name]

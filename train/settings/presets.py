@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from train.settings.algorithms import (
     HYPERPARAMETERS,
@@ -14,12 +14,40 @@ from train.settings.algorithms import (
     PPOSettings,
     QLearningSettings,
     RolloutSettings,
-    check,
 )
+from train.settings.checks import check
 from train.settings.curricula import CurriculumSettings, ScheduleSettings, curriculum_form
-from train.settings.run import TaskSettings
 
 TUNED = "tuned"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What good settings depend on.
+
+    Attributes:
+        task: its name.
+        role: who learns: "chaser", "evader" or "runner".
+        cells: of the largest maze.
+        random_start: or from the marks of the maze.
+        duel: whether one chaser plays against one evader.
+    """
+
+    task: str
+    role: str
+    cells: int
+    random_start: bool = True
+    duel: bool = False
+
+    @property
+    def large_chase(self) -> bool:
+        """Whether a chaser seldom meets an evader by chance."""
+        return self.random_start and self.role == "chaser" and self.cells > 36
+
+    @property
+    def large_maze(self) -> bool:
+        """Whether a runner seldom comes upon goals by chance."""
+        return self.random_start and self.role == "runner" and self.cells > 60
 
 
 def thesis_ppo() -> PPOSettings:
@@ -116,8 +144,8 @@ def preset_algorithm(preset: str) -> str | None:
     return None if preset == TUNED else preset.removeprefix("thesis-")
 
 
-def hyperparameters(algorithm: str, task: TaskSettings, preset: str = TUNED) -> Hyperparameters:
-    """The settings of `algorithm` for `task`.
+def hyperparameters(algorithm: str, setting: Setting, preset: str = TUNED) -> Hyperparameters:
+    """The settings of `algorithm` in a setting.
 
     Raises:
         ValueError: an unknown algorithm or preset, or a preset of another algorithm.
@@ -131,28 +159,26 @@ def hyperparameters(algorithm: str, task: TaskSettings, preset: str = TUNED) -> 
         owner in (None, algorithm),
         f"preset={preset!r} is for algorithm {owner!r}, not {algorithm!r}",
     )
-    return tuned(algorithm, task) if owner is None else THESIS[preset]()
+    return tuned(algorithm, setting) if owner is None else THESIS[preset]()
 
 
-def tuned(algorithm: str, task: TaskSettings) -> Hyperparameters:
-    """Our own settings: the defaults of each form, and what differs by task.
+def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
+    """Our own settings: the defaults of each form, and what differs by setting.
 
     The defaults were tuned on maze 5x5 with 3 goals. On larger mazes rewards are farther off: the
     discount is weaker there, and chance is kept for longer. See `lessons_for` for the curriculum.
     """
     hyper = HYPERPARAMETERS[algorithm]()
-    if isinstance(hyper, QLearningSettings):
+    if isinstance(hyper, QLearningSettings) and setting.task != "maze":
         # Against random opponents averages over visits count instead of the last outcome.
-        return hyper if task.task == "maze" else replace(hyper, learning_rate_power=0.7)
-    cells = task.build().max_cells
-    if not isinstance(hyper, NetworkSettings) or task.start != "random":
+        return replace(hyper, learning_rate_power=0.7)
+    if not isinstance(hyper, NetworkSettings):
         return hyper
-    if task.agent.startswith("chaser") and cells > 36:
+    if setting.large_chase:
         hyper = replace(hyper, gamma=0.98)
         if isinstance(hyper, RolloutSettings):
             return replace(hyper, entropy_coef=0.06, gae_lambda=0.8)
-        return hyper
-    if task.agent.startswith("runner") and cells > 60:
+    elif setting.large_maze:
         hyper = replace(hyper, gamma=0.97)
         if isinstance(hyper, PPOSettings):
             return replace(
@@ -162,7 +188,7 @@ def tuned(algorithm: str, task: TaskSettings) -> Hyperparameters:
 
 
 def lessons_for(
-    algorithm: str, task: TaskSettings, preset: str = TUNED, curriculum: str | None = None
+    algorithm: str, setting: Setting, preset: str = TUNED, curriculum: str | None = None
 ) -> tuple[str, CurriculumSettings]:
     """A curriculum and its settings: the one named, or else that of the preset.
 
@@ -174,11 +200,9 @@ def lessons_for(
     """
     if curriculum is not None:
         return curriculum, curriculum_form(curriculum)()
-    hyper = HYPERPARAMETERS[algorithm]
-    if preset == TUNED and issubclass(hyper, NetworkSettings) and task.start == "random":
-        cells = task.build().max_cells
-        if task.agent.startswith("chaser") and cells > 36 and task.build().is_duel:
+    if preset == TUNED and issubclass(HYPERPARAMETERS[algorithm], NetworkSettings):
+        if setting.large_chase and setting.duel:
             return "start-distance", ScheduleSettings(schedule_length=0.2)
-        if task.agent.startswith("runner") and cells > 60:
+        if setting.large_maze:
             return "goal-spread-start", ScheduleSettings(schedule_length=0.5)
     return "none", CurriculumSettings()

@@ -1,22 +1,17 @@
-"""The settings of self-play, checked at birth; the command line is generated from them."""
+"""The settings of self-play: what `config.json` of a run of two sides holds."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field
 
-from pursuit.maze import library_names
 from scripted_agents.environments import SCRIPTED
-from train.runs.folder import FORMAT, read_json
-from train.self_play.pool import SAMPLING
-from train.settings.algorithms import ALGORITHMS, Hyperparameters, PPOSettings, check
-from train.settings.presets import hyperparameters
-from train.settings.run import TaskSettings, TrainSettings
+from train.settings.algorithms import PPOSettings
+from train.settings.checks import check, check_budget, check_choice, check_seed
+from train.settings.task import TaskSettings
 
 ROLES = ("chaser", "evader")
-SETTINGS = "self_play.json"
 LEARN = "learn"
+SAMPLING = ("latest", "window", "uniform", "pfsp", "psro")
 
 
 def self_play_ppo() -> PPOSettings:
@@ -26,7 +21,7 @@ def self_play_ppo() -> PPOSettings:
 
 @dataclass(frozen=True)
 class SelfPlaySettings:
-    """Self-play, complete: what `self_play.json` holds."""
+    """Self-play, complete."""
 
     task: TaskSettings = field(default_factory=lambda: TaskSettings(rewards="zero_sum"))
     hyper: PPOSettings = field(default_factory=self_play_ppo)
@@ -70,37 +65,17 @@ class SelfPlaySettings:
     is trained against each side at the end; 0 for none."""
 
     def __post_init__(self) -> None:
-        check(
-            self.sampling in SAMPLING,
-            f"unknown sampling {self.sampling!r}; one of {', '.join(SAMPLING)}",
-        )
-        task = self.task.build()
-        check(
-            bool(task.num_chasers and task.num_evaders),
-            f"task {task.name!r} has no chasers or no evaders; self-play is between the two",
-        )
-        check(
-            not task.num_goals or self.task.rewards == "zero_sum",
-            f"rewards={self.task.rewards!r} with goals; leave them at zero_sum: opponents are "
-            "scored by steps, so a game that ends early must be what the chasers are paid for",
-        )
-        check(not task.num_runners, f"task {task.name!r} has runners; take chase or heist")
+        check_choice("sampling", self.sampling, SAMPLING)
         check(
             self.task.role == "auto",
             f"role={self.task.role!r}; both sides learn here: freeze one by chaser or evader",
         )
         check(self.task.opponent is None, "opponent is of `pursuit train`; use chaser or evader")
-        check(
-            (self.seconds is None) != (self.frames is None),
-            f"seconds={self.seconds} and frames={self.frames}; give one of the two as the budget",
-        )
-        for name in ("seconds", "frames"):
-            value = getattr(self, name)
-            check(value is None or 0 < value < float("inf"), f"{name}={value}; it is above 0")
+        check_budget(self.seconds, self.frames)
         for name in ("window", "snapshots", "pool_size", "threads"):
             check(getattr(self, name) >= 1, f"{name}={getattr(self, name)}; at least 1")
         check(0.0 <= self.pfsp_power < float("inf"), f"pfsp_power={self.pfsp_power}; at least 0")
-        check(0 <= self.seed < 2**63, f"seed={self.seed}; 0 to 2**63-1")
+        check_seed(self.seed)
         check(
             0.0 <= self.best_response_seconds < float("inf"),
             f"best_response_seconds={self.best_response_seconds}; at least 0",
@@ -109,18 +84,6 @@ class SelfPlaySettings:
         for name in self.members:
             check(name in SCRIPTED, f"unknown member {name!r}; of {', '.join(SCRIPTED)}")
             check(self.members.count(name) == 1, f"member {name!r} is given twice")
-        for role in self.learning:
-            algorithm = self.algorithm(role)
-            check(
-                algorithm in ("ppo", "a2c", "dqn"),
-                f"{role}_algorithm={algorithm!r}; of {', '.join(ALGORITHMS)} only ppo, a2c and dqn "
-                "learn in self-play",
-            )
-            check(
-                algorithm != "dqn" or task.count(role) == 1,
-                f"{role}_algorithm='dqn' with {task.count(role)} {role}s; several agents of a role "
-                "learn by ppo or a2c",
-            )
         both = all(self.algorithm(role) == "ppo" and role in self.learning for role in ROLES)
         check(
             not self.share_networks or (both and not self.hyper.central_critic),
@@ -143,53 +106,3 @@ class SelfPlaySettings:
     def algorithm(self, role: str) -> str:
         """What a role learns by."""
         return str(getattr(self, f"{role}_algorithm"))
-
-    def of_role(self, role: str) -> TrainSettings[Any]:
-        """The settings of one role's learner, as a run of its own."""
-        task, built = replace(self.task, role=role), self.task.build()
-        algorithm = self.algorithm(role)
-        hyper: Hyperparameters = self.hyper
-        if algorithm != "ppo":
-            hyper = replace(hyperparameters(algorithm, task), gamma=self.hyper.gamma)
-        members = built.count(role)
-        games = max(hyper.num_games // members, 1) * members
-        central = self.hyper.central_critic and members > 1
-        if algorithm == "ppo":
-            batch = min(self.hyper.minibatch_size, games * self.hyper.rollout_steps)
-            hyper = replace(
-                self.hyper, num_games=games, minibatch_size=batch, central_critic=central
-            )
-        else:
-            hyper = replace(hyper, num_games=games)
-        own = {
-            name: getattr(self, name) for name in ("observation", "seconds", "frames", "threads")
-        }
-        return TrainSettings(task, hyper, algorithm=algorithm, seed=self.seed, **own)
-
-    @classmethod
-    def from_plain(cls, plain: dict[str, Any]) -> SelfPlaySettings:
-        """From what JSON gave; ValueError where that is something else."""
-        try:
-            inner: dict[str, Any] = {
-                "task": TaskSettings(**plain["task"]),
-                "hyper": PPOSettings(**plain["hyper"]),
-                "members": tuple(plain["members"]),
-            }
-            return cls(**{**plain, **inner})
-        except (TypeError, KeyError) as error:
-            raise ValueError(f"these are not the settings of self-play: {error}") from None
-
-
-def load_self_play_settings(folder: Path) -> SelfPlaySettings:
-    """What a self-play run wrote; ValueError where there is none, or of another version."""
-    check((folder / SETTINGS).exists(), f"{folder}: no self-play here ({SETTINGS} is missing)")
-    plain = read_json(folder / SETTINGS)
-    check(isinstance(plain, dict), f"{folder / SETTINGS}: damaged, not the settings of self-play")
-    check(
-        plain.pop("format", None) == FORMAT,
-        f"{folder}: written by another version of pursuit (format {FORMAT} needed)",
-    )
-    text = plain.pop("maze_text", None)
-    if isinstance(text, str) and plain.get("task", {}).get("maze") not in library_names():
-        plain["task"]["maze"] = text
-    return SelfPlaySettings.from_plain(plain)

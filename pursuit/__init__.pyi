@@ -1,0 +1,20 @@
+"""The names of the package: for type checkers, and for `__init__.py`, which imports them lazily."""
+
+from . import chase_v0 as chase_v0
+from . import heist_v0 as heist_v0
+from . import maze_v0 as maze_v0
+from . import race_v0 as race_v0
+from .maze import Maze as Maze
+from .maze import library_names as library_names
+from .maze import load_maze as load_maze
+from .maze_generation import generate_maze as generate_maze
+from .policy import GameView as GameView
+from .policy import Policy as Policy
+from .simulator import Simulator as Simulator
+from .single_agent import SingleAgentEnv as SingleAgentEnv
+from .single_agent import SingleAgentVectorEnv as SingleAgentVectorEnv
+from .task import Rewards as Rewards
+from .task import Task as Task
+from .task import make_task as make_task
+
+__version__: str

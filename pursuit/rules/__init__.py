@@ -1,0 +1,55 @@
+"""The rule book: how games lie in memory, how they begin, and how they move by a step.
+
+layout        constants, names and shapes of everything
+randomness    streams of random numbers
+distances     tables and searches
+starts        where an episode begins
+step          one step of one game: the rules themselves
+batches       the compiled entries over thousands of games
+"""
+
+from pursuit.rules.batches import start_games, step_games
+from pursuit.rules.distances import all_distances, breadth_first, longest_distance
+from pursuit.rules.layout import (
+    CAPTURED,
+    CHASER,
+    COLLECTED,
+    EAST,
+    EVADER,
+    NORTH,
+    RUNNER,
+    SOUTH,
+    STAY,
+    UNREACHABLE,
+    WAS_CAPTURED,
+    WEST,
+    Games,
+)
+from pursuit.rules.randomness import draw_uniform, next_below, next_uniform, seed_streams
+from pursuit.rules.starts import MAX_PLACEMENT_TRIES
+
+__all__ = [
+    "CAPTURED",
+    "CHASER",
+    "COLLECTED",
+    "EAST",
+    "EVADER",
+    "MAX_PLACEMENT_TRIES",
+    "NORTH",
+    "RUNNER",
+    "SOUTH",
+    "STAY",
+    "UNREACHABLE",
+    "WAS_CAPTURED",
+    "WEST",
+    "Games",
+    "all_distances",
+    "breadth_first",
+    "draw_uniform",
+    "longest_distance",
+    "next_below",
+    "next_uniform",
+    "seed_streams",
+    "start_games",
+    "step_games",
+]

@@ -1,0 +1,132 @@
+"""Distances: tables of them, breadth-first searches where a maze is too large for a table.
+
+A table holds the steps between cells a and b of maze m at `tables[table[m] + a * num_cells[m] + b]`
+and nobody else knows: ask `table_distance`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pursuit.compiled import allocating, compiled, inlined, subroutine
+from pursuit.rules.layout import UNREACHABLE, Search, World
+
+
+@compiled
+def breadth_first(neighbors: Any, origin: int, distances: Any, queue: Any) -> int:
+    """Fill `distances` (UNREACHABLE before) with the steps from `origin`; how many were reached."""
+    distances[origin] = 0
+    queue[0] = origin
+    head, tail = 0, 1
+    while head < tail:
+        cell = queue[head]
+        head += 1
+        for action in range(4):
+            after = neighbors[cell, action]
+            if distances[after] == UNREACHABLE:
+                distances[after] = distances[cell] + 1
+                queue[tail] = after
+                tail += 1
+    return tail
+
+
+@allocating
+def all_distances(neighbors: Any, table: Any) -> None:
+    """Fill the [cells, cells] `table` by one breadth-first search a row."""
+    queue = np.empty(table.shape[0], dtype=np.int32)
+    for origin in range(table.shape[0]):
+        table[origin, :] = UNREACHABLE
+        breadth_first(neighbors, origin, table[origin], queue)
+
+
+@allocating
+def longest_distance(neighbors: Any) -> int:
+    """The largest finite distance between two cells, in memory linear in the cells."""
+    size = neighbors.shape[0]
+    queue = np.empty(size, dtype=np.int32)
+    distances = np.empty(size, dtype=np.int32)
+    longest = 0
+    for origin in range(size):
+        distances[:] = UNREACHABLE
+        reached = breadth_first(neighbors, origin, distances, queue)
+        longest = max(longest, distances[queue[reached - 1]])
+    return longest
+
+
+@subroutine
+def search_within(
+    world: World, maze: int, origin: int, limit: int, target: int, search: Search
+) -> int:
+    """Breadth-first search from `origin` up to `limit` steps, ended early at `target`.
+
+    Whoever searches calls `forget` when done. How many cells were reached.
+    """
+    first = world.first_cell[maze]
+    search.distance[origin] = 0
+    search.queue[0] = origin
+    head, tail = 0, 1
+    while head < tail:
+        cell = search.queue[head]
+        head += 1
+        if cell == target or search.distance[cell] == limit:
+            break
+        for action in range(4):
+            after = world.neighbors[first + cell, action]
+            if search.distance[after] < 0:
+                search.distance[after] = search.distance[cell] + 1
+                search.queue[tail] = after
+                tail += 1
+    return tail
+
+
+@subroutine
+def forget(search: Search, reached: int) -> None:
+    """Undo the marks that a search of `reached` cells left."""
+    for i in range(reached):
+        search.distance[search.queue[i]] = -1
+
+
+@inlined
+def has_table(world: World, maze: int) -> bool:
+    """Whether the maze has a table of distances; it has none where it is too large."""
+    return world.table[maze] >= 0
+
+
+@inlined
+def pair_index(world: World, maze: int, a: int, b: int) -> int:
+    """Where the table of this maze has the pair of cells (a, b)."""
+    return world.table[maze] + a * world.num_cells[maze] + b
+
+
+@inlined
+def table_distance(world: World, maze: int, a: int, b: int) -> int:
+    """Steps between cells a and b of a maze that has a table."""
+    return np.int64(world.tables[pair_index(world, maze, a, b)])
+
+
+@inlined
+def distance_within(world: World, search: Search, maze: int, a: int, b: int, limit: int) -> int:
+    """Steps between cells a and b, or limit + 1 where there are more (or no path)."""
+    if has_table(world, maze):
+        return min(table_distance(world, maze, a, b), limit + 1)
+    return searched_distance(world, search, maze, a, b, limit)
+
+
+@subroutine
+def searched_distance(world: World, search: Search, maze: int, a: int, b: int, limit: int) -> int:
+    """`distance_within` where there is no table."""
+    if manhattan(world, world.first_cell[maze], a, b) > limit:
+        return limit + 1
+    reached = search_within(world, maze, a, limit, b, search)
+    found = search.distance[b]
+    forget(search, reached)
+    return found if 0 <= found <= limit else limit + 1
+
+
+@inlined
+def manhattan(world: World, first_cell: int, a: int, b: int) -> int:
+    """Rows plus columns between cells of the maze that begins at `first_cell`, walls ignored."""
+    a, b = np.uint64(first_cell + a), np.uint64(first_cell + b)
+    return abs(world.row[a] - world.row[b]) + abs(world.column[a] - world.column[b])

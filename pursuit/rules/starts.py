@@ -1,0 +1,238 @@
+"""Starts: where everybody and every goal stands as an episode begins.
+
+Agents are placed first, whole placements until the settings hold, so that starts are uniform over
+all placements that are allowed; then the goals, one by one.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pursuit.compiled import inlined, subroutine
+from pursuit.rules.distances import (
+    distance_within,
+    forget,
+    has_table,
+    search_within,
+    table_distance,
+)
+from pursuit.rules.layout import (
+    STARTS_STREAM,
+    Games,
+    NextEpisode,
+    Rules,
+    Search,
+    World,
+    agents_of,
+    chasers_of,
+    evaders_of,
+    goals_of,
+)
+from pursuit.rules.randomness import next_below
+
+MAX_PLACEMENT_TRIES = 10_000
+
+
+@inlined
+def start(
+    games: Games,
+    game: int,
+    streams: Any,
+    coming: NextEpisode,
+    rules: Rules,
+    world: World,
+    search: Search,
+) -> bool:
+    """Begin an episode: choose the maze, place agents and goals. False where nothing is allowed."""
+    games.maze[game] = choose_maze(coming.maze[game], streams[game], world)
+    games.steps[game] = 0
+    for agent in agents_of(rules.teams):
+        games.active[game, agent] = 1
+        games.event[game, agent] = 0
+    for _ in range(MAX_PLACEMENT_TRIES):
+        place_agents(games, game, streams[game], coming, rules, world)
+        if starts_apart(games, game, coming, rules, world, search):
+            if rules.teams.goals == 0:
+                return True
+            return place_goals(games, game, streams[game], coming, rules, world, search)
+    return False
+
+
+@inlined
+def choose_maze(asked: int, streams: Any, world: World) -> int:
+    """The maze that is asked for, or a random one."""
+    if asked >= 0:
+        return np.int64(asked)
+    count = world.num_cells.shape[0]
+    return next_below(streams, STARTS_STREAM, count) if count > 1 else 0
+
+
+@inlined
+def goals_wanted(game: int, coming: NextEpisode, rules: Rules) -> int:
+    """How many goals the episode begins with."""
+    wanted = rules.teams.goals
+    if coming.num_goals[game] >= 0:
+        wanted = min(wanted, np.int64(coming.num_goals[game]))
+    return wanted
+
+
+@inlined
+def is_taken(games: Games, game: int, cell: int, rules: Rules, num_goals: int) -> bool:
+    """Whether an agent, or one of the first goals, stands on `cell`."""
+    for agent in agents_of(rules.teams):
+        if games.position[game, agent] == cell:
+            return True
+    for goal in range(num_goals):
+        if games.goal[game, goal] == cell:
+            return True
+    return False
+
+
+@inlined
+def draw_free_cell(
+    games: Games, game: int, streams: Any, rules: Rules, world: World, num_goals: int
+) -> int:
+    """A uniformly random cell without an agent and without one of the first goals."""
+    size = world.num_cells[games.maze[game]]
+    cell = next_below(streams, STARTS_STREAM, size)
+    while is_taken(games, game, cell, rules, num_goals):
+        cell = next_below(streams, STARTS_STREAM, size)
+    return cell
+
+
+@inlined
+def place_goals_on_marks(
+    games: Games, game: int, coming: NextEpisode, rules: Rules, world: World
+) -> int:
+    """Put goals on the marks of the maze; how many."""
+    if not rules.start_at_marks:
+        return 0
+    maze = games.maze[game]
+    count = min(goals_wanted(game, coming, rules), world.num_goal_marks[maze])
+    for goal in range(count):
+        games.goal[game, goal] = world.goal_marks[goal, maze]
+    return count
+
+
+@inlined
+def place_agents(
+    games: Games, game: int, streams: Any, coming: NextEpisode, rules: Rules, world: World
+) -> None:
+    """Put every agent on its mark, or else on its own uniformly random cell, off marked goals."""
+    teams, maze = rules.teams, games.maze[game]
+    for agent in agents_of(teams):
+        games.position[game, agent] = -1
+    marked_goals = place_goals_on_marks(games, game, coming, rules, world)
+    if rules.start_at_marks:
+        if world.start_mark[maze] >= 0:
+            games.position[game, 0] = world.start_mark[maze]
+        if teams.goals == 0:
+            mark = 0
+            for evader in evaders_of(teams):
+                if mark < world.num_goal_marks[maze]:
+                    games.position[game, evader] = world.goal_marks[mark, maze]
+                    mark += 1
+    for agent in agents_of(teams):
+        if games.position[game, agent] < 0:
+            cell = draw_free_cell(games, game, streams, rules, world, marked_goals)
+            games.position[game, agent] = cell
+
+
+@inlined
+def starts_apart(
+    games: Games, game: int, coming: NextEpisode, rules: Rules, world: World, search: Search
+) -> bool:
+    """Whether every chaser and evader are as far apart, and as near, as the settings ask."""
+    least, most = coming.min_start_distance[game], coming.max_start_distance[game]
+    if least <= 1 and most < 0:
+        return True
+    limit, maze, cells = max(least, most), games.maze[game], games.position[game]
+    for chaser in chasers_of(rules.teams):
+        for evader in evaders_of(rules.teams):
+            distance = distance_within(world, search, maze, cells[chaser], cells[evader], limit)
+            if distance < least or (most >= 0 and distance > most):
+                return False
+    return True
+
+
+@inlined
+def first_collector(rules: Rules) -> int:
+    """The agent whom goals are near: the first runner, the first evader where nobody runs."""
+    teams = rules.teams
+    return teams.chasers + teams.evaders if teams.runners > 0 else teams.chasers
+
+
+@subroutine
+def place_goals(
+    games: Games,
+    game: int,
+    streams: Any,
+    coming: NextEpisode,
+    rules: Rules,
+    world: World,
+    search: Search,
+) -> bool:
+    """Put the goals on the marks, or on their own random cells within the radius of the settings.
+
+    The radius counts path steps from the first runner (or the first evader where nobody runs), or
+    from the nearest goal mark of the maze. Where it holds too few free cells it grows, a step at a
+    time, until a goal fits.
+    """
+    for goal in goals_of(rules.teams):
+        games.goal[game, goal] = -1
+    placed = place_goals_on_marks(games, game, coming, rules, world)
+    radius = np.int64(coming.goal_radius[game])
+    around_marks = coming.goals_around_marks[game] > 0
+    while placed < goals_wanted(game, coming, rules):
+        if radius < 0:
+            cell = draw_free_cell(games, game, streams, rules, world, placed)
+        else:
+            count = list_free_cells(games, game, rules, world, search, placed, radius, around_marks)
+            while count == 0:
+                radius += 1
+                if radius > world.num_cells[games.maze[game]]:
+                    return False
+                count = list_free_cells(
+                    games, game, rules, world, search, placed, radius, around_marks
+                )
+            cell = np.int64(search.queue[next_below(streams, STARTS_STREAM, count)])
+        games.goal[game, placed] = cell
+        placed += 1
+    return True
+
+
+@subroutine
+def list_free_cells(
+    games: Games,
+    game: int,
+    rules: Rules,
+    world: World,
+    search: Search,
+    num_goals: int,
+    radius: int,
+    around_marks: bool,
+) -> int:
+    """Fill `search.queue` with the cells within the radius where nobody stands; how many.
+
+    Goals beyond the first `num_goals` are not there yet.
+    """
+    maze = games.maze[game]
+    first, size = world.first_cell[maze], world.num_cells[maze]
+    center = np.int64(games.position[game, first_collector(rules)])
+    if not around_marks and not has_table(world, maze):
+        size = search_within(world, maze, center, radius, -1, search)
+        forget(search, size)
+    count = 0
+    for i in range(size):
+        if around_marks:
+            cell, away = i, np.int64(world.mark_distance[first + i])
+        elif has_table(world, maze):
+            cell, away = i, table_distance(world, maze, center, i)
+        else:
+            cell, away = np.int64(search.queue[i]), radius
+        if away <= radius and not is_taken(games, game, cell, rules, num_goals):
+            search.queue[count] = cell
+            count += 1
+    return count

@@ -1,0 +1,134 @@
+"""One game of every task as plain text: whoever changes a rule sees in the difference what it does.
+
+`python tests/playthroughs.py` writes `tests/playthroughs/*.txt` anew; a test compares. After
+OpenSpiel's playthroughs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from pursuit import Maze, Policy, Simulator, Task, make_task
+from pursuit.parallel_env import action_masks, scene_of
+from pursuit.rendering import scene_to_text
+from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, TourRunner
+
+FOLDER = Path(__file__).with_name("playthroughs")
+STEPS = 12
+EPSILON = 0.2
+ACTIONS = ("north", "south", "east", "west", "stay")
+EVENTS = {1: "collected a goal", 2: "captured", 4: "was captured"}  # bits of Simulator.events
+MARKED = Maze.from_text(
+    "+-+-+-+\n|S  |G|\n+ +-+ +\n| |G  |\n+ + + +\n|    #|\n+-+-+-+", name="marked"
+)
+TASKS: dict[str, tuple[Task, int]] = {  # and a seed with which something happens
+    "chase": (make_task("chase", maze="4x4"), 5),
+    "maze": (make_task("maze", maze="4x4"), 2),
+    "race": (make_task("race", maze="4x4"), 6),
+    "heist": (make_task("heist", maze="4x4"), 9),
+    "teams": (
+        make_task(
+            "chase",
+            maze="4x4-open",
+            num_chasers=2,
+            num_evaders=2,
+            move_order="chasers_first",
+            stay_action=True,
+            min_start_distance=2,
+            rewards="zero_sum",
+        ),
+        4,
+    ),
+    "marks": (make_task("maze", maze=MARKED, num_goals=2, start="marks", rewards="completion"), 0),
+    "crowd": (
+        make_task(
+            "heist",
+            maze=("3x3", "4x4-tree"),
+            num_runners=1,
+            num_goals=2,
+            max_steps=7,
+            rewards="distance",
+        ),
+        4,
+    ),
+}
+
+
+def policies_of(task: Task) -> list[Policy | None]:
+    """Whoever plays each seat; evaders with goals go for them, a runner alone takes the tour."""
+    players: dict[str, Policy] = {
+        "chaser": AStarChaser(EPSILON),
+        "evader": (NearestGoalRunner if task.num_goals else AStarEvader)(EPSILON),
+        "runner": (TourRunner if task.num_agents == 1 else NearestGoalRunner)(EPSILON),
+    }
+    return [players[role] for role in task.seat_roles]
+
+
+def playthrough(name: str) -> str:
+    """The text of one game."""
+    task, seed = TASKS[name]
+    simulator = Simulator(task, auto_restart=False)
+    simulator.reset(seed=seed)
+    policies, actions = policies_of(task), np.zeros((1, task.num_agents), dtype=np.int32)
+    lines = [
+        f"{name}: {', '.join(task.agent_names)}, {task.num_goals} goals, {task.num_actions} "
+        f"actions, {task.move_order}, start {task.start}, seed {seed}",
+        "",
+        *moment(simulator),
+    ]
+    for _ in range(STEPS):
+        active = simulator.active[0].copy()
+        simulator.act(policies, actions)
+        simulator.step(actions)
+        chosen = {
+            agent: ACTIONS[action]
+            for agent, action, plays in zip(task.agent_names, actions[0], active, strict=True)
+            if plays
+        }
+        lines += ["", told("actions", chosen), *moment(simulator), *outcome(simulator)]
+        if simulator.terminated[0] or simulator.truncated[0]:
+            break
+    return "\n".join(lines) + "\n"
+
+
+def moment(simulator: Simulator) -> Iterator[str]:
+    """The drawing, where everything is, what each may do and sees."""
+    task = simulator.task
+    yield from scene_to_text(scene_of(simulator)).splitlines()
+    maze, cells = int(simulator.maze_index[0]), simulator.positions[0]
+    yield told("cells", dict(zip(task.agent_names, cells, strict=True)))
+    yield told("active", dict(zip(task.agent_names, map(int, simulator.active[0]), strict=True)))
+    if task.num_goals:
+        yield f"goals: {' '.join(map(str, simulator.goals[0]))}"
+    for seat, agent in enumerate(task.agent_names):
+        legal = np.flatnonzero(action_masks(task)[maze][cells[seat]])
+        seen = " ".join(map(str, simulator.observe("positions", seat)[0]))
+        yield f"{agent}: may go {' '.join(ACTIONS[move] for move in legal)}; observes {seen}"
+
+
+def outcome(simulator: Simulator) -> Iterator[str]:
+    """What the last step brought."""
+    names = simulator.task.agent_names
+    brought = {
+        agent: " and ".join(word for bit, word in EVENTS.items() if event & bit)
+        for agent, event in zip(names, simulator.events[0].tolist(), strict=True)
+        if event
+    }
+    yield told("events", brought)
+    rewards = (f"{reward:g}" for reward in simulator.rewards[0])
+    yield told("rewards", dict(zip(names, rewards, strict=True)))
+    yield f"terminated: {simulator.terminated[0]}, truncated: {simulator.truncated[0]}"
+
+
+def told(what: str, by_agent: dict[str, object]) -> str:
+    """`what: agent thing, agent thing` on one line."""
+    return f"{what}: " + (", ".join(f"{agent} {x}" for agent, x in by_agent.items()) or "none")
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(exist_ok=True)
+    for name in TASKS:
+        (FOLDER / f"{name}.txt").write_text(playthrough(name))

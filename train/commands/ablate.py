@@ -1,0 +1,49 @@
+"""`pursuit ablate`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from train.commands.parse import parse
+from train.commands.sweep import SweepCommand, carry_out
+from train.experiments.ablation import ABLATIONS, load_ablation
+from train.experiments.sweep import shipped
+from train.settings.checks import check
+
+
+@dataclass(frozen=True)
+class AblateCommand(SweepCommand):
+    """Compare arms (curricula, say) with a control, over several seeds.
+
+    All arms get the same budget, and all are evaluated on the task itself, at its final difficulty,
+    throughout training. `pursuit ablate --list` names the shipped files; what is complete is
+    skipped, what was interrupted goes on.
+    """
+
+    file: Annotated[str | None, tyro.conf.Positional] = None
+    """An ablation file (.toml), or the name of a shipped one."""
+    list: bool = False
+    """Name the shipped ablation files."""
+    out: Path | None = None
+    """The folder of the ablation; ablations/NAME-VERSION if left out."""
+
+
+def ablate(arguments: Sequence[str]) -> None:
+    """`pursuit ablate`."""
+    given = parse(AblateCommand, arguments, "ablate")
+    if given.list:
+        for name in shipped(ABLATIONS):
+            plan = load_ablation(name)
+            arms = len({run.label["variant"] for run in plan.runs})
+            print(f"{name:<22}{arms} arms  {plan.title}")
+        return
+    check(given.file is not None, "give an ablation file, or --list")
+    plan = load_ablation(str(given.file), given.version)
+    stem = Path(str(given.file)).stem
+    out = Path("ablations") / (f"{stem}-{given.version}" if given.version else stem)
+    carry_out(plan, replace(given, out=given.out or out), f"pursuit ablate {' '.join(arguments)}")

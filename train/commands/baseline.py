@@ -1,0 +1,43 @@
+"""`pursuit baseline`: what can be said of a task without learning."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from scripted_agents.tour import expected_tour_length, num_states
+from train.commands.parse import parse
+from train.commands.scores import print_scores
+from train.runs.parts import contest_of
+from train.settings.checks import check, check_seed
+from train.settings.task import TaskSettings
+
+
+@dataclass(frozen=True)
+class BaselineCommand:
+    """Random, scripted and optimal agents on a task, exactly where that is possible."""
+
+    task: TaskSettings = field(default_factory=TaskSettings)
+    episodes: int = 10_000
+    """Episodes played where there is no exact answer."""
+    seed: int = 0
+    """Of those episodes."""
+
+
+def baseline(arguments: Sequence[str]) -> None:
+    """`pursuit baseline`."""
+    given = parse(BaselineCommand, arguments, "baseline")
+    check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
+    check_seed(given.seed)
+    contest = contest_of(given.task, given.episodes, given.seed)
+    task = contest.task
+    print(contest.line())
+    print_scores(contest.baselines())
+    maze = task.mazes[0]
+    if (task.num_agents, task.num_runners) == (1, 1):
+        mean = expected_tour_length(maze, task.num_goals)
+        how = "exact" if mean.exact else f"±{mean.ci95:.2f}, sampled"
+        print(f"mean optimal tour over all placements: {mean:.4f} ({how})")
+        print(f"distinct states: {num_states(maze.num_cells, task.num_goals):,}")
+    elif task.is_duel:
+        print(f"distinct states: {maze.num_cells * (maze.num_cells - 1):,}")

@@ -1,0 +1,64 @@
+"""`pursuit evaluate`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from train.algorithms.registry import entry
+from train.commands.parse import parse
+from train.commands.scores import print_scores
+from train.files import write_json
+from train.runs.loop import machine, versions
+from train.runs.opponents import load_policy
+from train.runs.parts import contest_of
+from train.runs.saved import load_settings
+from train.runs.single import evaluation_of
+from train.settings.checks import check
+
+
+@dataclass(frozen=True)
+class EvaluateCommand:
+    """Evaluate the policy of a run: exactly where the game allows it, by episodes elsewhere."""
+
+    run: Annotated[Path, tyro.conf.Positional]
+    """The folder of the run."""
+    episodes: int = 1000
+    """Episodes to play."""
+    opponent_epsilon: float | None = None
+    """Share of random moves of the opponents; that of the training if left out."""
+    out: Path | None = None
+    """Write the figures to this new .json file as well."""
+
+
+def evaluate(arguments: Sequence[str]) -> None:
+    """`pursuit evaluate`."""
+    given = parse(EvaluateCommand, arguments, "evaluate")
+    check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
+    check(given.out is None or not given.out.exists(), f"{given.out}: exists already")
+    check(given.run.is_dir(), f"{given.run}: no such folder")
+    settings, policy = load_settings(given.run), load_policy(given.run)
+    if given.opponent_epsilon is not None:
+        task = replace(settings.task, opponent_epsilon=given.opponent_epsilon)
+        settings = replace(settings, task=task)
+    contest = contest_of(settings.task, given.episodes)
+    scores = [*contest.baselines(), contest.score("learned", policy)]
+    if entry(settings.algorithm).learns_distribution:
+        sampled = load_policy(given.run, greedy=False)
+        scores.append(contest.score("learned, sampled", sampled))
+    print(contest.line())
+    print_scores(scores)
+    if given.out is not None:
+        same = ("algorithm", "curriculum", "seed")
+        content = {
+            **contest.describe(),
+            **{name: getattr(settings, name) for name in same},
+            **evaluation_of(scores, settings.evaluate),
+            "versions": versions(),
+            "machine": machine(),
+        }
+        write_json(given.out, content)

@@ -1,0 +1,111 @@
+"""`pursuit league`: runs and scripted agents against each other, with ratings and their doubts."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from pursuit.task import Task
+from train.commands.parse import parse
+from train.files import write_json
+from train.self_play.league import LeagueTable, enter, play_league, rate
+from train.self_play.pictures import draw_league
+from train.settings.checks import check
+from train.settings.self_play import ROLES
+
+
+@dataclass(frozen=True)
+class LeagueCommand:
+    """All chasers against all evaders: payoff matrix, Elo, openskill, Nash averaging, cycles.
+
+    Give the folders of runs (`pursuit train` of a chaser or evader, `pursuit self-play` for both),
+    and the names of scripted agents: astar, random, optimal.
+    """
+
+    entries: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """Folders of runs, and names of scripted agents."""
+    maze: str = "5x5"
+    """Where scripted agents play if no run is given."""
+    opponent_epsilon: float = 0.0
+    """Share of random moves of astar."""
+    greedy: bool = False
+    """Learned policies take their most probable action instead of drawing."""
+    games: int = 200
+    """Games of each pair, from the same starts for all: what the ratings are made of."""
+    seed: int = 0
+    """Of those games."""
+    out: Path = Path("league")
+    """Folder for league.json and league.png."""
+
+
+def league(arguments: Sequence[str]) -> None:
+    """`pursuit league`."""
+    given = parse(LeagueCommand, arguments, "league")
+    check(given.games >= 2, f"games={given.games}; at least 2")
+    check(len(given.entries) > 0, "nobody to play; give folders of runs, or astar, random, optimal")
+    task, entries = enter(given.entries, given.maze, given.opponent_epsilon, given.greedy)
+    table = play_league(task, entries, given.games, given.seed)
+    content = rate(table, given.seed)
+    given.out.mkdir(parents=True, exist_ok=True)
+    write_json(given.out / "league.json", content)
+    draw_league(given.out / "league.png", table, f"League on {task.mazes[0].name}")
+    _print(task, table, content)
+    print(f"\nfigure and table: {given.out}")
+
+
+def _print(task: Task, table: LeagueTable, content: dict[str, Any]) -> None:
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    exact = "exact" if not table.ci95.any() else "± is the 95 % interval"
+    print(
+        f"steps until capture on maze {task.mazes[0].name}, at most {task.max_steps} ({exact}); "
+        "chasers down, evaders across"
+    )
+    grid = Table(box=None, pad_edge=False)
+    grid.add_column("")
+    for name in table.evaders:
+        grid.add_column(name, justify="right")
+    for i, name in enumerate(table.chasers):
+        cells = [
+            f"{value:.2f}" + (f" ± {half:.2f}" if half else "")
+            for value, half in zip(table.payoff[i], table.ci95[i], strict=True)
+        ]
+        grid.add_row(name, *cells)
+    console.print(grid)
+    mixtures = {"chaser": "chaser_mixture", "evader": "evader_mixture"}
+    for role in ROLES:
+        print()
+        ratings = Table(box=None, pad_edge=False)
+        for head in (role, "Elo [95 %]", "openskill", "Nash share", "steps against Nash"):
+            ratings.add_column(head, justify="left" if head == role else "right")
+        shares = content["nash"][mixtures[role]]
+        rows = list(zip(content[f"{role}_ratings"], shares, strict=True))
+        for row, share in sorted(rows, key=lambda pair: -pair[0]["elo"]):
+            ratings.add_row(
+                row["name"],
+                f"{row['elo']:.0f} [{row['elo_low']:.0f}, {row['elo_high']:.0f}]",
+                f"{row['openskill_mu']:.1f} ± {row['openskill_sigma']:.1f}",
+                f"{100 * share:.1f} %",
+                f"{row['steps_against_nash']:.2f}",
+            )
+        console.print(ratings)
+    for role in ROLES:
+        if content[f"{role}_cycle"]:
+            chain = " > ".join([*content[f"{role}_cycle"], content[f"{role}_cycle"][0]])
+            print(
+                f"\nwarning: the {role}s are not transitive, ratings cannot order them: {chain}",
+                file=sys.stderr,
+            )
+    if content["cycle"]:
+        chain = " -> ".join([*content["cycle"], content["cycle"][0]])
+        print(
+            "\nwarning: these results are not transitive, so no single order says who is better; "
+            f"each is the best answer to the one before: {chain}",
+            file=sys.stderr,
+        )

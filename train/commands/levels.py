@@ -1,0 +1,53 @@
+"""`pursuit levels`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from curricula import LevelReplay
+from pursuit.parallel_env import scene_of
+from pursuit.rendering import scene_to_text
+from pursuit.simulator import Simulator
+from train.commands.parse import parse
+from train.runs.folder import load_checkpoint
+from train.runs.parts import parts_of
+from train.runs.saved import load_settings
+from train.settings.checks import check
+
+
+@dataclass(frozen=True)
+class LevelsCommand:
+    """The levels that a run with --curriculum level-replay or learnability kept, best first."""
+
+    run: Annotated[Path, tyro.conf.Positional]
+    """The folder of the run."""
+    count: int = 3
+    """How many."""
+
+
+def levels(arguments: Sequence[str]) -> None:
+    """`pursuit levels`."""
+    given = parse(LevelsCommand, arguments, "levels")
+    check(given.run.is_dir(), f"{given.run}: no such folder")
+    check(given.count >= 1, f"count={given.count}; at least 1")
+    settings = load_settings(given.run)
+    parts = parts_of(settings)
+    curriculum = None if parts.plan is None else parts.plan.curriculum()
+    if not isinstance(curriculum, LevelReplay):
+        raise ValueError(
+            f"{given.run}: curriculum {settings.curriculum!r} keeps no levels; level-replay and "
+            "learnability do"
+        )
+    state = load_checkpoint(given.run)["trainee"]["teacher"]["curriculum"]
+    curriculum.load_state_dict({k: getattr(v, "numpy", lambda v=v: v)() for k, v in state.items()})
+    for seed, score, wins, plays in curriculum.best(given.count):
+        simulator = Simulator(parts.task, 1, auto_restart=False)
+        simulator.seed_starts(None, seed)
+        simulator.reset()
+        print(f"level {seed}: {curriculum.score} {score:.4g}, {wins} of {plays} episodes solved")
+        print(scene_to_text(scene_of(simulator)))

@@ -1,0 +1,67 @@
+"""Options as dataclasses, by tyro, with errors that are one line."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import sys
+import warnings
+from collections.abc import Sequence
+from typing import Any, NoReturn, TypeVar
+
+import tyro
+
+Form = TypeVar("Form")
+
+
+def fail(message: str) -> NoReturn:
+    """One line on stderr, exit status 2."""
+    print(f"pursuit: error: {' '.join(message.split())}", file=sys.stderr)
+    sys.exit(2)
+
+
+def budget_of(arguments: Sequence[str], seconds: float) -> dict[str, Any]:
+    """The default budget: `seconds`, or a place for the frames where these are given instead."""
+    if any(a == "--frames" or a.startswith("--frames=") for a in arguments):
+        return {"frames": 1}
+    return {"seconds": seconds}
+
+
+def parse(
+    form: type[Form], arguments: Sequence[str], prog: str, default: Form | None = None
+) -> Form:
+    """`arguments` as the dataclass `form`, by tyro; its error boxes are folded into one line.
+
+    Raises:
+        ValueError: arguments that the form does not have, or values that it does not allow.
+    """
+    boxed = io.StringIO()
+    extra: Any = {} if default is None else {"default": default}
+    try:
+        with contextlib.redirect_stderr(boxed), warnings.catch_warnings(record=True) as noted:
+            warnings.simplefilter("always", UserWarning)
+            parsed = tyro.cli(
+                form,
+                args=list(arguments),
+                prog=f"pursuit {prog}",
+                config=(
+                    tyro.conf.OmitArgPrefixes,
+                    tyro.conf.FlagCreatePairsOff,
+                    tyro.conf.HelptextFromCommentsOff,
+                ),
+                **extra,
+            )
+        for said in dict.fromkeys(str(warning.message) for warning in noted):
+            print(f"pursuit: warning: {said}", file=sys.stderr)
+        return parsed
+    except SystemExit as exit_:
+        if not exit_.code:
+            raise
+        text = re.sub(r"\x1b\[[0-9;]*m|[─╭╮╰╯│]+|-{5,}", " ", boxed.getvalue())
+        text = " ".join(text.split("For full helptext")[0].split())
+        text = re.sub(
+            r"^(Value error|Parsing error|Unrecognized options|Required options)\s*", "", text
+        )
+        text = re.sub(r"Error parsing \S+: ", "", text)
+        raise ValueError(f"{text} (see pursuit {prog} --help)") from None

@@ -1,0 +1,59 @@
+"""`pursuit render`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from scripted_agents import TablePolicy, TourRunner
+from scripted_agents.environments import DEFAULTS
+from train.commands.parse import parse
+from train.runs.opponents import load_policy
+from train.runs.parts import contest_of
+from train.runs.pictures import save_replay
+from train.runs.saved import load_settings
+from train.settings.checks import check
+from train.settings.task import TaskSettings
+
+
+@dataclass(frozen=True)
+class RenderCommand:
+    """A replay as GIF or MP4: of a run, or of the scripted agents on a task."""
+
+    run: Annotated[Path | None, tyro.conf.Positional] = None
+    """The folder of the run; the scripted agents play if left out."""
+    task: TaskSettings = field(default_factory=TaskSettings)
+    out: Path = Path("replay.gif")
+    """A new .gif or .mp4 file."""
+    episodes: int = 3
+    """Episodes to show."""
+    optimal: bool = False
+    """Show the exactly optimal agent instead of the learned or scripted one."""
+
+
+def render(arguments: Sequence[str]) -> None:
+    """`pursuit render`."""
+    given = parse(RenderCommand, arguments, "render")
+    check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
+    check(not given.out.exists(), f"{given.out}: exists already; give a new file")
+    policy: Any
+    if given.run is not None:
+        check(given.run.is_dir(), f"{given.run}: no such folder")
+        policy, contest = load_policy(given.run), contest_of(load_settings(given.run).task, 2)
+    else:
+        contest = contest_of(given.task, 2)
+        policy = DEFAULTS[contest.role](0.0)
+    if given.optimal:
+        best = contest.best_response()
+        check(
+            best is not None or contest.role == "runner",
+            "the optimum of this task is not known; leave out --optimal",
+        )
+        maze = contest.task.mazes[0]
+        policy = TourRunner() if best is None else TablePolicy(maze, best.policy)
+    save_replay(given.out, contest, policy, given.episodes)
+    print(f"{given.out}: {given.episodes} episode(s)")

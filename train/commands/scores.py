@@ -1,0 +1,32 @@
+"""Scores as a table on the terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+
+from train.evaluation.contest import Score, optimality_gap
+
+
+def print_scores(scores: Sequence[Score]) -> None:
+    """A table of scores with the gap to the optimal one."""
+    optimum = next((score for score in scores if score.name == "optimal"), None)
+    table = Table(box=None, pad_edge=False)
+    table.add_column("")
+    for column in ("steps", "95 % interval", "success", "gap to optimum"):
+        table.add_column(column, justify="right")
+    for score in scores:
+        gap = optimality_gap(score, optimum)
+        interval = "exact" if score.exact else f"± {score.ci95:.3f}"
+        table.add_row(
+            score.name,
+            f"{score.mean_steps:.3f}",
+            interval,
+            f"{100 * score.success_rate:.1f} %",
+            "" if gap is None or score is optimum else f"{100 * gap:+.2f} %",
+            style="bold" if score.name == "learned" else "",
+        )
+    Console(width=None if sys.stdout.isatty() else 100).print(table)

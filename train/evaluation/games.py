@@ -1,0 +1,95 @@
+"""Games played to their end, and which games are solved instead."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.policy import Policy, TabularPolicy
+from pursuit.simulator import Simulator
+from pursuit.task import Task
+from scripted_agents import table_of
+
+MAX_EXACT_CELLS = 1024
+"""Above this number of cells a duel is played out rather than solved (seconds, gigabytes)."""
+
+EVALUATION_SEED = 2**62
+"""Far from the seeds that people train with, so that evaluation starts are never trained on."""
+
+Mask = NDArray[np.bool_]
+
+
+def play_out(
+    simulator: Simulator,
+    policies: Sequence[Policy | None],
+    over: Callable[[Simulator], Mask],
+    won: Callable[[Simulator], Mask],
+) -> tuple[NDArray[np.int64], Mask]:
+    """Play every game until it is over: lengths [games], and the games that were won [games].
+
+    Args:
+        simulator: games at their starts, made with `auto_restart=False`.
+        policies: whoever fills each seat.
+        over: [games] whether a game is over now; asked after every step.
+        won: [games] whether it is won; asked in the step in which it is over.
+    """
+    games, task = simulator.num_games, simulator.task
+    lengths = np.full(games, task.max_steps, dtype=np.int64)
+    running, victories = np.ones(games, dtype=bool), np.zeros(games, dtype=bool)
+    actions = np.zeros((games, task.num_agents), dtype=np.int32)
+    for step in range(1, task.max_steps + 1):
+        simulator.act(policies, actions)
+        simulator.step(actions)
+        ended = running & over(simulator)
+        if ended.any():
+            lengths[ended] = step
+            victories[ended] = won(simulator)[ended]
+            running &= ~ended
+            if not running.any():
+                break
+    return lengths, victories
+
+
+def all_caught(simulator: Simulator) -> Mask:
+    """[games] bool: no evader is left."""
+    evaders = [role == "evader" for role in simulator.task.seat_roles]
+    return np.asarray((simulator.active[:, evaders] == 0).all(axis=1))
+
+
+def won_by(simulator: Simulator, seat: int) -> Mask:
+    """[num_games] bool: whether the agent in `seat` has won, of games that have just ended.
+
+    Chasers win when no evader is left, runners when no goal is; evaders when they are not caught
+    and, where there are goals, none is left.
+    """
+    task = simulator.task
+    role, own = task.seat_roles[seat], simulator.active[:, seat] != 0
+    if role == "chaser" and task.num_evaders:
+        return all_caught(simulator)
+    if role == "evader" and not task.num_goals:
+        return own
+    return np.asarray(simulator.terminated & own)
+
+
+def half_width(lengths: NDArray[np.int64]) -> float:
+    """Half the width of the 95 % confidence interval of their mean; 0 for a single one."""
+    return 1.96 * float(lengths.std(ddof=1)) / len(lengths) ** 0.5 if len(lengths) > 1 else 0.0
+
+
+def is_exact(task: Task, *policies: Policy) -> bool:
+    """Whether all these policies are tables in a duel that is small enough to be solved."""
+    return (
+        task.is_duel
+        and len(task.mazes) == 1
+        and task.max_cells <= MAX_EXACT_CELLS
+        and task.start == "random"
+        and all(isinstance(policy, TabularPolicy) for policy in policies)
+    )
+
+
+def table_in(task: Task, policy: Policy) -> NDArray[np.float64]:
+    """[self cell, other cell, action] of a policy, where `is_exact`."""
+    assert isinstance(policy, TabularPolicy)
+    return table_of(policy, task.mazes[0], task.stay_action, task.move_order)

@@ -1,0 +1,70 @@
+"""What a report is about: the gap to the optimum, or whatever else the runs are judged by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One figure of a run.
+
+    Attributes:
+        name: in tables.
+        final: its column in the table of runs, to be multiplied by `scale`.
+        head, axis: what tables and figures call it.
+        curve: the column of `metrics.csv` that is drawn over time, `curve_axis` its name.
+        logarithmic: whether that is drawn on a logarithmic axis.
+    """
+
+    name: str
+    final: str
+    scale: float
+    head: str
+    axis: str
+    curve: str
+    curve_axis: str
+    logarithmic: bool = True
+
+
+GAP = Measure(
+    "gap",
+    "optimality_gap",
+    100.0,
+    "gap to the optimum, %",
+    "gap to the optimum (%)",
+    "mean_steps",
+    "episode length (steps, log)",
+)
+STEPS = Measure(
+    "steps",
+    "mean_steps",
+    1.0,
+    "steps",
+    "episode length (steps)",
+    "mean_steps",
+    "episode length (steps, log)",
+)
+
+
+def measure_of(rows: list[dict[str, Any]]) -> Measure:
+    """The gap where every run knows its optimum, steps where not; of self-play its own objective.
+
+    Args:
+        rows: complete runs of one kind.
+    """
+    column, unit = rows[0]["objective"], rows[0]["unit"]
+    if column == "mean_steps":
+        known = all(row.get("optimality_gap") is not None for row in rows)
+        return GAP if known else STEPS
+    name = "NashConv" if column == "nash_conv" else column.replace("_", " ")
+    told = f"{name} ({unit})" if name != unit else name
+    return Measure(column, column, 1.0, told, told, column, told, logarithmic=False)
+
+
+def size_of(value: Any) -> tuple[Any, ...]:
+    """Orders 3x3 before 10x10, and numbers as numbers."""
+    text = str(value)
+    digits = "".join(c if c.isdigit() or c == "." else " " for c in text).split()
+    return (float(digits[0]) if digits else 0.0, text)

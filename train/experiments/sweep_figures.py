@@ -1,0 +1,152 @@
+"""The figures of a sweep: learning curves, and what a run ends with against what varies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.ticker import LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from train.experiments.measures import GAP, measure_of, size_of
+from train.experiments.statistics import bootstrap_interval
+from train.figures import pyplot, save, short_numbers, tidy
+
+GRID = 60
+"""Points of a curve."""
+
+
+def bands(
+    curves: list[tuple[NDArray[Any], NDArray[Any]]],
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Curves over a common axis: points, mean, and the lower and upper end of the interval.
+
+    The axis ends where the first curve ends; between evaluations a curve is a straight line.
+    """
+    start = max(float(points[0]) for points, _ in curves)
+    end = min(float(points[-1]) for points, _ in curves)
+    points = np.linspace(start, max(end, start), GRID)
+    values = np.stack([np.interp(points, *curve) for curve in curves])
+    ends = np.array([bootstrap_interval(column) for column in values.T])
+    return points, values.mean(axis=0), ends[:, 0], ends[:, 1]
+
+
+def draw_curves(
+    path: Path,
+    rows: list[dict[str, Any]],
+    by_run: dict[str, list[dict[str, Any]]],
+    unit: str,
+    x: str | None,
+    colors: dict[str, str],
+    title: str,
+) -> None:
+    """The measure over seconds or frames: a panel for each x, a colour for each group."""
+    measure = measure_of(rows)
+    panels = sorted({row["_x"] for row in rows}, key=size_of)
+    columns = min(len(panels), 4)
+    lines = -(-len(panels) // columns)
+    figure, axes = pyplot().subplots(
+        lines,
+        columns,
+        figsize=(3.4 * columns + 1.2, 2.9 * lines + 0.9),
+        squeeze=False,
+        layout="constrained",
+    )
+    scale = 1e-6 if unit == "frames" else 1.0
+    for axis in axes.flat[len(panels) :]:
+        axis.set_visible(False)
+    for axis, panel in zip(axes.flat, panels, strict=False):
+        here = [row for row in rows if row["_x"] == panel]
+        for name, color in colors.items():
+            curves = [
+                (
+                    np.array([r[unit] for r in by_run[row["run"]]]) * scale,
+                    np.array([r[measure.curve] for r in by_run[row["run"]]]),
+                )
+                for row in here
+                if row["_group"] == name and row["run"] in by_run
+            ]
+            if curves:
+                points, mean, low, high = bands(curves)
+                axis.plot(points, mean, color=color, lw=1.6, label=name)
+                axis.fill_between(points, low, high, color=color, alpha=0.18, lw=0)
+        for column, word, style in (
+            ("optimal_steps", "optimal", ":"),
+            ("scripted_steps", "scripted", "--"),
+        ):
+            known = [row[column] for row in here if row.get(column) is not None]
+            if known:
+                axis.axhline(np.mean(known), color="#333333", lw=1.2, ls=style, label=word)
+        if measure.logarithmic:
+            axis.set_yscale("log")
+            axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            short_numbers(axis.yaxis)
+            axis.yaxis.set_minor_formatter(NullFormatter())
+        else:
+            axis.set_ylim(bottom=0)
+        if x:
+            axis.set_title(f"{x.replace('_', ' ')} {panel}", fontsize=10)
+        tidy(axis)
+    for axis in axes[:, 0]:
+        axis.set_ylabel(measure.curve_axis)
+    figure.supxlabel("training time (s)" if unit == "seconds" else "frames (millions)", fontsize=10)
+    figure.suptitle(title, fontsize=11)
+    handles: dict[str, Any] = {}
+    for axis in axes.flat:
+        for handle, word in zip(*axis.get_legend_handles_labels(), strict=True):
+            handles.setdefault(word, handle)
+    figure.legend(
+        handles.values(), handles.keys(), loc="outside right upper", frameon=False, fontsize=9
+    )
+    save(figure, path)
+
+
+def draw_final(
+    path: Path, rows: list[dict[str, Any]], x: str, colors: dict[str, str], title: str
+) -> None:
+    """The final measure against x, with intervals."""
+    measure = measure_of(rows)
+    gap, column, scale = measure is GAP, measure.final, measure.scale
+    values = sorted({row["_x"] for row in rows}, key=size_of)
+    figure, axis = pyplot().subplots(figsize=(6.4, 4), layout="constrained")
+    side_by_side = len({(row["_x"], row["_group"]) for row in rows}) > len(values)
+    for number, (name, color) in enumerate(colors.items()):
+        shift = 0.09 * (number - (len(colors) - 1) / 2) * side_by_side
+        places, means, lows, highs = [], [], [], []
+        for place, value in enumerate(values):
+            final = [
+                scale * row[column] for row in rows if (row["_x"], row["_group"]) == (value, name)
+            ]
+            if final:
+                low, high = bootstrap_interval(final)
+                places.append(place + shift)
+                means.append(float(np.mean(final)))
+                lows.append(means[-1] - (means[-1] if np.isnan(low) else low))
+                highs.append((means[-1] if np.isnan(high) else high) - means[-1])
+                axis.plot([place + shift] * len(final), final, ".", color=color, alpha=0.35, ms=6)
+        axis.errorbar(
+            places,
+            means,
+            (lows, highs),
+            color=color,
+            fmt="o-",
+            ms=4.5,
+            lw=1.5,
+            capsize=3,
+            label=name,
+        )
+    axis.set_xticks(range(len(values)), [str(value) for value in values])
+    axis.set_xlabel(x.replace("_", " "))
+    axis.set_ylabel(measure.axis)
+    if gap:
+        axis.set_yscale("symlog", linthresh=1.0)
+        axis.axhline(0, color="#333333", lw=1.2, ls=":")
+        short_numbers(axis.yaxis)
+        finals = [100.0 * row["optimality_gap"] for row in rows]
+        axis.set_ylim(1.6 * min(*finals, 0.0) - 0.2, 1.6 * max(*finals, 0.0) + 0.2)
+    axis.set_title(title, fontsize=11, loc="left")
+    if side_by_side:
+        axis.legend(frameon=False, fontsize=9)
+    tidy(axis)
+    save(figure, path)

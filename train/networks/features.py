@@ -1,0 +1,53 @@
+"""Features: what a network needs to know of the observations that it is given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.observations import Encoder
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """One agent's observation, as numbers.
+
+    Attributes:
+        kind: "index" (each number names a row of the first layer), "planes" (for convolutions) or
+            "flat" (anything else).
+        shape: of one observation.
+        high: [*shape], the largest values.
+        rows: [numbers] int64, of "index": the row that each number of an observation names; the
+            last one is `num_rows`, which is no row. Empty for other kinds.
+        num_rows: of the first layer on "index".
+    """
+
+    kind: Literal["index", "planes", "flat"]
+    shape: tuple[int, ...]
+    high: NDArray[Any]
+    rows: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    num_rows: int = 0
+
+
+def features_of(encoder: Encoder, num_agents: int) -> Features:
+    """The features of an encoding.
+
+    Which goal is which means nothing, so on "index" all goals name the same rows: no network can
+    tell one order of the goals from another.
+
+    Args:
+        encoder: of any encoding.
+        num_agents: entities before the goals.
+    """
+    shape, high = tuple(encoder.shape), np.asarray(encoder.space.high)
+    if encoder.encoding != "index":
+        return Features("planes" if encoder.encoding == "planes" else "flat", shape, high)
+    cells, entities = encoder.num_cells, encoder.num_entities
+    blocks = [min(entity, num_agents) for entity in range(entities)]
+    blocks.append(num_agents + (entities > num_agents))  # of the goal that was just collected
+    num_rows = (blocks[-1] + 1) * cells
+    rows = (np.array(blocks)[:, None] * cells + np.arange(cells)).ravel()
+    return Features("index", shape, high, np.append(rows, num_rows), num_rows)

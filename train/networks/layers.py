@@ -1,0 +1,180 @@
+"""The hidden layers that all networks share, on every kind of features.
+
+On "index" the first layer has two forms that are the same function: an embedding bag that sums the
+rows named by the observation, and a matrix product with the one-hot vector that those rows stand
+for. Neither is always faster; `first_layer_form` decides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import nn
+
+from train.networks.features import Features
+
+FirstLayerForm = Literal["bag", "dense"]
+
+
+def first_layer_form(num_rows: int) -> FirstLayerForm:
+    """The faster form of the first layer, as `tests/benchmarks/bench_learning.py` measures it.
+
+    The matrix product grows with the rows of the weight matrix, the bag does not; on two cores
+    without bfloat16 in hardware they met at about 300 rows, at widths of 128 and 256 alike.
+    """
+    return "bag" if num_rows > 300 else "dense"
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """Two hidden layers.
+
+    Attributes:
+        width: units of each.
+        activation: "relu" or "tanh".
+        std: of the first layer's weights on "index" at the start.
+        form: of the first layer on "index"; None for the faster.
+        bfloat16: matrix products run under autocast; parameters and outputs stay float32.
+    """
+
+    width: int = 128
+    activation: str = "relu"
+    std: float = 0.06
+    form: FirstLayerForm | None = None
+    bfloat16: bool = False
+
+
+class IndexLayer(nn.Module):
+    """A linear layer on "index": the sum of the rows that an observation names, and a bias.
+
+    Args:
+        features: of the kind "index".
+        width: outputs.
+        form: "bag" or "dense"; the same function of the same parameters.
+        std: standard deviation of the weights at first.
+    """
+
+    rows: torch.Tensor
+
+    def __init__(
+        self, features: Features, width: int, form: FirstLayerForm, std: float = 0.06
+    ) -> None:
+        super().__init__()
+        self.num_rows = features.num_rows
+        self.register_buffer("rows", torch.from_numpy(features.rows), False)
+        self.weight = nn.Parameter(torch.empty(self.num_rows + 1, width))
+        self.bias = nn.Parameter(torch.zeros(width))
+        self.form = form
+        nn.init.normal_(self.weight, std=std)
+        with torch.no_grad():
+            self.weight[self.num_rows] = 0.0
+
+    def prepare(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., numbers] rows of `weight` to sum, or [..., num_rows] what they stand for."""
+        rows = self.rows[observation.long()]
+        if self.form == "bag":
+            return rows
+        one_hot = torch.zeros(*rows.shape[:-1], self.num_rows + 1, device=rows.device)
+        one_hot.scatter_add_(-1, rows, torch.ones((), device=rows.device).expand(rows.shape))
+        return one_hot[..., : self.num_rows]
+
+    def forward(self, prepared: torch.Tensor) -> torch.Tensor:
+        """[..., width]."""
+        if self.form == "dense":
+            return nn.functional.linear(prepared, self.weight[: self.num_rows].T, self.bias)
+        rows = prepared.reshape(-1, prepared.shape[-1])
+        summed = nn.functional.embedding_bag(
+            rows, self.weight, mode="sum", padding_idx=self.num_rows
+        )
+        return (summed + self.bias).reshape(*prepared.shape[:-1], -1)
+
+
+class Flat(nn.Module):
+    """Any other observation as a flat vector, scaled to about [0, 1]."""
+
+    scale: torch.Tensor
+
+    def __init__(self, features: Features, width: int) -> None:
+        super().__init__()
+        self.dims = len(features.shape)
+        high = torch.as_tensor(features.high, dtype=torch.float32).reshape(-1)
+        self.register_buffer("scale", 1.0 / high.clamp(min=1.0), False)
+        self.linear = nn.Linear(len(high), width)
+
+    def prepare(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., numbers of the observation] float32."""
+        flat = observation.flatten(-self.dims) if self.dims > 1 else observation
+        return flat.float() * self.scale
+
+    def forward(self, prepared: torch.Tensor) -> torch.Tensor:
+        """[..., width]."""
+        hidden: torch.Tensor = self.linear(prepared)
+        return hidden
+
+
+class Convolutions(nn.Module):
+    """Two 3×3 convolutions over "planes", then a linear layer."""
+
+    def __init__(self, features: Features, width: int) -> None:
+        super().__init__()
+        planes, height, columns = features.shape
+        self.layers = nn.Sequential(
+            nn.Conv2d(planes, 32, 3, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(32, 32, 3, padding=1),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.Linear(32 * height * columns, width),
+        )
+
+    def prepare(self, observation: torch.Tensor) -> torch.Tensor:
+        """The observation itself."""
+        return observation
+
+    def forward(self, prepared: torch.Tensor) -> torch.Tensor:
+        """[..., width] from [..., planes, height, width]."""
+        hidden: torch.Tensor = self.layers(prepared.reshape(-1, *prepared.shape[-3:]))
+        return hidden.reshape(*prepared.shape[:-3], -1)
+
+
+class Trunk(nn.Module):
+    """Two hidden layers on any features; parameters and outputs are float32."""
+
+    def __init__(self, features: Features, hidden: Hidden) -> None:
+        super().__init__()
+        width = hidden.width
+        first: IndexLayer | Flat | Convolutions
+        if features.kind == "index":
+            form = hidden.form or first_layer_form(features.num_rows)
+            first = IndexLayer(features, width, form, hidden.std)
+        else:
+            first = (Convolutions if features.kind == "planes" else Flat)(features, width)
+        second = nn.Linear(width, width)
+        nn.init.orthogonal_(second.weight, 2.0**0.5)
+        nn.init.zeros_(second.bias)
+        between = nn.Tanh if hidden.activation == "tanh" else nn.ReLU
+        self.first, self.rest = first, nn.Sequential(between(), second, between())
+        self.autocast_bfloat16 = hidden.bfloat16
+        self.casts = hidden.bfloat16 and isinstance(first, IndexLayer) and first.form == "dense"
+
+    def prepare(self, observation: torch.Tensor) -> torch.Tensor:
+        """What the first layer works on: without parameters, so once is enough for many epochs."""
+        prepared = self.first.prepare(observation)
+        # Zeros and ones are exact in bfloat16, and need no cast in every pass then.
+        return prepared.bfloat16() if self.casts else prepared
+
+    def forward(self, prepared: torch.Tensor) -> torch.Tensor:
+        """[..., width] float32, from what `prepare` made of observations."""
+        with torch.autocast(prepared.device.type, torch.bfloat16, enabled=self.autocast_bfloat16):
+            hidden: torch.Tensor = self.rest(self.first(prepared))
+        return hidden.float()
+
+
+def head(width: int, outputs: int, gain: float) -> nn.Linear:
+    """A linear output layer with orthogonal weights of the given gain and no bias at first."""
+    layer = nn.Linear(width, outputs)
+    nn.init.orthogonal_(layer.weight, gain)
+    nn.init.zeros_(layer.bias)
+    return layer

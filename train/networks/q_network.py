@@ -1,0 +1,56 @@
+"""Action values."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+from train.networks.features import Features
+from train.networks.layers import Hidden, Trunk, head
+
+
+class DuelingHead(nn.Module):
+    """A value and the actions' advantages over their mean (Wang et al., 2016, equation 9)."""
+
+    def __init__(self, width: int, num_actions: int) -> None:
+        super().__init__()
+        self.value, self.advantage = head(width, 1, 1.0), head(width, num_actions, 0.1)
+
+    def forward(self, hidden: torch.Tensor) -> torch.Tensor:
+        """[..., actions] from [..., width]."""
+        advantage = self.advantage(hidden)
+        q_values: torch.Tensor = (
+            self.value(hidden) + advantage - advantage.mean(dim=-1, keepdim=True)
+        )
+        return q_values
+
+
+class QNetwork(nn.Module):
+    """Action values.
+
+    Attributes:
+        policy_trunk: the hidden layers.
+        policy_head: [..., width] -> [..., actions].
+    """
+
+    def __init__(
+        self, features: Features, num_actions: int, hidden: Hidden, dueling: bool = False
+    ) -> None:
+        super().__init__()
+        self.policy_trunk = Trunk(features, hidden)
+        self.policy_head = (
+            DuelingHead(hidden.width, num_actions)
+            if dueling
+            else head(hidden.width, num_actions, 0.1)
+        )
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., actions] float32: the expected discounted return of each action."""
+        q_values: torch.Tensor = self.policy_head(
+            self.policy_trunk(self.policy_trunk.prepare(observation))
+        )
+        return q_values
+
+    def logits(self, observation: torch.Tensor) -> torch.Tensor:
+        """The same: the greedy action has the largest."""
+        return self(observation)

@@ -1,0 +1,123 @@
+"""The door: the settings of a run become its parts, once, from top to bottom, and are checked here.
+
+Below it nobody knows the settings of a run: a learner gets its own and an environment, a teacher
+its plan, a contest its task and opponents.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+
+from pursuit.policy import Policy
+from pursuit.task import Task
+from train.algorithms.registry import Algorithm, Build, entry
+from train.evaluation.contest import GameContest
+from train.networks.policy import Seat
+from train.runs.opponents import opponents_of
+from train.runs.tasks import agent_of, task_of
+from train.runs.threads import uses_bfloat16
+from train.settings.algorithms import Hyperparameters, PPOSettings
+from train.settings.checks import check
+from train.settings.presets import Setting
+from train.settings.run import TrainSettings
+from train.settings.task import TaskSettings
+from train.teaching.plan import Plan, check_learner, plan_lessons
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a run is made of.
+
+    Attributes:
+        task: what is evaluated.
+        opponents: the policy of every role.
+        plan: what is taught when; None without a curriculum.
+        seat: whose policy is learned, in the training games.
+        algorithm, hyper: what it learns by, and the settings of that.
+        build: how the learner is to be built on this machine.
+    """
+
+    task: Task
+    opponents: dict[str, Policy]
+    plan: Plan | None
+    seat: Seat
+    algorithm: Algorithm
+    hyper: Hyperparameters
+    build: Build
+
+    def contest(self, episodes: int) -> GameContest:
+        """What it is judged by: the task itself, whatever the training games are."""
+        return GameContest(self.task, self.seat.agent, self.opponents, episodes)
+
+
+def parts_of(settings: TrainSettings[Any]) -> Parts:
+    """The parts of a run.
+
+    Raises:
+        ValueError: settings that make no game, an agent that does not play in it, an opponent that
+            is none, or what the algorithm or the curriculum cannot do.
+    """
+    algorithm = entry(settings.algorithm)
+    check_algorithm(settings, algorithm)
+    check(
+        not (isinstance(settings.hyper, PPOSettings) and settings.hyper.central_critic),
+        "central_critic=True is for several agents that learn at once; use it in "
+        "`pursuit self-play`",
+    )
+    task = task_of(settings.task)
+    agent = agent_of(settings.task, task)
+    opponents = opponents_of(task, agent, settings.task.opponent, settings.task.opponent_epsilon)
+    opponent = settings.task.opponent
+    plan = plan_lessons(
+        settings.curriculum,
+        settings.lessons,
+        task,
+        agent,
+        opponents,
+        opponent_epsilon=settings.task.opponent_epsilon,
+        learned_opponent=opponent,
+        seed=settings.seed,
+    )
+    if plan is not None:
+        check_learner(plan, algorithm)
+    seat = Seat(task if plan is None else plan.task, agent, settings.observation)
+    algorithm.check_player(seat)
+    bfloat16 = uses_bfloat16(settings.precision, settings.device)
+    build = Build(settings.device, bfloat16, settings.first_layer, settings.seed)
+    return Parts(task, opponents, plan, seat, algorithm, settings.hyper, build)
+
+
+def check_algorithm(settings: TrainSettings[Any], algorithm: Algorithm) -> None:
+    """ValueError where the settings ask of the algorithm, or of this machine, what it cannot do."""
+    check(
+        type(settings.hyper) is algorithm.settings,
+        f"algorithm={algorithm.name!r} with settings of {type(settings.hyper).__name__}",
+    )
+    algorithm.check(
+        observation=settings.observation,
+        device=settings.device,
+        greedy=settings.evaluate == "greedy",
+    )
+    check(
+        settings.device == "cpu" or torch.cuda.is_available(),
+        f"device={settings.device!r}, but torch finds no GPU here; use --device cpu",
+    )
+
+
+def setting_of(settings: TaskSettings) -> Setting:
+    """What the presets go by."""
+    task = task_of(settings)
+    role = agent_of(settings, task).split("_")[0]
+    return Setting(settings.task, role, task.max_cells, settings.start == "random", task.is_duel)
+
+
+def contest_of(settings: TaskSettings, episodes: int, seed: int | None = None) -> GameContest:
+    """What a policy is judged by in a task, without any run."""
+    task = task_of(settings)
+    agent = agent_of(settings, task)
+    opponents = opponents_of(task, agent, settings.opponent, settings.opponent_epsilon)
+    more = {} if seed is None else {"seed": seed}
+    return GameContest(task, agent, opponents, episodes, **more)

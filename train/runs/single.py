@@ -1,0 +1,204 @@
+"""A run of one agent against fixed opponents."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+
+from pursuit.simulator import Simulator, SimulatorState
+from pursuit.single_agent import fill_seats
+from train.environments.simulator_env import SimulatorEnv
+from train.evaluation.contest import Score, optimality_gap
+from train.runs.folder import MISFITS, RUN, misfit, save_config
+from train.runs.loop import Budget, Clock, Objective, Run
+from train.runs.parts import Parts, parts_of
+from train.runs.threads import prepare_torch
+from train.settings.run import TrainSettings
+from train.teaching.log import write_log
+from train.teaching.teacher import Teacher
+
+EPISODES = 500
+"""Of the evaluations while it learns."""
+
+
+class SingleAgent:
+    """One learner in one seat; a `Trainee`.
+
+    Args:
+        parts: of the run.
+        evaluate: which policy is evaluated, greedy or sampled.
+        state: what `state_dict` gave; None begins.
+
+    Raises:
+        KeyError, RuntimeError, TypeError, AttributeError: a state of other settings.
+
+    Attributes:
+        parts, simulator, env, learner, teacher: what it is made of; no teacher without curriculum.
+        contest, optimum: what it is judged by, and the exact optimum where it is known.
+        policy: the learner's policy as `evaluate` has it, always up to date.
+    """
+
+    kind: ClassVar[str] = RUN
+    evaluates_first: ClassVar[bool] = False
+
+    def __init__(self, parts: Parts, evaluate: str, state: dict[str, Any] | None = None) -> None:
+        self.parts, self.evaluated = parts, evaluate
+        task, agent = parts.seat.task, parts.seat.agent
+        self.simulator = Simulator(
+            task, parts.hyper.num_games, parts.build.seed, auto_restart=False
+        )
+        seat, policies = fill_seats(task, agent, parts.opponents)
+        self.teacher = None if parts.plan is None else Teacher(parts.plan, self.simulator, seat)
+        self.env = SimulatorEnv(self.simulator, parts.seat, policies, self.teacher)
+        if state is not None:  # before there is a collector, which begins with what it finds
+            self.simulator.set_state(games_from(state["simulator"]))
+            if self.teacher is not None:
+                self.teacher.load_state_dict(state["teacher"])
+            self.env.resume = True
+        self.learner = parts.algorithm.build(parts.hyper, self.env, parts.build)
+        self.policy = self.learner.policy(greedy=evaluate == "greedy")
+        if state is not None:
+            self.learner.load_state_dict(state["learner"])
+        self.contest = parts.contest(EPISODES)
+        self.optimum = self.contest.optimal()
+        self.objective = Objective("mean_steps", "steps", self.contest.less_is_better)
+
+    @property
+    def frames(self) -> int:
+        """Steps of all games."""
+        return self.learner.frames
+
+    def iterate(self, clock: Clock) -> dict[str, float]:
+        """One iteration of the learner, after the curriculum has heard of the last one."""
+        if self.teacher is not None:
+            self.teacher.update(clock.progress, self.learner.frames, clock.seconds)
+        return self.learner.iterate(clock.progress)
+
+    def evaluate(self) -> dict[str, float]:
+        """Steps, success and gap; and how the training games went since the last evaluation."""
+        score = self.contest.score("learned", self.policy)
+        row = {"mean_steps": score.mean_steps, "success_rate": score.success_rate}
+        gap = optimality_gap(score, self.optimum)
+        if gap is not None:
+            row["optimality_gap"] = gap
+        returns, lengths = self.env.finished_returns, self.env.finished_lengths
+        if lengths:
+            row["episode_return"] = float(np.concatenate(returns).mean())
+            row["episode_length"] = float(np.concatenate(lengths).mean())
+        returns.clear()
+        lengths.clear()
+        return row if self.teacher is None else row | self.teacher.figures()
+
+    def told(self, row: dict[str, float]) -> list[str]:
+        """Return, length and lesson of the training games, steps and gap of the evaluation."""
+        parts = []
+        if "episode_return" in row:
+            parts.append(f"return {row['episode_return']:7.2f}")
+            parts.append(f"length {row['episode_length']:6.2f}")
+        if "lesson" in row:
+            parts.append(f"lesson {row['lesson']:5.2f}")
+        parts.append(f"{self.evaluated} {row['mean_steps']:6.2f} steps")
+        if "optimality_gap" in row:
+            parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
+        return parts
+
+    def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
+        """The references and what was learned, greedy and sampled."""
+        contest = self.parts.contest(episodes)
+        scores = [*contest.baselines(), contest.score("learned", self.learner.policy())]
+        if self.parts.algorithm.learns_distribution:
+            scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
+        build, plan = self.parts.build, self.parts.plan
+        return {
+            **contest.describe(),
+            "algorithm": self.parts.algorithm.name,
+            "curriculum": "none" if plan is None else plan.name,
+            "seed": build.seed,
+            **evaluation_of(scores, self.evaluated),
+            "device": build.device,
+            "precision": "bfloat16" if build.bfloat16 else "float32",
+        }
+
+    def state_dict(self) -> dict[str, Any]:
+        """Learner, teacher and games."""
+        return {
+            "learner": self.learner.state_dict(),
+            "teacher": None if self.teacher is None else self.teacher.state_dict(),
+            "simulator": plain_games(self.simulator),
+        }
+
+    def save_beside(self, folder: Path) -> None:
+        """Write `curriculum.csv`."""
+        if self.teacher is not None:
+            write_log(folder, self.teacher.rows)
+
+    def close(self) -> None:
+        """End the learner's collecting."""
+        self.learner.close()
+
+
+def evaluation_of(scores: list[Score], evaluated: str) -> dict[str, Any]:
+    """ "evaluation" and "scores" of `results.json`."""
+    by_name = {score.name: score for score in scores}
+    learned = by_name["learned" if evaluated == "greedy" else "learned, sampled"]
+    optimum = by_name.get("optimal")
+    return {
+        "evaluation": {
+            "episodes": learned.episodes,
+            "exact": learned.exact,
+            "mean_steps": learned.mean_steps,
+            "ci95": learned.ci95,
+            "success_rate": learned.success_rate,
+            "optimal_steps": optimum.mean_steps if optimum else None,
+            "optimality_gap": optimality_gap(learned, optimum),
+        },
+        "scores": [asdict(score) for score in scores],
+    }
+
+
+def plain_games(simulator: Simulator) -> dict[str, torch.Tensor]:
+    """The state of the games for a checkpoint: torch has few operations on uint64, so the bits of
+    the random streams travel as int64."""
+    return {
+        name: torch.from_numpy(array.view(np.int64) if array.dtype == np.uint64 else array)
+        for name, array in vars(simulator.get_state()).items()
+    }
+
+
+def games_from(saved: dict[str, torch.Tensor]) -> SimulatorState:
+    """What `plain_games` gave."""
+    arrays = {name: tensor.numpy() for name, tensor in saved.items()}
+    return SimulatorState(**{**arrays, "streams": arrays["streams"].view(np.uint64)})
+
+
+def make_run(
+    settings: TrainSettings[Any], folder: Path, state: dict[str, Any] | None = None
+) -> Run:
+    """The run of these settings in its folder, from its beginning or from a checkpoint.
+
+    Raises:
+        ValueError: settings that cannot run here, or a checkpoint that does not fit.
+    """
+    prepare_torch(settings.threads, settings.seed)
+    parts = parts_of(settings)
+    budget = Budget(settings.seconds, settings.frames, settings.threads)
+    if state is None:
+        with warnings.catch_warnings():  # said when the settings were made
+            warnings.simplefilter("ignore")
+            return Run(SingleAgent(parts, settings.evaluate), folder, budget)
+    try:
+        return Run(SingleAgent(parts, settings.evaluate, state["trainee"]), folder, budget, state)
+    except MISFITS:
+        raise misfit(folder) from None
+
+
+def start_run(settings: TrainSettings[Any], folder: Path) -> Run:
+    """A new run in a new folder: settings are on disk before anything is learned."""
+    run = make_run(settings, folder)
+    save_config(folder, RUN, settings, run.trainee.contest.task.mazes[0])
+    return run

@@ -1,0 +1,77 @@
+"""How torch is to use this machine: threads, memory, precision."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+
+import torch
+
+from train.machine import has_fast_bfloat16
+
+
+def prepare_torch(threads: int, seed: int) -> None:
+    """Before anything is built: memory kept, `threads` (0: one for each core), the seed."""
+    keep_freed_memory()
+    torch.set_num_threads(threads or os.cpu_count() or 1)
+    torch.manual_seed(seed)
+
+
+def keep_freed_memory() -> None:
+    """Have the C library keep freed blocks of a minibatch's size instead of returning them.
+
+    Mapping and clearing such blocks anew in every gradient step took a tenth of the time. Does
+    nothing where the C library is not glibc.
+    """
+    mmap_threshold, trim_threshold = -3, -1  # the numbers of mallopt(3)
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (OSError, AttributeError):
+        return
+    mallopt(mmap_threshold, 2**30)
+    mallopt(trim_threshold, 2**31 - 1)
+
+
+def uses_bfloat16(precision: str, device: str) -> bool:
+    """What a precision ("auto", "float32", "bfloat16") means on this machine."""
+    if precision != "auto":
+        return precision == "bfloat16"
+    if device.startswith("cuda"):
+        return torch.cuda.is_bf16_supported()
+    return has_fast_bfloat16()
+
+
+class ThreadChoice:
+    """Chooses between one thread and all of them, by how long rollouts take with each.
+
+    Two threads wait for each other in every operation. On idle cores they are faster; where other
+    programs (or other guests of the host) take a core away now and then, one alone is, by up to ten
+    times. So the other choice is tried for two rollouts in every 24.
+
+    Args:
+        most: all of them.
+    """
+
+    PERIOD = 24
+
+    def __init__(self, most: int) -> None:
+        self.most, self.count = most, 0
+        self.seconds = {1: 0.0, most: 0.0}
+        self.current = self.preferred = most
+
+    def choose(self) -> None:
+        """Set torch's threads for the next rollout."""
+        if self.count % self.PERIOD < 2:
+            self.current = 1 if self.preferred == self.most else self.most
+        else:
+            self.current = self.preferred
+        torch.set_num_threads(self.current)
+
+    def learn(self, seconds: float) -> None:
+        """Note how long that rollout took; the first after a change is not counted."""
+        if self.count % self.PERIOD != 0:
+            before = self.seconds[self.current]
+            self.seconds[self.current] = 0.5 * (before + seconds) if before else seconds
+        self.count += 1
+        if all(self.seconds.values()):
+            self.preferred = min(self.seconds, key=lambda threads: self.seconds[threads])

@@ -1,0 +1,175 @@
+"""The door of self-play: its settings become parts, once, and are checked here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pursuit.policy import Policy
+from pursuit.task import Task
+from scripted_agents.environments import SCRIPTED, scripted_policy
+from train.algorithms.registry import Build, entry
+from train.networks.policy import Seat
+from train.runs.by_name import check_names, picked, typed
+from train.runs.folder import CONFIG
+from train.runs.opponents import check_fits, load_opponent, load_sampled
+from train.runs.parts import setting_of
+from train.runs.saved import read_plain
+from train.runs.tasks import task_of
+from train.runs.threads import uses_bfloat16
+from train.self_play.side import SideParts
+from train.settings.algorithms import Hyperparameters, PPOSettings
+from train.settings.checks import check
+from train.settings.presets import hyperparameters
+from train.settings.run import TrainSettings
+from train.settings.self_play import ROLES, SelfPlaySettings, self_play_ppo
+from train.settings.task import TaskSettings
+
+
+@dataclass(frozen=True)
+class SelfPlayParts:
+    """What self-play is made of.
+
+    Attributes:
+        task: the game.
+        sides: what each role that learns is made of.
+        frozen: who plays each role that does not.
+        scripted: scripted agents by name and role, for pools and for comparison.
+        discount: of the exact game.
+    """
+
+    task: Task
+    sides: dict[str, SideParts]
+    frozen: dict[str, Policy]
+    scripted: dict[tuple[str, str], Policy]
+    discount: float
+
+
+def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
+    """The parts of self-play.
+
+    Raises:
+        ValueError: settings that make no game of two sides, or ask what an algorithm cannot do.
+    """
+    task = task_of(settings.task)
+    check_sides(settings, task)
+    discount = settings.hyper.gamma
+    scripted = {
+        (name, role): scripted_policy(
+            name,
+            role,
+            # A* moves at random as often as the settings say.
+            settings.task.opponent_epsilon if name == "astar" else 0.0,
+            task.move_order,  # type: ignore[arg-type]
+            discount,
+        )
+        for name in SCRIPTED
+        for role in ROLES
+    }
+    frozen = {
+        role: scripted[name, role] if (name, role) in scripted else frozen_policy(name, role, task)
+        for role in ROLES
+        if role not in settings.learning
+        for name in [str(getattr(settings, role))]
+    }
+    sides = {}
+    for role in settings.learning:
+        own = side_settings(settings, role)
+        sides[role] = SideParts(
+            Seat(task, role, own.observation),
+            entry(own.algorithm),
+            own.hyper,
+            Build(own.device, uses_bfloat16(own.precision, own.device), own.first_layer, own.seed),
+            isinstance(own.hyper, PPOSettings) and own.hyper.central_critic,
+            discount,
+            # Discounted steps, up to 1 / (1 - gamma) of them, would drown the policy in value loss.
+            1.0 - discount if settings.task.rewards == "zero_sum" else 1.0,
+        )
+    return SelfPlayParts(task, sides, frozen, scripted, discount)
+
+
+def check_sides(settings: SelfPlaySettings, task: Task) -> None:
+    """ValueError unless this task is between chasers and evaders, and the algorithms can do it."""
+    check(
+        bool(task.num_chasers and task.num_evaders),
+        f"task {task.name!r} has no chasers or no evaders; self-play is between the two",
+    )
+    check(
+        not task.num_goals or settings.task.rewards == "zero_sum",
+        f"rewards={settings.task.rewards!r} with goals; leave them at zero_sum: opponents are "
+        "scored by steps, so a game that ends early must be what the chasers are paid for",
+    )
+    check(not task.num_runners, f"task {task.name!r} has runners; take chase or heist")
+    for role in settings.learning:
+        entry(settings.algorithm(role)).check_self_play(role, task.count(role))
+
+
+def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
+    """The settings of one role's learner, as those of a run of its own."""
+    task = replace(settings.task, role=role)
+    members = task_of(task).count(role)
+    algorithm = settings.algorithm(role)
+    hyper: Hyperparameters = settings.hyper
+    if algorithm != "ppo":
+        hyper = replace(hyperparameters(algorithm, setting_of(task)), gamma=settings.hyper.gamma)
+    games = max(hyper.num_games // members, 1) * members
+    if isinstance(hyper, PPOSettings):
+        batch = min(hyper.minibatch_size, games * hyper.rollout_steps)
+        central = hyper.central_critic and members > 1
+        hyper = replace(hyper, num_games=games, minibatch_size=batch, central_critic=central)
+    else:
+        hyper = replace(hyper, num_games=games)
+    same = {
+        name: getattr(settings, name)
+        for name in ("observation", "seconds", "frames", "seed", "threads")
+    }
+    return TrainSettings(task, hyper, algorithm=algorithm, **same)
+
+
+def frozen_policy(name: str, role: str, task: Task) -> Policy:
+    """Who plays a role that does not learn, from the folder of a run or a model's .zip.
+
+    Raises:
+        ValueError: neither; or the run learned another role, or in other games.
+    """
+    path = Path(name)
+    policy = load_sampled(path) if (path / CONFIG).exists() else load_opponent(path)
+    check_fits(policy, role, task, name)
+    return policy
+
+
+# -- settings by name ------------------------------------------------------------------------------
+
+
+def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
+    """Settings of self-play by their names on the command line, checked.
+
+    Raises:
+        ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
+    """
+    default = self_play_ppo()
+    check_names(flat, (TaskSettings, default, SelfPlaySettings), set(), " of self-play")
+    own = {k: v for k, v in typed(SelfPlaySettings, flat).items() if k not in ("task", "hyper")}
+    settings = SelfPlaySettings(
+        task=picked(TaskSettings, flat, {"rewards": "zero_sum"}),
+        hyper=picked(PPOSettings, flat, vars(default)),
+        **own,
+    )
+    self_play_parts(settings)
+    return settings
+
+
+def self_play_from_plain(plain: Mapping[str, Any]) -> SelfPlaySettings:
+    """From the plain values of `config.json`; ValueError where those are something else."""
+    return read_plain(
+        lambda: SelfPlaySettings(
+            **{
+                **plain,
+                "task": TaskSettings(**plain["task"]),
+                "hyper": PPOSettings(**plain["hyper"]),
+                "members": tuple(plain["members"]),
+            }
+        )
+    )

@@ -1,0 +1,93 @@
+"""The pictures of self-play: exploitability over time, and the payoff matrix of a league."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from train.figures import BLACK, BLUE, ORANGE, plain_numbers, pyplot, save, tidy
+from train.self_play.league import LeagueTable
+
+COLORS = {"nash_conv": BLACK, "chaser": ORANGE, "evader": BLUE}
+
+
+def draw_self_play(path: Path, rows: list[dict[str, float]], title: str) -> None:
+    """Exploitability over time, and both sides against the scripted agents below."""
+    seconds = np.array([row["seconds"] for row in rows])
+    exact = "nash_conv" in rows[0]
+    figure, axes = pyplot().subplots(
+        2 if exact else 1,
+        1,
+        figsize=(7, 6.4 if exact else 3.6),
+        sharex=True,
+        squeeze=False,
+        layout="constrained",
+    )
+    if exact:
+        upper = axes[0, 0]
+        for name, label in (
+            ("nash_conv", "NashConv"),
+            ("chaser_exploitability", "of the chaser"),
+            ("evader_exploitability", "of the evader"),
+        ):
+            if name not in rows[0]:
+                continue
+            values = [row[name] for row in rows]
+            color = COLORS[name.split("_exp")[0]]
+            width = 2.2 if name == "nash_conv" else 1.3
+            style = "-" if name == "nash_conv" else "--"
+            upper.plot(seconds, values, style, color=color, lw=width, label=label)
+        upper.set_ylim(bottom=-0.03 * max(row["nash_conv"] for row in rows))  # 0 can be seen
+        upper.set_ylabel("exploitability, exact\n(discounted steps)")
+        upper.legend(frameon=False, fontsize=9)
+    lower = axes[-1, 0]
+    styles = {"astar": "-", "random": ":", "optimal": "--"}
+    shown = {"astar": "A*", "random": "random", "optimal": "optimal"}
+    for role in ("chaser", "evader"):
+        for name, style in styles.items():
+            column = f"{role}_vs_{name}"
+            if column in rows[0]:
+                values = [row[column] for row in rows]
+                label = f"{role} against {shown[name]}"
+                lower.plot(seconds, values, style, color=COLORS[role], lw=1.5, label=label)
+    lower.set_yscale("log")
+    plain_numbers(lower.yaxis)
+    lower.set_ylabel("steps until capture (log)")
+    lower.legend(frameon=False, fontsize=8, ncol=2)
+    lower.set_xlabel("training time (s)")
+    axes[0, 0].set_title(title, fontsize=11, loc="left")
+    for axis in axes[:, 0]:
+        tidy(axis)
+    save(figure, path, 150)
+
+
+def draw_league(path: Path, table: LeagueTable, title: str) -> None:
+    """The payoff matrix as a heat map."""
+    chasers, evaders = table.payoff.shape
+    figure, axis = pyplot().subplots(
+        figsize=(3.2 + 0.85 * evaders, 1.8 + 0.55 * chasers), layout="constrained"
+    )
+    image = axis.imshow(table.payoff, cmap="viridis", aspect="auto")
+    low, high = table.payoff.min(), table.payoff.max()
+    for i in range(chasers):
+        for j in range(evaders):
+            value = table.payoff[i, j]
+            dark = value < low + 0.6 * (high - low)
+            axis.text(
+                j, i, f"{value:.1f}", ha="center", va="center", fontsize=9,
+                color="white" if dark else "black",
+            )  # fmt: skip
+    axis.set_yticks(range(chasers), [_short(name) for name in table.chasers])
+    axis.set_xticks(
+        range(evaders), [_short(name) for name in table.evaders], rotation=30, ha="right"
+    )
+    axis.set_ylabel("chaser")
+    axis.set_xlabel("evader")
+    figure.colorbar(image, label="steps until capture")
+    axis.set_title(title, fontsize=11)
+    save(figure, path)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 24 else "…" + name[-23:]

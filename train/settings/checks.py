@@ -1,0 +1,32 @@
+"""What every settings class checks itself with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+def check(condition: bool, message: str) -> None:
+    """Raise ValueError(message) unless `condition`."""
+    if not condition:
+        raise ValueError(message)
+
+
+def check_choice(what: str, value: object, choices: Iterable[str]) -> None:
+    """ValueError unless `value` is one of `choices`, which it names."""
+    known = tuple(choices)
+    check(value in known, f"unknown {what} {value!r}; one of {', '.join(known)}")
+
+
+def check_budget(seconds: float | None, frames: int | None) -> None:
+    """ValueError unless exactly one of the two is given, above 0 and finite."""
+    check(
+        (seconds is None) != (frames is None),
+        f"seconds={seconds} and frames={frames}; give one of the two as the budget",
+    )
+    for name, value in (("seconds", seconds), ("frames", frames)):
+        check(value is None or 0 < value < float("inf"), f"{name}={value}; it is above 0")
+
+
+def check_seed(seed: int) -> None:
+    """ValueError for a seed that not every generator takes."""
+    check(0 <= seed < 2**63, f"seed={seed}; 0 to 2**63-1")

@@ -1,0 +1,89 @@
+"""The mazes of the axes `maze-size` and `loops`, from easy to hard."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pursuit.maze import Maze, load_maze
+from pursuit.task import Task
+from train.settings.checks import check
+
+OPENED = 8
+"""Mazes of the axis `loops`, from no inner wall to all of them."""
+
+
+def training_mazes(name: str, given: str | None, task: Task) -> tuple[Maze, ...]:
+    """The mazes of the axes `maze-size` and `loops`, from easy to hard; the task's is the last.
+
+    Where none are given: for `maze-size` the first rows of the maze, more and more of them, whose
+    cells keep their numbers, so that what is learned in one holds in the next; for `loops` the maze
+    with all, then fewer and fewer of its inner walls opened.
+
+    Raises:
+        ValueError: no such maze, one that is too small or larger than the task's, or no part of
+            the task's maze to begin with.
+    """
+    final, needed = task.mazes[0], task.num_agents + task.num_goals
+    if given is not None:
+        names = [name.strip() for name in given.split(",") if name.strip()]
+        check(bool(names), f"curriculum_mazes={given!r}; give names or files, with commas")
+        mazes = [maze for maze in map(load_maze, names) if maze != final]
+        for maze in mazes:
+            check(
+                maze.height <= final.height
+                and maze.width <= final.width
+                and maze.num_cells <= final.num_cells,
+                f"curriculum_mazes: {maze.name} is larger than the task's maze {final.name}; the "
+                "task's maze is the last and largest",
+            )
+            check(
+                needed <= maze.num_cells,
+                f"curriculum_mazes: {maze.name} has {maze.num_cells} cells, and the agents and "
+                f"goals need {needed}; leave it out",
+            )
+    elif name == "maze-size":
+        mazes = [band for k in range(1, final.height) if (band := first_rows(final, k, needed))]
+    else:
+        mazes = [opened(final, 1.0 - k / (OPENED - 1)) for k in range(OPENED - 1)]
+        mazes = list(dict.fromkeys(maze for maze in mazes if maze != final))
+    check(
+        bool(mazes),
+        f"curriculum {name!r} finds no easier maze within {final.name}; give curriculum_mazes",
+    )
+    return (*mazes, final)
+
+
+def first_rows(maze: Maze, rows: int, needed: int) -> Maze | None:
+    """The first rows of `maze`; None where they are not connected or hold too few cells."""
+    walkable = maze.cell_numbers[:rows] >= 0
+    if walkable.sum() < max(needed, 2):
+        return None
+    part = Maze(
+        walkable,
+        maze.joined_south[: rows - 1],
+        maze.joined_east[:rows],
+        name=f"{maze.name}, {rows} rows",
+    )
+    return part if part.is_connected else None
+
+
+def opened(maze: Maze, share: float) -> Maze:
+    """`maze` with this share of its inner walls opened: always the same ones first."""
+    south, east = maze.joined_south.copy(), maze.joined_east.copy()
+    walkable = maze.cell_numbers >= 0
+    walls_south = np.argwhere(~south & walkable[:-1] & walkable[1:])
+    walls_east = np.argwhere(~east & walkable[:, :-1] & walkable[:, 1:])
+    walls = [(south, tuple(w)) for w in walls_south] + [(east, tuple(w)) for w in walls_east]
+    order = np.random.default_rng(0).permutation(len(walls))
+    for number in order[: round(share * len(walls))]:
+        table, place = walls[number]
+        table[place] = True
+    marks = {
+        "start": None if maze.start_mark is None else _place(maze, maze.start_mark),
+        "goals": tuple(_place(maze, mark) for mark in maze.goal_marks),
+    }
+    return Maze(walkable, south, east, **marks, name=f"{maze.name}, {100 * share:.0f} % open")  # type: ignore[arg-type]
+
+
+def _place(maze: Maze, cell: int) -> tuple[int, int]:
+    return int(maze.rows[cell]), int(maze.columns[cell])

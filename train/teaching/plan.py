@@ -1,0 +1,212 @@
+"""Plans: what is to be taught, made of parts and checked before a run begins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from curricula import (
+    Curriculum,
+    LearningProgress,
+    LevelReplay,
+    Scheduled,
+    Shuffled,
+    SuccessGated,
+    Uniform,
+)
+from curricula.schedules import Schedule
+from pursuit.policy import Policy
+from pursuit.task import Task
+from train.algorithms.registry import Algorithm
+from train.settings.checks import check
+from train.settings.curricula import (
+    AxisSettings,
+    CurriculumSettings,
+    LearnabilitySettings,
+    LearningProgressSettings,
+    LevelReplaySettings,
+    ReversedSettings,
+    ScheduleSettings,
+    ShuffledSettings,
+    StagedSettings,
+    SuccessGatedSettings,
+    UniformSettings,
+)
+from train.teaching.axes import AXIS_MAKERS, Axis, Ground, axis_of
+from train.teaching.mazes import training_mazes
+from train.teaching.optimum import Optimum, optimum_of
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be taught.
+
+    Attributes:
+        name: of the curriculum.
+        lessons: its settings.
+        axis: what it turns; None where it chooses levels.
+        task: of the training games: the task itself, with the mazes of the curriculum.
+        optimum: the exact optimum of every start, where the lessons need it.
+        seed: of what the curriculum draws.
+    """
+
+    name: str
+    lessons: CurriculumSettings
+    axis: Axis | None
+    task: Task
+    optimum: Optimum | None
+    seed: int
+
+    def curriculum(self) -> Curriculum:
+        """A fresh curriculum."""
+        return make_curriculum(self.lessons, self.axis, self.seed)
+
+
+def plan_lessons(
+    name: str,
+    lessons: CurriculumSettings,
+    task: Task,
+    agent: str,
+    opponents: Mapping[str, Policy],
+    *,
+    opponent_epsilon: float,
+    learned_opponent: str | None,
+    seed: int,
+) -> Plan | None:
+    """What is to be taught in a task; None for the curriculum "none".
+
+    Args:
+        name: of the curriculum.
+        lessons: its settings.
+        task: to which it leads.
+        agent: who learns, by name or role.
+        opponents: the policy of every other role.
+        opponent_epsilon: share of random moves of those that are scripted.
+        learned_opponent: what the one that is not scripted is called in errors; None where all are.
+        seed: of what the curriculum draws.
+
+    Raises:
+        ValueError: it asks for what the task has not.
+    """
+    if name == "none":
+        return None
+    axis = None
+    if isinstance(lessons, AxisSettings):
+        ground = Ground(task, agent, opponent_epsilon, learned_opponent)
+        turned = axis_name(name, lessons)
+        axis = axis_of(turned, ground, lessons)
+        if isinstance(lessons, ScheduleSettings):
+            for _, value in lessons.points():  # each must be possible, as the ends must
+                axis_of(turned, ground, replace(lessons, easiest=value))
+    else:
+        check(
+            task.start == "random",
+            f"curriculum={name!r} replays random starts; leave out start='marks'",
+        )
+    optimum, played = None, training_task(name, lessons, task)
+    if lessons.needs_optimum:
+        steady = axis is None or not AXIS_MAKERS[axis.name].scripted
+        optimum = optimum_of(played, agent, opponents) if steady else None
+        check(
+            optimum is not None,
+            f"curriculum={name!r} as set needs the exact optimum of every start, which is not "
+            f"known for task {task.name!r} with these agents (or while the opponent's epsilon "
+            "changes); set solved_within=0 and, for levels, level_score='learnability'",
+        )
+    plan = Plan(name, lessons, axis, played, optimum, seed)
+    plan.curriculum()  # ValueError for a schedule that does not fit the ends
+    return plan
+
+
+def axis_name(name: str, lessons: AxisSettings) -> str:
+    """What a curriculum turns: what its settings say, or what it is called after."""
+    return lessons.axis if isinstance(lessons, StagedSettings) else name
+
+
+def training_task(name: str, lessons: CurriculumSettings, task: Task) -> Task:
+    """The task of the training games: that of the run, with the mazes of the curriculum in it.
+
+    Raises:
+        ValueError: mazes that the curriculum cannot have.
+    """
+    turned = (
+        AXIS_MAKERS.get(axis_name(name, lessons)) if isinstance(lessons, AxisSettings) else None
+    )
+    if turned is None or not turned.mazes or not isinstance(lessons, AxisSettings):
+        return task
+    mazes = training_mazes(axis_name(name, lessons), lessons.curriculum_mazes, task)
+    return replace(task, maze=mazes)
+
+
+def check_learner(plan: Plan, algorithm: Algorithm) -> None:
+    """Raise ValueError where an algorithm cannot be taught so."""
+    check(
+        plan.axis is None or not plan.axis.mazes or not algorithm.one_maze,
+        f"curriculum={plan.name!r} plays several mazes, and {algorithm.name} has a table for one; "
+        "take a learner with a network",
+    )
+    check(
+        not plan.lessons.needs_advantages or algorithm.has_advantages,
+        f"level_score='value_loss' needs advantages, which algorithm={algorithm.name!r} has not; "
+        "take regret or learnability, or ppo or a2c",
+    )
+
+
+# -- curricula of their settings -------------------------------------------------------------------
+
+
+def make_curriculum(lessons: CurriculumSettings, axis: Axis | None, seed: int) -> Curriculum:
+    """A fresh curriculum; ValueError for a schedule that does not fit the axis' ends."""
+    return CURRICULUM_MAKERS[type(lessons)](lessons, axis, seed)
+
+
+def _replay(given: LevelReplaySettings, axis: None, seed: int) -> Curriculum:
+    return LevelReplay(
+        given.level_score,
+        given.level_buffer,
+        given.replay_share,
+        given.level_temperature,
+        given.staleness,
+    )
+
+
+def _gated(given: SuccessGatedSettings, axis: Axis, seed: int) -> Curriculum:
+    stages = axis.stages(given.num_stages)
+    return SuccessGated(stages, given.promote_at, given.demote_at, given.window)
+
+
+def _progress(given: LearningProgressSettings, axis: Axis, seed: int) -> Curriculum:
+    stages = axis.stages(given.num_stages)
+    return LearningProgress(stages, given.average_fast, given.average_slow, given.explore_share)
+
+
+def _shuffled(given: ShuffledSettings, axis: Axis, seed: int) -> Curriculum:
+    return Shuffled(axis.stages(given.num_stages), given.schedule_length, given.schedule_unit, seed)
+
+
+def _reversed(given: ReversedSettings, axis: Axis, seed: int) -> Curriculum:
+    # In the last moment of its length it jumps from the easiest back to the hardest.
+    length, hardest = given.schedule_length, axis.hardest
+    points = ((0.0, hardest), (0.999 * length, axis.easiest), (length, hardest)) if length else ()
+    shape = "piecewise" if length else "constant"
+    return Scheduled(
+        Schedule(shape, hardest, hardest, given.schedule_unit, points=points), axis.whole
+    )
+
+
+def _scheduled(given: ScheduleSettings, axis: Axis, seed: int) -> Curriculum:
+    return Scheduled(given.build(axis.easiest, axis.hardest), axis.whole)
+
+
+CURRICULUM_MAKERS: dict[type[CurriculumSettings], Callable[[Any, Any, int], Curriculum]] = {
+    ScheduleSettings: _scheduled,
+    SuccessGatedSettings: _gated,
+    LearningProgressSettings: _progress,
+    LevelReplaySettings: _replay,
+    LearnabilitySettings: _replay,
+    UniformSettings: lambda given, axis, seed: Uniform(axis.stages(given.num_stages)),
+    ReversedSettings: _reversed,
+    ShuffledSettings: _shuffled,
+}
+"""What makes a curriculum of its settings, its axis and a seed."""
