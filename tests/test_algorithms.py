@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
@@ -20,38 +16,23 @@ from torchrl.objectives import DQNLoss, KLPENPPOLoss
 
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
-from scripted_agents import RandomAgent
 from train.algorithms.a2c import A2C, Reinforce, actor_of, critic_of
 from train.algorithms.dqn import DQN, dqn_loss
 from train.algorithms.ppo import PPO, ppo_loss
-from train.algorithms.prioritized import (
-    SegmentTree,
-    TorchPrioritizedSampler,
-    extension_loads,
-    prioritized_sampler,
-)
-from train.algorithms.registry import ALGORITHMS, Algorithm, Build, algorithm_of, entry, register
+from train.algorithms.registry import Build, entry
 from train.environments.hooks import EpisodeHook
 from train.environments.simulator_env import SimulatorEnv
-from train.experiments.kinds import resume
 from train.networks.actor_critic import ActorCritic
 from train.networks.features import Features
 from train.networks.layers import Hidden
 from train.networks.policy import Seat
 from train.networks.q_network import QNetwork
-from train.runs.by_name import settings_of
-from train.runs.folder import load_checkpoint, new_folder
-from train.runs.loop import Run
-from train.runs.opponents import load_policy
-from train.runs.single import start_run
 from train.settings.algorithms import (
-    HYPERPARAMETERS,
     A2CSettings,
     DQNSettings,
     PPOSettings,
     ReinforceSettings,
 )
-from train.settings.presets import THESIS
 
 TASK = make_task("maze", maze="3x3", num_goals=2, max_steps=12)
 
@@ -295,57 +276,6 @@ def test_what_dqn_remembers_equals_a_plain_loop(n_steps: int) -> None:
             assert torch.equal(row["observation"], rollout["observation"][game, step])
 
 
-# -- prioritised replay ----------------------------------------------------------------------------
-
-
-@settings(max_examples=60, deadline=None)
-@given(data=st.data(), capacity=st.integers(1, 40))
-def test_segment_trees_equal_plain_lists(data: st.DataObject, capacity: int) -> None:
-    priorities = [0.0] * capacity
-    sums, minima = SegmentTree(capacity), SegmentTree(capacity, minimum=True)
-    for _ in range(data.draw(st.integers(1, 4))):
-        indices = data.draw(st.lists(st.integers(0, capacity - 1), min_size=1, unique=True))
-        values = [data.draw(st.integers(1, 64)) / 8 for _ in indices]
-        for index, value in zip(indices, values, strict=True):
-            priorities[index] = value
-        for tree in (sums, minima):
-            tree[torch.tensor(indices)] = torch.tensor(values)
-    low = data.draw(st.integers(0, capacity - 1))
-    high = data.draw(st.integers(low + 1, capacity))
-    assert sums.query(low, high) == sum(priorities[low:high])
-    written = [value for value in priorities[low:high] if value]
-    assert minima.query(low, high) == min(written, default=float("inf"))
-    mass = data.draw(st.floats(0, sum(priorities), exclude_max=True))
-    expected = next(i for i in range(capacity) if sum(priorities[: i + 1]) > mass)
-    assert int(sums.scan_lower_bound(torch.tensor([mass], dtype=torch.float64))) == expected
-
-
-def test_prioritised_draws_follow_the_priorities_and_weights_undo_them() -> None:
-    sampler = TorchPrioritizedSampler(max_capacity=6, alpha=0.5, beta=1.0)
-    from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
-
-    replay = TensorDictReplayBuffer(
-        storage=LazyTensorStorage(6), sampler=sampler, batch_size=60_000, priority_key="td_error"
-    )
-    replay.extend(TensorDict({"x": torch.arange(5)}, batch_size=[5]))
-    priority = torch.tensor([1.0, 4.0, 9.0, 16.0, 0.0])
-    replay.update_priority(torch.arange(5), priority)
-    batch = replay.sample()
-    share = torch.bincount(batch["x"], minlength=5) / 60_000
-    expected = (priority + 1e-8).sqrt() / (priority + 1e-8).sqrt().sum()
-    torch.testing.assert_close(share, expected, atol=0.01, rtol=0)
-    # (p_i / min p) ** -1 makes the weighted draws uniform over what has been drawn.
-    weights = torch.stack([batch["priority_weight"][batch["x"] == x][0] for x in range(4)])
-    torch.testing.assert_close(
-        weights * share[:4] / (weights * share[:4]).sum(), torch.full((4,), 0.25), atol=0.02, rtol=0
-    )
-
-
-def test_the_compiled_sampler_is_used_where_it_loads() -> None:
-    sampler = prioritized_sampler(8, 0.6, 0.4)
-    assert isinstance(sampler, TorchPrioritizedSampler) != extension_loads()
-
-
 # -- learners know specs ---------------------------------------------------------------------------
 
 
@@ -414,194 +344,3 @@ def test_learners_learn_where_there_is_no_maze(name: str) -> None:
     learner.close()
     for policy in policies:
         assert [policy(place / 10) for place in range(-5, 10)] == [1] * 15  # type: ignore[operator]
-
-
-def test_a_new_learner_is_one_entry() -> None:
-    @dataclass(frozen=True)
-    class Mine(PPOSettings):
-        width: int = 16
-
-    other = entry("ppo")
-    register(Algorithm("mine", Mine, other.build, other.load))
-    try:
-        flat = {**EASY, **SMALL["ppo"], "algorithm": "mine", "clip": 0.3, "frames": 100}
-        chosen = settings_of(**flat)
-        assert algorithm_of(chosen.hyper) is entry("mine") and chosen.hyper.width == 16
-        learner = entry("mine").build(chosen.hyper, make_env(64), Build())
-        assert learner.iterate(0.0)["clip_fraction"] >= 0.0
-        learner.close()
-        with pytest.raises(ValueError, match="'mine' is there already"):
-            register(Algorithm("mine", Mine, other.build, other.load))
-    finally:
-        del ALGORITHMS["mine"], HYPERPARAMETERS["mine"]
-    with pytest.raises(ValueError, match="unknown algorithm 'mine'; one of ppo, a2c"):
-        entry("mine")
-
-
-# -- whole runs ------------------------------------------------------------------------------------
-
-EASY = {"task": "maze", "maze": "3x3", "num_goals": 2, "threads": 1}
-SMALL: dict[str, dict[str, Any]] = {
-    "ppo": {"num_games": 64, "minibatch_size": 256},
-    "a2c": {"num_games": 64},
-    "reinforce": {},
-    "dqn": {"num_games": 64, "batch_size": 128, "learning_starts": 1000},
-}
-VARIANTS: dict[str, dict[str, Any]] = {
-    "ppo with a target for the divergence": {"algorithm": "ppo", "kl_target": 0.01},
-    "a2c": {"algorithm": "a2c"},
-    "a2c without generalised advantages": {"algorithm": "a2c", "gae": False},
-    "a2c without a critic": {"algorithm": "a2c", "critic": False, "rollout_steps": 32},
-    "reinforce": {"algorithm": "reinforce"},
-    "reinforce without a baseline": {"algorithm": "reinforce", "baseline": False},
-    "plain dqn": {"algorithm": "dqn", "double": False, "n_steps": 1},
-    "dqn with everything": {"algorithm": "dqn", "dueling": True, "prioritized": True},
-}
-
-
-def steps_of(run: Run) -> float:
-    """Mean steps of the greedy policy."""
-    return run.trainee.contest.score("learned", run.trainee.policy).mean_steps
-
-
-@pytest.mark.parametrize("name", VARIANTS)
-def test_every_learner_beats_random_by_far(name: str, tmp_path: Path) -> None:
-    chosen = VARIANTS[name]
-    flat = {**EASY, **SMALL[chosen["algorithm"]], **chosen}
-    run = start_run(settings_of(**flat, frames=100_000), tmp_path)
-    run.train()
-    random = run.trainee.contest.score("random", RandomAgent()).mean_steps
-    assert steps_of(run) < 0.35 * random
-
-
-@pytest.mark.parametrize("algorithm", ["a2c", "dqn", "ppo"])
-def test_chasers_and_evaders_learn_with_every_kind_of_learner(
-    algorithm: str, tmp_path: Path
-) -> None:
-    flat = {**SMALL[algorithm], "algorithm": algorithm, "threads": 1, "frames": 150_000}
-    chaser = start_run(settings_of(maze="3x3", **flat), new_folder(tmp_path / "chaser"))
-    chaser.train()
-    random = chaser.contest.score("random", RandomAgent()).mean_steps
-    assert steps_of(chaser) < 0.5 * random
-    evader = start_run(
-        settings_of(maze="4x4", role="evader", **flat), new_folder(tmp_path / "evader")
-    )
-    evader.train()
-    assert steps_of(evader) > 1.5 * evader.contest.score("random", RandomAgent()).mean_steps
-
-
-@pytest.mark.parametrize(
-    "flat",
-    [
-        {"algorithm": "a2c"},
-        {"algorithm": "reinforce", "num_games": 16},
-        {"algorithm": "dqn", "prioritized": True, "dueling": True, "buffer_size": 3000},
-        {"algorithm": "ppo", "kl_target": 0.01},
-    ],
-    ids=lambda flat: flat["algorithm"],
-)
-def test_a_resumed_learner_ends_bit_for_bit_where_an_uninterrupted_one_does(
-    flat: dict[str, Any], tmp_path: Path
-) -> None:
-    chosen = settings_of(**{**EASY, **SMALL[flat["algorithm"]], **flat}, frames=12_000)
-    whole = start_run(chosen, new_folder(tmp_path / "whole"))
-    whole.train()
-
-    def interrupt(run: Run, row: dict[str, float]) -> None:
-        if run.progress > 0.5:
-            run.stopped = True
-
-    halved = start_run(chosen, new_folder(tmp_path / "halved"))
-    halved.train(interrupt)
-    assert 0.4 < halved.progress < 0.9
-    resumed = resume(tmp_path / "halved", "run")
-    resumed.train()
-    ends = [load_checkpoint(tmp_path / name)["trainee"]["learner"] for name in ("whole", "halved")]
-    assert ends[0]["frames"] == ends[1]["frames"]
-    for name, weights in ends[0]["network"].items():
-        assert torch.equal(weights, ends[1]["network"][name]), name
-
-
-@pytest.mark.parametrize("preset", THESIS)
-def test_the_presets_of_the_thesis_run(preset: str, tmp_path: Path) -> None:
-    run = start_run(settings_of(preset=preset, **EASY, frames=1300), tmp_path)
-    run.train()
-    assert run.trainee.learner.frames >= 1300
-    content = run.results(10)
-    assert content["algorithm"] == preset.removeprefix("thesis-")
-
-
-def test_the_thesis_tables_are_what_the_presets_hold() -> None:
-    ppo, a2c, dqn = (THESIS[f"thesis-{name}"]() for name in ("ppo", "a2c", "dqn"))
-    assert isinstance(ppo, PPOSettings) and isinstance(a2c, A2CSettings)
-    assert isinstance(dqn, DQNSettings)
-    assert (ppo.kl_target, ppo.clip, ppo.width) == (0.01, 0.5, 256)
-    assert (a2c.critic, a2c.gae, a2c.width) == (False, False, 256)
-    assert (dqn.dueling, dqn.prioritized, dqn.buffer_size, dqn.width) == (True, True, 50_000, 256)
-
-
-def test_a_policy_without_a_distribution_says_so(tmp_path: Path) -> None:
-    flat = {**EASY, **SMALL["dqn"], "algorithm": "dqn", "frames": 2000}
-    start_run(settings_of(**flat), tmp_path).train()
-    load_policy(tmp_path)
-    with pytest.raises(ValueError, match="no distribution"):
-        load_policy(tmp_path, greedy=False)
-
-
-def test_what_a_learner_cannot_do_it_says_at_once() -> None:
-    for flat, message in (
-        ({"algorithm": "q_learning", "observation": "cells"}, "table over states"),
-        ({"algorithm": "q_learning", "device": "cuda"}, "cpu only"),
-        ({"algorithm": "dqn", "batch_size": 10, "buffer_size": 5}, "buffer_size"),
-        ({"algorithm": "dqn", "lerning_rate": 0.1}, "did you mean 'learning_rate'"),
-        ({"algorithm": "sarsa"}, "unknown algorithm"),
-        ({"preset": "thesis-ddpg"}, "unknown preset"),
-        ({"preset": "thesis-dqn", "algorithm": "ppo"}, "is for algorithm 'dqn'"),
-        ({"algorithm": "dqn", "clip": 0.2}, "unknown setting 'clip'"),
-        ({"width": 1.5}, "of type int"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            settings_of(**{"seconds": 1, **flat})
-
-
-def test_the_learners_are_made_of_their_settings() -> None:
-    for algorithm in SMALL:
-        chosen = settings_of(**{**EASY, **SMALL[algorithm]}, algorithm=algorithm, frames=100)
-        learner = entry(algorithm).build(chosen.hyper, make_env(chosen.hyper.num_games), Build())
-        learner.iterate(0.0)
-        assert learner.frames > 0
-        learner.close()
-
-
-def test_the_cross_entropy_method_resumes_bit_for_bit(tmp_path: Path) -> None:
-    flat = {"algorithm": "cross_entropy", "maze": "3x3", "threads": 1, "num_games": 512}
-    chosen = settings_of(**flat, frames=120_000)
-    ends = []
-    for name in ("whole", "halved"):
-        run = start_run(chosen, new_folder(tmp_path / name))
-
-        def interrupt(run: Run, row: dict[str, float], name: str = name) -> None:
-            run.stopped = run.stopped or (name == "halved" and run.progress > 0.5)
-
-        run.train(interrupt)
-        if name == "halved":
-            resume(tmp_path / name, "run").train()
-        ends.append(load_checkpoint(tmp_path / name)["trainee"]["learner"])
-    assert ends[0]["frames"] == ends[1]["frames"]
-    assert torch.equal(ends[0]["mean"], ends[1]["mean"])
-    assert torch.equal(ends[0]["std"], ends[1]["std"])
-
-
-def test_candidates_of_one_generation_get_the_same_starts_and_their_own_weights() -> None:
-    chosen = settings_of(**{**EASY, "algorithm": "cross_entropy", "num_games": 64}, frames=1)
-    env = make_env(64)
-    learner: Any = entry("cross_entropy").build(chosen.hyper, env, Build())
-    candidates = torch.randn(64, len(learner.mean))
-    candidates[1] = candidates[0]
-    learner.play(candidates)
-    simulator = env.simulator
-    assert len(np.unique(env.simulator.goals, axis=0)) >= 1
-    env.reset()
-    for name in ("positions", "active", "events", "goals"):
-        array = getattr(simulator, name)
-        assert (array == array[:1]).all(), name

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,159 +9,32 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from numpy.typing import NDArray
+from self_play_runs import QUICK, Always, go_on, make_run, make_settings
 
 from pursuit.maze import load_maze
-from pursuit.policy import GameView
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents import (
     AStarChaser,
     AStarEvader,
-    OptimalEvader,
     RandomAgent,
     best_response,
     solve_chase,
 )
 from train.algorithms.registry import Build, entry
-from train.commands.main import main
 from train.environments.team_env import TeamEnv
 from train.evaluation.exploitability import exploitability, nash_conv
 from train.evaluation.matchups import match, play_pair
-from train.experiments.kinds import open_run, resume, start
+from train.experiments.kinds import open_run
 from train.networks.actor_critic import CentralActorCritic
 from train.networks.layers import Hidden
 from train.networks.policy import Seat
-from train.runs.folder import RESULTS, SELF_PLAY, new_folder
 from train.runs.loop import Run
-from train.runs.opponents import load_policy, opponents_of
-from train.self_play.league import LeagueTable, rate
+from train.runs.opponents import load_policy
 from train.self_play.parts import self_play_parts
-from train.self_play.pool import OpponentPool, PoolPolicy, nash_mixtures, weights
+from train.self_play.pool import OpponentPool
 from train.self_play.side import Opponents
-from train.settings.self_play import SelfPlaySettings, self_play_ppo
-from train.settings.task import TaskSettings
-
-QUICK = replace(self_play_ppo(), num_games=64, minibatch_size=512)
-
-
-class Always:
-    """Takes one action, and notes how many games it was asked for."""
-
-    def __init__(self, action: int) -> None:
-        self.action, self.asked = action, 0
-
-    def act(self, view: GameView) -> NDArray[np.int32]:
-        self.asked = view.num_games
-        return np.full(view.num_games, self.action, dtype=np.int32)
-
-
-def make_settings(**changes: Any) -> SelfPlaySettings:
-    task = {"maze": "3x3", "rewards": "zero_sum", **changes.pop("task", {})}
-    given: dict[str, Any] = {"hyper": QUICK, "frames": 40_000, "snapshots": 5, **changes}
-    return SelfPlaySettings(task=TaskSettings(**task), **given)
-
-
-def make_run(folder: Path, **changes: Any) -> Run:
-    return start(SELF_PLAY, make_settings(**changes), new_folder(folder))
-
-
-def go_on(folder: Path) -> Run:
-    return resume(folder, SELF_PLAY)
-
-
-def empty_pool(folder: Path, capacity: int = 3) -> OpponentPool:
-    return OpponentPool(folder, Always(0), capacity, lambda state: Always(state["action"]))
-
-
-# -- the pool --------------------------------------------------------------------------------------
-
-
-def test_every_game_meets_its_own_opponent(tmp_path: Path) -> None:
-    pool = empty_pool(tmp_path)
-    for action in (1, 2, 3):
-        pool.add(str(action), {"action": action}, np.random.default_rng(0))
-    policy = PoolPolicy(pool, 1000)
-    policy.opponents[:] = np.random.default_rng(0).integers(4, size=1000)
-    simulator = Simulator(make_task("chase"), 1000)
-    actions = policy.act(simulator.view("evader"))
-    assert (actions == policy.opponents).all()
-    counts = np.bincount(policy.opponents)
-    assert [member.policy.asked for member in pool.members] == counts.tolist()  # type: ignore[attr-defined]
-
-
-def test_scripted_opponents_draw_from_their_games_own_streams(tmp_path: Path) -> None:
-    """A game against a scripted member goes on as if that member alone were there."""
-    pool = OpponentPool(tmp_path, AStarEvader(0.5), 3, lambda state: Always(0))
-    pool.add_scripted("random", RandomAgent())
-    policy = PoolPolicy(pool, 64)
-    policy.opponents[::2] = 1
-    simulator = Simulator(make_task("chase"), 64)
-    first, second = (policy.act(simulator.view("evader")) for _ in range(2))
-    assert (first != second).any()  # the streams have moved on
-    moves = np.take_along_axis(
-        load_maze("5x5").neighbors[simulator.positions[:, 1]], first[:, None], axis=1
-    )[:, 0]
-    assert (moves != simulator.positions[:, 1])[::2].all()  # random agents always move
-
-
-def test_pools_are_bounded_and_survive_damage(tmp_path: Path) -> None:
-    pool, rng = empty_pool(tmp_path), np.random.default_rng(0)
-    pool.add_scripted("astar", AStarEvader())
-    dropped = [pool.add(f"{n}", {"action": n % 4}, rng) for n in range(10)]
-    assert len(pool.snapshots) == 3 and pool.names[-1] == "9"
-    assert sum(name is not None for name in dropped) == 7
-    pool.clean()
-    assert sorted(path.stem for path in tmp_path.glob("*.pt")) == sorted(
-        member.name for member in pool.snapshots
-    )
-    pool.note(2, np.array([1.0, 0.0, 1.0]))
-    assert pool.members[2].score == pytest.approx(2 / 3)
-    state, hurt = pool.state_dict(), pool.snapshots[1].name
-    (tmp_path / f"{hurt}.pt").write_bytes(b"not a snapshot")
-    again = empty_pool(tmp_path)
-    again.add_scripted("astar", AStarEvader())
-    with pytest.warns(UserWarning, match=f"{hurt}.pt: damaged or missing snapshot"):
-        again.load_state_dict(state)
-    assert again.names == [name for name in pool.names if name != hurt]
-    assert again.members[2].score == pytest.approx(2 / 3)
-
-
-def test_two_equal_names_are_refused(tmp_path: Path) -> None:
-    pool, rng = empty_pool(tmp_path), np.random.default_rng(0)
-    pool.add("one", {"action": 1}, rng)
-    with pytest.raises(ValueError, match="two members of a pool are called 'one'"):
-        pool.add("one", {"action": 2}, rng)
-    with pytest.raises(ValueError, match="called 'latest'"):
-        pool.add_scripted("latest", RandomAgent())
-
-
-def test_sampling_schemes_weigh_as_they_say(tmp_path: Path) -> None:
-    pool, rng = empty_pool(tmp_path, 10), np.random.default_rng(0)
-    for n in range(4):
-        pool.add(f"{n}", {"action": n}, rng)
-    assert weights(pool, "latest").tolist() == [1, 0, 0, 0, 0]
-    assert weights(pool, "uniform") == pytest.approx([0.2] * 5)
-    assert weights(pool, "window", window=2) == pytest.approx([1 / 3, 0, 0, 1 / 3, 1 / 3])
-    for member, score in zip(pool.members, (0.5, 0.9, 0.1, 0.5, 1.0), strict=True):
-        member.score = score
-    shares = weights(pool, "pfsp", power=2.0)
-    assert shares[:4] / shares[2] == pytest.approx(np.array([25, 1, 81, 25]) / 81, abs=2e-3)
-    assert shares[4] > 0
-    mixture = np.array([0, 0.25, 0, 0.75, 0])
-    assert weights(pool, "psro", mixture=mixture) == pytest.approx(mixture)
-    assert weights(pool, "psro")[0] == 1
-    pool.members.clear()
-    with pytest.raises(ValueError, match="an empty pool"):
-        weights(pool, "uniform")
-
-
-def test_the_mixture_of_double_oracle_is_the_equilibrium() -> None:
-    chasers, evaders = nash_mixtures(np.array([[0.0, -1.0, 1.0], [1, 0, -1], [-1, 1, 0]]))
-    assert chasers == pytest.approx([1 / 3] * 3) and evaders == pytest.approx([1 / 3] * 3)
-    chasers, evaders = nash_mixtures(np.array([[3.0, 2.0], [5.0, 4.0]]))
-    assert chasers.tolist() == [1, 0] and evaders.tolist() == [1, 0]
-
+from train.settings.self_play import self_play_ppo
 
 # -- the games -------------------------------------------------------------------------------------
 
@@ -451,138 +322,3 @@ def test_a_damaged_snapshot_is_left_out_and_the_rest_goes_on(tmp_path: Path) -> 
     assert snapshot.stem not in again.trainee.pools["evader"].names
     again.train()
     assert again.progress >= 1.0
-
-
-# -- the commands ----------------------------------------------------------------------------------
-
-
-def test_the_commands_from_self_play_to_league(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    run = ["self-play", "--maze", "3x3", "--frames", "20000", "--num-games", "64"]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        main([*run, "--minibatch-size", "512", "--out", "a"])
-        main(
-            [*run, "--minibatch-size", "512", "--seed", "1", "--sampling", "uniform", "--out", "b"]
-        )
-    printed = capsys.readouterr().out
-    assert "NashConv" in printed and "chasers down, evaders across" in printed
-    results = json.loads((tmp_path / "a" / "results.json").read_text())
-    assert results["evaluation"]["nash_conv"] > 0
-    steps = {(row["chaser"], row["evader"]): row["steps"] for row in results["matches"]}
-    assert len(steps) == 16 and steps["learned", "learned"] == results["evaluation"]["steps"]
-    assert (tmp_path / "a" / "learning_curve.png").stat().st_size > 10_000
-    main(["league", "a", "b", "a/chaser", "astar", "random", "--games", "50", "--out", "l"])
-    printed = capsys.readouterr().out
-    assert "Elo" in printed and "Nash share" in printed
-    content = json.loads((tmp_path / "l" / "league.json").read_text())
-    assert content["chasers"] == ["a", "b", "a/chaser", "astar", "random"]
-    assert content["evaders"] == ["a", "b", "astar", "random"]
-    assert content["payoff"][0] == content["payoff"][2]  # one and the same chaser
-    elo = {row["name"]: row["elo"] for row in content["chaser_ratings"]}
-    assert elo["astar"] > elo["random"]
-    main(["evaluate", "a/evader", "--episodes", "20"])
-    assert "optimal" in capsys.readouterr().out
-
-
-def test_sampling_schemes_are_compared_by_a_sweep(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "schemes.toml"
-    file.write_text(SCHEMES)
-    command = ["sweep", str(file), "--out", str(tmp_path / "out"), "--workers", "2"]
-    main(command)
-    assert "4 complete" in capsys.readouterr().out
-    report = (tmp_path / "out" / "report" / "report.md").read_text()
-    assert "NashConv (discounted steps) [95 %]" in report and "| psro |" in report
-    assert (tmp_path / "out" / "report" / "learning_curves_frames.png").stat().st_size > 10_000
-    done = {path: path.stat().st_mtime_ns for path in tmp_path.glob(f"out/runs/*/{RESULTS}")}
-    main(command)
-    assert len(done) == 4 and all(path.stat().st_mtime_ns == then for path, then in done.items())
-    some = next(iter(done)).parent
-    with pytest.raises(ValueError, match="go on with it by `pursuit self-play --resume"):
-        resume(some, "run")
-    with pytest.raises(ValueError, match="one side of self-play"):
-        go_on(some / "chaser")
-
-
-SCHEMES = """
-title = "Who is drawn"
-kind = "self-play"
-seeds = [0, 1]
-settings = {maze = "3x3", frames = 6000, num_games = 64, minibatch_size = 512, snapshots = 5}
-grid = {sampling = ["latest", "psro"]}
-"""
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["league"], "nobody to play"),
-        (["league", "astar", "astar"], "two entries are called 'astar'"),
-        (["league", "nowhere"], "nowhere: no folder of a run"),
-        (["league", "astar", "--games", "1"], "games=1"),
-        (["solve", "--maze", "5x6"], "unknown maze '5x6'"),
-        (["solve", "--discount", "1.5"], "discount 1.5"),
-        (["solve", "--evader-cell", "99"], "evader_cell=99"),
-        (["self-play", "--resume", "nowhere"], "no such folder"),
-        (["self-play", "--window", "0"], "window=0"),
-    ],
-)
-def test_wrong_command_lines_are_one_line(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(arguments)
-    assert ended.value.code == 2
-    said = capsys.readouterr().err
-    assert message in said and said.count("\n") == 1
-
-
-def test_runs_of_another_game_do_not_enter_a_league(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folders = {}
-    for name, changes in {
-        "three": {},
-        "four": {"task": {"maze": "4x4"}},
-        "stay": {"task": {"stay_action": True}},
-    }.items():
-        run = make_run(tmp_path / name, frames=2000, **changes)  # type: ignore[arg-type]
-        run.train()
-        folders[name] = str(tmp_path / name)
-    for other, message in (("four", "learned in maze 4x4"), ("stay", "stay_action=True")):
-        with pytest.raises(SystemExit):
-            main(["league", folders["three"], folders[other]])
-        assert message in capsys.readouterr().err
-
-
-def test_results_in_a_circle_are_called_so() -> None:
-    rock = np.array([[10, 5, 15], [15, 10, 5], [5, 15, 10]])
-    lengths = np.repeat(rock[:, :, None], 20, axis=2)
-    table = LeagueTable(["a", "b", "c"], ["x", "y", "z"], rock.astype(float), 0.0 * rock, lengths)
-    content = rate(table)
-    assert len(content["cycle"]) == 6
-    assert content["nash"]["chaser_mixture"] == pytest.approx([1 / 3] * 3, abs=1e-3)
-    settled = np.array([[10, 12], [20, 22]])
-    table = LeagueTable(
-        ["a", "b"], ["x", "y"], settled.astype(float), 0.0 * settled,
-        np.repeat(settled[:, :, None], 20, axis=2),
-    )  # fmt: skip
-    assert rate(table)["cycle"] == []
-
-
-def test_solve_prints_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["solve", "--maze", "5x5-tree", "--out", str(tmp_path / "s.png")])
-    printed = capsys.readouterr().out
-    assert "cop number (in turns)           1" in printed and "saddle point" in printed
-    assert (tmp_path / "s.png").stat().st_size > 10_000
-
-
-def test_opponents_by_name_in_training() -> None:
-    for name in ("random", "optimal", "astar"):
-        opponents = opponents_of(make_task("chase"), "chaser", name, 0.1)
-        form = {"random": RandomAgent, "optimal": OptimalEvader, "astar": AStarEvader}[name]
-        assert type(opponents["evader"]) is form

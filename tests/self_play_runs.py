@@ -1,0 +1,49 @@
+"""Short runs of self-play, for the tests."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.policy import GameView
+from train.experiments.kinds import resume, start
+from train.runs.folder import SELF_PLAY, new_folder
+from train.runs.loop import Run
+from train.self_play.pool import OpponentPool
+from train.settings.self_play import SelfPlaySettings, self_play_ppo
+from train.settings.task import TaskSettings
+
+QUICK = replace(self_play_ppo(), num_games=64, minibatch_size=512)
+
+
+class Always:
+    """Takes one action, and notes how many games it was asked for."""
+
+    def __init__(self, action: int) -> None:
+        self.action, self.asked = action, 0
+
+    def act(self, view: GameView) -> NDArray[np.int32]:
+        self.asked = view.num_games
+        return np.full(view.num_games, self.action, dtype=np.int32)
+
+
+def make_settings(**changes: Any) -> SelfPlaySettings:
+    task = {"maze": "3x3", "rewards": "zero_sum", **changes.pop("task", {})}
+    given: dict[str, Any] = {"hyper": QUICK, "frames": 40_000, "snapshots": 5, **changes}
+    return SelfPlaySettings(task=TaskSettings(**task), **given)
+
+
+def make_run(folder: Path, **changes: Any) -> Run:
+    return start(SELF_PLAY, make_settings(**changes), new_folder(folder))
+
+
+def go_on(folder: Path) -> Run:
+    return resume(folder, SELF_PLAY)
+
+
+def empty_pool(folder: Path, capacity: int = 3) -> OpponentPool:
+    return OpponentPool(folder, Always(0), capacity, lambda state: Always(state["action"]))

@@ -1,0 +1,106 @@
+"""The pools of opponents: who is in them, and who is drawn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from self_play_runs import Always, empty_pool
+
+from pursuit.maze import load_maze
+from pursuit.simulator import Simulator
+from pursuit.task import make_task
+from scripted_agents import (
+    AStarEvader,
+    RandomAgent,
+)
+from train.self_play.pool import OpponentPool, PoolPolicy, nash_mixtures, weights
+
+# -- the pool --------------------------------------------------------------------------------------
+
+
+def test_every_game_meets_its_own_opponent(tmp_path: Path) -> None:
+    pool = empty_pool(tmp_path)
+    for action in (1, 2, 3):
+        pool.add(str(action), {"action": action}, np.random.default_rng(0))
+    policy = PoolPolicy(pool, 1000)
+    policy.opponents[:] = np.random.default_rng(0).integers(4, size=1000)
+    simulator = Simulator(make_task("chase"), 1000)
+    actions = policy.act(simulator.view("evader"))
+    assert (actions == policy.opponents).all()
+    counts = np.bincount(policy.opponents)
+    assert [member.policy.asked for member in pool.members] == counts.tolist()  # type: ignore[attr-defined]
+
+
+def test_scripted_opponents_draw_from_their_games_own_streams(tmp_path: Path) -> None:
+    """A game against a scripted member goes on as if that member alone were there."""
+    pool = OpponentPool(tmp_path, AStarEvader(0.5), 3, lambda state: Always(0))
+    pool.add_scripted("random", RandomAgent())
+    policy = PoolPolicy(pool, 64)
+    policy.opponents[::2] = 1
+    simulator = Simulator(make_task("chase"), 64)
+    first, second = (policy.act(simulator.view("evader")) for _ in range(2))
+    assert (first != second).any()  # the streams have moved on
+    moves = np.take_along_axis(
+        load_maze("5x5").neighbors[simulator.positions[:, 1]], first[:, None], axis=1
+    )[:, 0]
+    assert (moves != simulator.positions[:, 1])[::2].all()  # random agents always move
+
+
+def test_pools_are_bounded_and_survive_damage(tmp_path: Path) -> None:
+    pool, rng = empty_pool(tmp_path), np.random.default_rng(0)
+    pool.add_scripted("astar", AStarEvader())
+    dropped = [pool.add(f"{n}", {"action": n % 4}, rng) for n in range(10)]
+    assert len(pool.snapshots) == 3 and pool.names[-1] == "9"
+    assert sum(name is not None for name in dropped) == 7
+    pool.clean()
+    assert sorted(path.stem for path in tmp_path.glob("*.pt")) == sorted(
+        member.name for member in pool.snapshots
+    )
+    pool.note(2, np.array([1.0, 0.0, 1.0]))
+    assert pool.members[2].score == pytest.approx(2 / 3)
+    state, hurt = pool.state_dict(), pool.snapshots[1].name
+    (tmp_path / f"{hurt}.pt").write_bytes(b"not a snapshot")
+    again = empty_pool(tmp_path)
+    again.add_scripted("astar", AStarEvader())
+    with pytest.warns(UserWarning, match=f"{hurt}.pt: damaged or missing snapshot"):
+        again.load_state_dict(state)
+    assert again.names == [name for name in pool.names if name != hurt]
+    assert again.members[2].score == pytest.approx(2 / 3)
+
+
+def test_two_equal_names_are_refused(tmp_path: Path) -> None:
+    pool, rng = empty_pool(tmp_path), np.random.default_rng(0)
+    pool.add("one", {"action": 1}, rng)
+    with pytest.raises(ValueError, match="two members of a pool are called 'one'"):
+        pool.add("one", {"action": 2}, rng)
+    with pytest.raises(ValueError, match="called 'latest'"):
+        pool.add_scripted("latest", RandomAgent())
+
+
+def test_sampling_schemes_weigh_as_they_say(tmp_path: Path) -> None:
+    pool, rng = empty_pool(tmp_path, 10), np.random.default_rng(0)
+    for n in range(4):
+        pool.add(f"{n}", {"action": n}, rng)
+    assert weights(pool, "latest").tolist() == [1, 0, 0, 0, 0]
+    assert weights(pool, "uniform") == pytest.approx([0.2] * 5)
+    assert weights(pool, "window", window=2) == pytest.approx([1 / 3, 0, 0, 1 / 3, 1 / 3])
+    for member, score in zip(pool.members, (0.5, 0.9, 0.1, 0.5, 1.0), strict=True):
+        member.score = score
+    shares = weights(pool, "pfsp", power=2.0)
+    assert shares[:4] / shares[2] == pytest.approx(np.array([25, 1, 81, 25]) / 81, abs=2e-3)
+    assert shares[4] > 0
+    mixture = np.array([0, 0.25, 0, 0.75, 0])
+    assert weights(pool, "psro", mixture=mixture) == pytest.approx(mixture)
+    assert weights(pool, "psro")[0] == 1
+    pool.members.clear()
+    with pytest.raises(ValueError, match="an empty pool"):
+        weights(pool, "uniform")
+
+
+def test_the_mixture_of_double_oracle_is_the_equilibrium() -> None:
+    chasers, evaders = nash_mixtures(np.array([[0.0, -1.0, 1.0], [1, 0, -1], [-1, 1, 0]]))
+    assert chasers == pytest.approx([1 / 3] * 3) and evaders == pytest.approx([1 / 3] * 3)
+    chasers, evaders = nash_mixtures(np.array([[3.0, 2.0], [5.0, 4.0]]))
+    assert chasers.tolist() == [1, 0] and evaders.tolist() == [1, 0]

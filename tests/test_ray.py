@@ -1,0 +1,100 @@
+"""Sweeps on a Ray cluster: nothing is lost, and nothing counted twice."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_sweeps import TINY, silent, write
+
+from train.commands.main import main
+from train.experiments.executors import run_locally, run_on_ray
+from train.experiments.sweep import load_sweep
+from train.experiments.tables import collect
+
+# -- Ray -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Any:
+    """A local Ray cluster of three nodes; the head has no cores for runs."""
+    pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+
+    found = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
+    for _ in range(2):
+        found.add_node(num_cpus=1)
+    yield found
+    found.shutdown()
+
+
+def test_ray_loses_nothing_and_counts_nothing_twice_when_a_node_dies(
+    cluster: Any, tmp_path: Path
+) -> None:
+    import ray
+
+    text = TINY.replace("frames = 2000", "frames = 20000").replace(', "q_learning"', "")
+    sweep, out = load_sweep(write(tmp_path / "tiny.toml", text)), tmp_path / "out"
+    ray.init(address=cluster.address, log_to_driver=False)
+    removed: list[Any] = []
+
+    def kill(statuses: dict[str, str], progress: dict[str, float]) -> None:
+        workers = [node for node in cluster.list_all_nodes() if node is not cluster.head_node]
+        if not removed and list(statuses.values()).count("complete") >= 1:
+            removed.append(workers[0])
+            cluster.remove_node(workers[0], allow_graceful=False)
+            cluster.add_node(num_cpus=1)
+
+    try:
+        statuses = run_on_ray(sweep, out, None, kill)
+    finally:
+        ray.shutdown()
+    assert removed
+    assert statuses == dict.fromkeys((run.name for run in sweep.runs), "complete")
+    runs, curves = collect(out)
+    assert len(runs) == 4 and runs["run"].n_unique() == 4
+    assert curves.select("run", "frames").is_unique().all()
+    # The same file gives the same results here: a budget of frames repeats exactly.
+    local = tmp_path / "local"
+    one = load_sweep(str(tmp_path / "tiny.toml"))
+    single = type(one)(one.title, one.runs[:1], one.episodes, one.report, {}, None)
+    run_locally(single, local, 1, silent)
+    name = one.runs[0].name
+    evaluations = [
+        json.loads((folder / "runs" / name / "results.json").read_text())["evaluation"]
+        for folder in (out, local)
+    ]
+    assert evaluations[0] == evaluations[1]
+
+
+@pytest.mark.slow
+def test_asha_stops_the_worst_early(cluster: Any, tmp_path: Path) -> None:
+    import ray
+
+    text = """
+    episodes = 20
+    [settings]
+    task = "maze"
+    maze = "3x3"
+    algorithm = "a2c"
+    frames = 150000
+    num_games = 32
+    [search]
+    samples = 6
+    scheduler = "asha"
+    learning_rate = {choices = [1e-6, 1e-2]}
+    """
+    path = write(tmp_path / "asha.toml", text)
+    with pytest.raises(SystemExit):
+        main(["sweep", path, "--out", str(tmp_path / "local")])
+    sweep, out = load_sweep(path), tmp_path / "out"
+    ray.init(address=cluster.address, log_to_driver=False)
+    try:
+        statuses = run_on_ray(sweep, out, None, silent)
+    finally:
+        ray.shutdown()
+    assert set(statuses.values()) <= {"complete", "stopped"} and "complete" in statuses.values()
+    runs, _ = collect(out)
+    assert runs["mean_steps"].null_count() == 0
