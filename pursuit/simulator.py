@@ -89,12 +89,13 @@ class Simulator:
             *arrays,
             layout.scratch_for(task.max_cells, task.num_agents, task.num_goals),
         )
+        self._step_games = rules.step_games_of(task.teams)
         self.games: layout.Games = layout.named(layout.games_of, memory)
         self._outcome: layout.Outcome = layout.named(layout.outcome_of, memory)
         self._coming: layout.NextEpisode = layout.named(layout.next_episode_of, memory)
         self._num_cells = arrays.world.num_cells
         self.streams: NDArray[np.uint64] = memory.streams
-        self.epsilon: NDArray[np.float64] = memory.reals[layout.EPSILON]
+        self.epsilon: NDArray[np.float64] = memory.reals[:, layout.EPSILON]
         self.next_epsilon: NDArray[np.float64] = self._coming.epsilon
         self._name_arrays(self.games, self._outcome)
         self._views = Views(task, self.games, self.streams, self.epsilon, arrays)
@@ -178,7 +179,7 @@ class Simulator:
             and actions.shape == self._actions_shape
         ):
             actions = self._checked_actions(actions)
-        outcome = rules.step_games(*self._kernel_arrays, actions, self.auto_restart)
+        outcome = self._step_games(*self._kernel_arrays, actions, self.auto_restart)
         if outcome:
             self._check(outcome, actions)
 

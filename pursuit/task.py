@@ -265,6 +265,11 @@ class Task:
             0,
         )
 
+    @property
+    def teams(self) -> layout.Teams:
+        """How many of each there are, as the rule book has it."""
+        return layout.Teams(self.num_chasers, self.num_evaders, self.num_runners, self.num_goals)
+
     def numbers_for_kernels(self) -> NDArray[np.int64]:
         """[NUM_RULES] int64, as `layout.rules_of` takes them."""
         numbers = np.zeros(layout.NUM_RULES, dtype=np.int64)

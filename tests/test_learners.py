@@ -93,13 +93,13 @@ def test_chasers_and_evaders_learn_with_every_kind_of_learner(
     flat = {**SMALL[algorithm], "algorithm": algorithm, "threads": 1, "frames": 150_000}
     chaser = start_run(settings_of(maze="3x3", **flat), new_folder(tmp_path / "chaser"))
     chaser.train()
-    random = chaser.contest.score("random", RandomAgent()).mean_steps
+    random = chaser.trainee.contest.score("random", RandomAgent()).mean_steps
     assert steps_of(chaser) < 0.5 * random
     evader = start_run(
         settings_of(maze="4x4", role="evader", **flat), new_folder(tmp_path / "evader")
     )
     evader.train()
-    assert steps_of(evader) > 1.5 * evader.contest.score("random", RandomAgent()).mean_steps
+    assert steps_of(evader) > 1.5 * evader.trainee.contest.score("random", RandomAgent()).mean_steps
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -292,26 +291,8 @@ def test_zero_sum_returns_are_the_length_of_the_chase() -> None:
 
 def step_as_any_task(simulator: Simulator, actions: NDArray[np.int32]) -> None:
     """One step by the rules compiled for any teams, whatever the task."""
-    memory = layout.Memory(*simulator._kernel_arrays[: len(layout.Memory._fields)])
-    numbers, pay, mazes, neighbors, facts, tables, scratch = simulator._kernel_arrays[len(memory) :]
-    world = (mazes, neighbors, facts, tables)
-    _step_as_any_task(*memory, numbers, pay, *world, scratch, actions, simulator.auto_restart)
-
-
-@numba.njit(error_model="numpy", _nrt=False)
-def _step_as_any_task(
-    agents, goals, clocks, coming, reals, flags, rewards, streams, numbers, pay, mazes, neighbors,
-    facts, tables, scratch, actions, auto_restart,
-):  # fmt: skip
-    memory = layout.Memory(agents, goals, clocks, coming, reals, flags, rewards, streams)
-    rules_of_task = layout.rules_of(layout.teams_of(numbers), numbers, pay)
-    world = layout.world_of(mazes, neighbors, facts, tables)
-    done = batches.step_each(memory, actions, rules_of_task, world, scratch, not auto_restart)
-    outcome = layout.outcome_of(memory)
-    for game in range(actions.shape[0]):
-        if auto_restart and (outcome.terminated[game] or outcome.truncated[game]):
-            batches.start_game(memory, game, rules_of_task, world, scratch)
-    return done
+    done = batches.step_any(*simulator._kernel_arrays, actions, simulator.auto_restart)
+    assert done == layout.OK
 
 
 @settings(max_examples=150, deadline=None)

@@ -8,7 +8,7 @@ step          one step of one game: the rules themselves
 batches       the compiled entries over thousands of games
 """
 
-from pursuit.rules.batches import start_games, step_games
+from pursuit.rules.batches import start_games, step_games_of
 from pursuit.rules.distances import all_distances, breadth_first, longest_distance
 from pursuit.rules.layout import (
     CAPTURED,
@@ -51,5 +51,5 @@ __all__ = [
     "next_uniform",
     "seed_streams",
     "start_games",
-    "step_games",
+    "step_games_of",
 ]

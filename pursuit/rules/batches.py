@@ -1,8 +1,9 @@
-"""Batches: the two compiled entries that the `Simulator` calls, `step_games` and `start_games`.
+"""Batches: the compiled entries that the `Simulator` calls, to step games and to start them.
 
 They take flat arrays (see `layout.Memory`, `layout.world_of`, `layout.rules_of`); nothing below
-them does. The one general step is compiled three times: as it stands, for a duel and for a runner
-alone, whose teams are constants there.
+them does. The one general step is compiled for whatever teams there are, for a duel, and for a
+runner alone: there the teams are constants. Each is an entry of its own, compiled when it is first
+used; in one function together they would take each other's registers.
 """
 
 from __future__ import annotations
@@ -11,13 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.compiled import compiled, inlined
+from pursuit.compiled import compiled, inlined, subroutine
 from pursuit.rules.layout import (
+    AGENT_LAYERS,
     BAD_ACTION,
+    CLOCK_LAYERS,
     EPSILON,
-    GOING_ON,
     NO_PLACEMENT,
     OK,
+    REAL_LAYERS,
     TERMINATED,
     TRUNCATED,
     Games,
@@ -59,29 +62,69 @@ def keep_final(games: Games, game: int, teams: Teams, outcome: Outcome) -> None:
 def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: Any) -> bool:
     """Begin an episode of one game with the settings that waited for it."""
     outcome, coming = outcome_of(memory), next_episode_of(memory)
-    epsilon = memory.reals[EPSILON]
     for agent in agents_of(rules.teams):
         outcome.returns[game, agent] = 0.0
-        epsilon[game, agent] = coming.epsilon[game, agent]
+        memory.reals[game, EPSILON, agent] = coming.epsilon[game, agent]
     return start(games_of(memory), game, memory.streams, coming, rules, world, search_of(scratch))
+
+
+@subroutine
+def finish_episodes(
+    memory: Memory, rules: Rules, world: World, scratch: Any, auto_restart: bool
+) -> int:
+    """Keep the ends of the games that have just ended, and begin them anew; OK or NO_PLACEMENT."""
+    games, outcome = games_of(memory), outcome_of(memory)
+    for game in range(outcome.terminated.shape[0]):
+        if outcome.terminated[game] | outcome.truncated[game]:
+            keep_final(games, game, rules.teams, outcome)
+            if auto_restart and not start_game(memory, game, rules, world, scratch):
+                return NO_PLACEMENT
+    return OK
 
 
 @inlined
 def fits(memory: Memory, actions: Any, teams: Teams) -> bool:
-    """Whether the arrays are those of these teams; it also tells the compiler their width."""
+    """Whether the arrays are those of these teams; it also tells the compiler how they lie.
+
+    It learns from branches, and from item sizes that are written out: an array's own is known only
+    when it is there.
+    """
     num_agents = teams.chasers + teams.evaders + teams.runners
-    if memory.agents.shape[2] != num_agents or memory.reals.shape[2] != num_agents:
+    agents, reals, clocks = memory.agents, memory.reals, memory.clocks
+    if actions.shape[1] != num_agents or memory.rewards.shape[1] != num_agents:
         return False
-    return memory.rewards.shape[1] == num_agents and actions.shape[1] == num_agents
+    if agents.shape[2] != num_agents or reals.shape[2] != num_agents:
+        return False
+    if not lies(agents.strides, AGENT_LAYERS, num_agents, 4):
+        return False
+    if not lies(reals.strides, REAL_LAYERS, num_agents, 8):
+        return False
+    return clocks.strides[0] == CLOCK_LAYERS * 4 and clocks.strides[1] == 4
+
+
+@inlined
+def lies(strides: Any, layers: int, width: int, size: int) -> bool:
+    """Whether an array [games, layers, width] of items of a size lies without gaps."""
+    row = width * size
+    if strides[0] != layers * row or strides[1] != row or strides[2] != size:  # noqa: SIM103
+        return False
+    return True
+
+
+@inlined
+def all_allowed(actions: Any, num_actions: int) -> bool:
+    """Whether every action is one."""
+    most = np.uint32(0)
+    for action in actions.flat:
+        most = max(most, np.uint32(action))
+    return most < num_actions
 
 
 @inlined
 def step_each(
     memory: Memory, actions: Any, rules: Rules, world: World, scratch: Any, skip_ended: bool
-) -> int:
-    """Move every game by one step, or every game that goes on; OK or BAD_ACTION (of what shape)."""
-    if not fits(memory, actions, rules.teams):
-        return BAD_ACTION
+) -> None:
+    """Move every game by one step, or every game that goes on."""
     games, outcome, plan = games_of(memory), outcome_of(memory), plan_of(scratch)
     for game in range(actions.shape[0]):
         if skip_ended and (outcome.terminated[game] or outcome.truncated[game]):
@@ -91,60 +134,67 @@ def step_each(
         end = step(games, game, actions, rules, world, plan, outcome)
         outcome.terminated[game] = end == TERMINATED
         outcome.truncated[game] = end == TRUNCATED
-        if end != GOING_ON:
-            keep_final(games, game, rules.teams, outcome)
-    return OK
 
 
-@compiled
-def step_games(
-    agents: Any,
-    goals: Any,
-    clocks: Any,
-    coming: Any,
-    reals: Any,
-    flags: Any,
-    rewards: Any,
-    streams: Any,
-    numbers: Any,
-    pay: Any,
-    mazes: Any,
-    neighbors: Any,
-    facts: Any,
-    tables: Any,
-    scratch: Any,
-    actions: Any,
-    auto_restart: bool,
-) -> int:
-    """Move every game by one step, in place; OK, BAD_ACTION (nothing moved) or NO_PLACEMENT.
+def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
+    """The compiled entry for these teams; what is -1 is read from the numbers of the rules."""
 
-    A game that ends is kept as final and, with `auto_restart`, begins anew at once; without, it
-    stays as it is and earns nothing.
-    """
-    memory = Memory(agents, goals, clocks, coming, reals, flags, rewards, streams)
-    teams, world = teams_of(numbers), world_of(mazes, neighbors, facts, tables)
-    rules = rules_of(teams, numbers, pay)
-    most = np.uint32(0)
-    for action in actions.flat:
-        most = max(most, np.uint32(action))
-    if most >= rules.num_actions:
-        return BAD_ACTION
+    @compiled
+    def step_games(
+        agents: Any,
+        goals_: Any,
+        clocks: Any,
+        coming: Any,
+        reals: Any,
+        flags: Any,
+        rewards: Any,
+        streams: Any,
+        numbers: Any,
+        pay: Any,
+        mazes: Any,
+        neighbors: Any,
+        facts: Any,
+        tables: Any,
+        scratch: Any,
+        actions: Any,
+        auto_restart: bool,
+    ) -> int:
+        """Move every game by one step, in place; OK, BAD_ACTION (nothing moved) or NO_PLACEMENT.
+
+        A game that ends is kept as final and, with `auto_restart`, begins anew at once; without, it
+        stays as it is and earns nothing.
+        """
+        memory = Memory(agents, goals_, clocks, coming, reals, flags, rewards, streams)
+        world = world_of(mazes, neighbors, facts, tables)
+        found = teams_of(numbers)
+        teams = Teams(
+            chasers if chasers >= 0 else found.chasers,
+            evaders if evaders >= 0 else found.evaders,
+            runners if runners >= 0 else found.runners,
+            goals if goals >= 0 else found.goals,
+        )
+        rules = rules_of(teams, numbers, pay)
+        if not all_allowed(actions, rules.num_actions):
+            return BAD_ACTION
+        if not fits(memory, actions, teams):
+            return BAD_ACTION
+        step_each(memory, actions, rules, world, scratch, not auto_restart)
+        every = rules_of(found, numbers, pay)
+        return finish_episodes(memory, every, world, scratch, auto_restart)
+
+    return step_games
+
+
+step_any = entry_for(-1, -1, -1, -1)
+step_duels = entry_for(1, 1, 0, 0)
+step_lone_runners = entry_for(0, 0, 1, -1)
+
+
+def step_games_of(teams: Teams) -> Any:
+    """The fastest entry that moves games of these teams."""
     if teams == Teams(1, 1, 0, 0):
-        duel = rules_of(Teams(1, 1, 0, 0), numbers, pay)
-        done = step_each(memory, actions, duel, world, scratch, not auto_restart)
-    elif teams == Teams(0, 0, 1, teams.goals):
-        alone = rules_of(Teams(0, 0, 1, teams.goals), numbers, pay)
-        done = step_each(memory, actions, alone, world, scratch, not auto_restart)
-    else:
-        done = step_each(memory, actions, rules, world, scratch, not auto_restart)
-    if done != OK or not auto_restart:
-        return done
-    outcome = outcome_of(memory)
-    for game in range(actions.shape[0]):
-        ended = outcome.terminated[game] | outcome.truncated[game]
-        if ended and not start_game(memory, game, rules, world, scratch):
-            return NO_PLACEMENT
-    return OK
+        return step_duels
+    return step_lone_runners if teams[:3] == (0, 0, 1) else step_any
 
 
 @compiled

@@ -201,11 +201,13 @@ class Plan(NamedTuple):
 class Memory(NamedTuple):
     """The flat arrays of a batch, its layers named above; made by `allocate`.
 
-    agents: [AGENT_LAYERS, games, agents] int32.
-    goals: [GOAL_LAYERS, games, goals] int32.
-    clocks: [CLOCK_LAYERS, games] int32.
+    All of one game lies together: a step has few places to look at, and so few registers to lose.
+
+    agents: [games, AGENT_LAYERS, agents] int32.
+    goals: [games, GOAL_LAYERS, goals] int32.
+    clocks: [games, CLOCK_LAYERS] int32.
     coming: [NEXT_LAYERS, games] int32.
-    reals: [REAL_LAYERS, games, agents] float64.
+    reals: [games, REAL_LAYERS, agents] float64.
     flags: [FLAG_LAYERS, games] bool.
     rewards: [games, agents] float32.
     streams: [games, 1 + agents + 1] uint64, of random numbers.
@@ -223,17 +225,16 @@ class Memory(NamedTuple):
 
 def allocate(num_games: int, num_agents: int, num_goals: int) -> Memory:
     """Memory for a batch of games that have not begun."""
-    each = (num_games, num_agents)
-    reals = np.zeros((REAL_LAYERS, *each))
-    reals[[EPSILON, NEXT_EPSILON]] = np.nan
+    reals = np.zeros((num_games, REAL_LAYERS, num_agents))
+    reals[:, [EPSILON, NEXT_EPSILON]] = np.nan
     return Memory(
-        agents=np.zeros((AGENT_LAYERS, *each), dtype=np.int32),
-        goals=np.zeros((GOAL_LAYERS, num_games, num_goals), dtype=np.int32),
-        clocks=np.zeros((CLOCK_LAYERS, num_games), dtype=np.int32),
+        agents=np.zeros((num_games, AGENT_LAYERS, num_agents), dtype=np.int32),
+        goals=np.zeros((num_games, GOAL_LAYERS, num_goals), dtype=np.int32),
+        clocks=np.zeros((num_games, CLOCK_LAYERS), dtype=np.int32),
         coming=np.full((NEXT_LAYERS, num_games), -1, dtype=np.int32),
         reals=reals,
         flags=np.zeros((FLAG_LAYERS, num_games), dtype=bool),
-        rewards=np.zeros(each, dtype=np.float32),
+        rewards=np.zeros((num_games, num_agents), dtype=np.float32),
         streams=np.zeros((num_games, num_streams(num_agents)), dtype=np.uint64),
     )
 
@@ -261,8 +262,8 @@ def games_of(memory: Memory) -> Games:
     """The games as they stand."""
     agents, clocks = memory.agents, memory.clocks
     return Games(
-        agents[POSITION], agents[ACTIVE], agents[EVENT], memory.goals[GOAL], clocks[STEPS],
-        clocks[MAZE],
+        agents[:, POSITION], agents[:, ACTIVE], agents[:, EVENT], memory.goals[:, GOAL],
+        clocks[:, STEPS], clocks[:, MAZE],
     )  # fmt: skip
 
 
@@ -271,12 +272,12 @@ def outcome_of(memory: Memory) -> Outcome:
     """What steps write beside the games."""
     agents, clocks, reals, flags = memory.agents, memory.clocks, memory.reals, memory.flags
     final = Games(
-        agents[FINAL_POSITION], agents[FINAL_ACTIVE], agents[FINAL_EVENT],
-        memory.goals[FINAL_GOAL], clocks[FINAL_STEPS], clocks[FINAL_MAZE],
+        agents[:, FINAL_POSITION], agents[:, FINAL_ACTIVE], agents[:, FINAL_EVENT],
+        memory.goals[:, FINAL_GOAL], clocks[:, FINAL_STEPS], clocks[:, FINAL_MAZE],
     )  # fmt: skip
     return Outcome(
-        memory.rewards, reals[RETURNS], flags[ENDED_BY_RULE], flags[ENDED_BY_TIME],
-        reals[EPISODE_RETURNS], final,
+        memory.rewards, reals[:, RETURNS], flags[ENDED_BY_RULE], flags[ENDED_BY_TIME],
+        reals[:, EPISODE_RETURNS], final,
     )  # fmt: skip
 
 
@@ -287,7 +288,7 @@ def next_episode_of(memory: Memory) -> NextEpisode:
     return NextEpisode(
         coming[NEXT_MAZE], coming[NEXT_NUM_GOALS], coming[NEXT_GOAL_RADIUS],
         coming[NEXT_GOALS_AROUND_MARKS], coming[NEXT_MIN_START_DISTANCE],
-        coming[NEXT_MAX_START_DISTANCE], memory.reals[NEXT_EPSILON],
+        coming[NEXT_MAX_START_DISTANCE], memory.reals[:, NEXT_EPSILON],
     )  # fmt: skip
 
 

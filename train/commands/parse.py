@@ -7,7 +7,7 @@ import io
 import re
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn, TypeVar
 
 import tyro
@@ -19,6 +19,16 @@ def fail(message: str) -> NoReturn:
     """One line on stderr, exit status 2."""
     print(f"pursuit: error: {' '.join(message.split())}", file=sys.stderr)
     sys.exit(2)
+
+
+@contextlib.contextmanager
+def heard() -> Iterator[None]:
+    """Warnings inside are one line each on stderr, once."""
+    with warnings.catch_warnings(record=True) as noted:
+        warnings.simplefilter("always", UserWarning)
+        yield
+    for said in dict.fromkeys(str(warning.message) for warning in noted):
+        print(f"pursuit: warning: {said}", file=sys.stderr)
 
 
 def budget_of(arguments: Sequence[str], seconds: float) -> dict[str, Any]:
@@ -39,9 +49,8 @@ def parse(
     boxed = io.StringIO()
     extra: Any = {} if default is None else {"default": default}
     try:
-        with contextlib.redirect_stderr(boxed), warnings.catch_warnings(record=True) as noted:
-            warnings.simplefilter("always", UserWarning)
-            parsed = tyro.cli(
+        with contextlib.redirect_stderr(boxed):
+            return tyro.cli(
                 form,
                 args=list(arguments),
                 prog=f"pursuit {prog}",
@@ -52,9 +61,6 @@ def parse(
                 ),
                 **extra,
             )
-        for said in dict.fromkeys(str(warning.message) for warning in noted):
-            print(f"pursuit: warning: {said}", file=sys.stderr)
-        return parsed
     except SystemExit as exit_:
         if not exit_.code:
             raise

@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 
 import tyro
 
-from train.commands.parse import budget_of, parse
+from train.commands.parse import budget_of, heard, parse
 from train.commands.progress import carry_out
 from train.commands.scores import print_scores
 from train.evaluation.contest import Score
@@ -72,7 +72,8 @@ def train(arguments: Sequence[str]) -> None:
         settings = given.settings
         task = settings.task
         name = f"{task.task}-{task.agent}-{Path(task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
-        run = start_run(settings, new_folder(given.out or Path("runs") / name))
+        with heard():
+            run = start_run(settings, new_folder(given.out or Path("runs") / name))
     trainee: SingleAgent = run.trainee
     print(trainee.contest.line())
     if trainee.teacher is not None:

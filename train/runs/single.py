@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, ClassVar
@@ -188,9 +187,7 @@ def make_run(
     parts = parts_of(settings)
     budget = Budget(settings.seconds, settings.frames, settings.threads)
     if state is None:
-        with warnings.catch_warnings():  # said when the settings were made
-            warnings.simplefilter("ignore")
-            return Run(SingleAgent(parts, settings.evaluate), folder, budget)
+        return Run(SingleAgent(parts, settings.evaluate), folder, budget)
     try:
         return Run(SingleAgent(parts, settings.evaluate, state["trainee"]), folder, budget, state)
     except MISFITS:
