@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
 
+import pytest
 from hypothesis import settings
+
+from pursuit import maze as maze_module
+from pursuit import maze_arrays
+from pursuit import task as task_module
+from pursuit.maze_arrays import lay_out
+from scripted_agents import scripted, tour
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 # One thread each: small networks gain nothing from more, and lose much where cores are shared.
@@ -15,3 +23,16 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 settings.register_profile("steady", derandomize=True, database=None, deadline=None)
 settings.register_profile("random", deadline=None, print_blob=True)
 settings.load_profile("steady")
+
+
+@pytest.fixture
+def without_tables(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], None]]:
+    """Call it, and from then on every maze counts as too large for a table of distances."""
+
+    def begin() -> None:
+        for module in (maze_module, maze_arrays, task_module, scripted, tour):
+            monkeypatch.setattr(module, "MAX_TABLE_CELLS", 10)
+        lay_out.cache_clear()
+
+    yield begin
+    lay_out.cache_clear()

@@ -18,7 +18,7 @@ from scripted_agents import (
 )
 from train.commands.main import main
 from train.experiments.kinds import resume
-from train.runs.folder import RESULTS
+from train.runs.folder import RESULTS, RUN
 from train.runs.opponents import opponents_of
 from train.self_play.league import LeagueTable, rate
 
@@ -72,7 +72,7 @@ def test_sampling_schemes_are_compared_by_a_sweep(
     assert len(done) == 4 and all(path.stat().st_mtime_ns == then for path, then in done.items())
     some = next(iter(done)).parent
     with pytest.raises(ValueError, match="go on with it by `pursuit self-play --resume"):
-        resume(some, "run")
+        resume(some, RUN)
     with pytest.raises(ValueError, match="one side of self-play"):
         go_on(some / "chaser")
 

@@ -13,12 +13,11 @@ from test_algorithms import make_env
 
 from scripted_agents import RandomAgent
 from train.algorithms.registry import ALGORITHMS, Algorithm, Build, algorithm_of, entry, register
-from train.experiments.kinds import resume
+from train.experiments.kinds import resume, start
 from train.runs.by_name import settings_of
-from train.runs.folder import load_checkpoint, new_folder
+from train.runs.folder import RUN, load_checkpoint, new_folder
 from train.runs.loop import Run
 from train.runs.opponents import load_policy
-from train.runs.single import start_run
 from train.settings.algorithms import (
     HYPERPARAMETERS,
     A2CSettings,
@@ -80,7 +79,7 @@ def steps_of(run: Run) -> float:
 def test_every_learner_beats_random_by_far(name: str, tmp_path: Path) -> None:
     chosen = VARIANTS[name]
     flat = {**EASY, **SMALL[chosen["algorithm"]], **chosen}
-    run = start_run(settings_of(**flat, frames=100_000), tmp_path)
+    run = start(RUN, settings_of(**flat, frames=100_000), tmp_path)
     run.train()
     random = run.trainee.contest.score("random", RandomAgent()).mean_steps
     assert steps_of(run) < 0.35 * random
@@ -91,12 +90,12 @@ def test_chasers_and_evaders_learn_with_every_kind_of_learner(
     algorithm: str, tmp_path: Path
 ) -> None:
     flat = {**SMALL[algorithm], "algorithm": algorithm, "threads": 1, "frames": 150_000}
-    chaser = start_run(settings_of(maze="3x3", **flat), new_folder(tmp_path / "chaser"))
+    chaser = start(RUN, settings_of(maze="3x3", **flat), new_folder(tmp_path / "chaser"))
     chaser.train()
     random = chaser.trainee.contest.score("random", RandomAgent()).mean_steps
     assert steps_of(chaser) < 0.5 * random
-    evader = start_run(
-        settings_of(maze="4x4", role="evader", **flat), new_folder(tmp_path / "evader")
+    evader = start(
+        RUN, settings_of(maze="4x4", role="evader", **flat), new_folder(tmp_path / "evader")
     )
     evader.train()
     assert steps_of(evader) > 1.5 * evader.trainee.contest.score("random", RandomAgent()).mean_steps
@@ -116,17 +115,17 @@ def test_a_resumed_learner_ends_bit_for_bit_where_an_uninterrupted_one_does(
     flat: dict[str, Any], tmp_path: Path
 ) -> None:
     chosen = settings_of(**{**EASY, **SMALL[flat["algorithm"]], **flat}, frames=12_000)
-    whole = start_run(chosen, new_folder(tmp_path / "whole"))
+    whole = start(RUN, chosen, new_folder(tmp_path / "whole"))
     whole.train()
 
     def interrupt(run: Run, row: dict[str, float]) -> None:
         if run.progress > 0.5:
             run.stopped = True
 
-    halved = start_run(chosen, new_folder(tmp_path / "halved"))
+    halved = start(RUN, chosen, new_folder(tmp_path / "halved"))
     halved.train(interrupt)
     assert 0.4 < halved.progress < 0.9
-    resumed = resume(tmp_path / "halved", "run")
+    resumed = resume(tmp_path / "halved", RUN)
     resumed.train()
     ends = [load_checkpoint(tmp_path / name)["trainee"]["learner"] for name in ("whole", "halved")]
     assert ends[0]["frames"] == ends[1]["frames"]
@@ -136,7 +135,7 @@ def test_a_resumed_learner_ends_bit_for_bit_where_an_uninterrupted_one_does(
 
 @pytest.mark.parametrize("preset", THESIS)
 def test_the_presets_of_the_thesis_run(preset: str, tmp_path: Path) -> None:
-    run = start_run(settings_of(preset=preset, **EASY, frames=1300), tmp_path)
+    run = start(RUN, settings_of(preset=preset, **EASY, frames=1300), tmp_path)
     run.train()
     assert run.trainee.learner.frames >= 1300
     content = run.results(10)
@@ -154,7 +153,7 @@ def test_the_thesis_tables_are_what_the_presets_hold() -> None:
 
 def test_a_policy_without_a_distribution_says_so(tmp_path: Path) -> None:
     flat = {**EASY, **SMALL["dqn"], "algorithm": "dqn", "frames": 2000}
-    start_run(settings_of(**flat), tmp_path).train()
+    start(RUN, settings_of(**flat), tmp_path).train()
     load_policy(tmp_path)
     with pytest.raises(ValueError, match="no distribution"):
         load_policy(tmp_path, greedy=False)
@@ -190,14 +189,14 @@ def test_the_cross_entropy_method_resumes_bit_for_bit(tmp_path: Path) -> None:
     chosen = settings_of(**flat, frames=120_000)
     ends = []
     for name in ("whole", "halved"):
-        run = start_run(chosen, new_folder(tmp_path / name))
+        run = start(RUN, chosen, new_folder(tmp_path / name))
 
         def interrupt(run: Run, row: dict[str, float], name: str = name) -> None:
             run.stopped = run.stopped or (name == "halved" and run.progress > 0.5)
 
         run.train(interrupt)
         if name == "halved":
-            resume(tmp_path / name, "run").train()
+            resume(tmp_path / name, RUN).train()
         ends.append(load_checkpoint(tmp_path / name)["trainee"]["learner"])
     assert ends[0]["frames"] == ends[1]["frames"]
     assert torch.equal(ends[0]["mean"], ends[1]["mean"])

@@ -30,13 +30,12 @@ from train.algorithms.q_learning import (
     learn,
 )
 from train.environments.simulator_env import SimulatorEnv
-from train.experiments.kinds import resume
+from train.experiments.kinds import resume, start
 from train.networks.policy import Seat
 from train.runs.by_name import settings_of
-from train.runs.folder import load_checkpoint, new_folder
+from train.runs.folder import RUN, load_checkpoint, new_folder
 from train.runs.opponents import load_policy
 from train.runs.parts import contest_of
-from train.runs.single import start_run
 from train.settings.algorithms import QLearningSettings
 
 # The maze of the thesis' figure 2.2 has two cells by two; goals on marks make it a fixed problem.
@@ -233,7 +232,7 @@ def test_only_truncation_is_bootstrapped_and_steps_shrink_with_visits(kind: str)
 @pytest.mark.slow
 def test_a_chaser_on_5x5_comes_within_a_per_cent_of_the_exact_best_response(tmp_path: Path) -> None:
     chosen = settings_of(algorithm="q_learning", maze="5x5", frames=30_000_000)
-    run = start_run(chosen, tmp_path)
+    run = start(RUN, chosen, tmp_path)
     run.train()
     contest = contest_of(chosen.task, 100)
     task = contest.task
@@ -244,7 +243,7 @@ def test_a_chaser_on_5x5_comes_within_a_per_cent_of_the_exact_best_response(tmp_
 
 def test_a_chaser_comes_within_a_per_cent_of_the_exact_best_response(tmp_path: Path) -> None:
     chosen = settings_of(algorithm="q_learning", maze="3x3", frames=2_000_000)
-    run = start_run(chosen, tmp_path)
+    run = start(RUN, chosen, tmp_path)
     run.train()
     contest = contest_of(chosen.task, 100)
     task = contest.task
@@ -259,15 +258,15 @@ def test_a_chaser_comes_within_a_per_cent_of_the_exact_best_response(tmp_path: P
 
 def test_it_resumes_bit_for_bit(tmp_path: Path) -> None:
     chosen = settings_of(algorithm="q_learning", maze="3x3", frames=400_000)
-    whole = start_run(chosen, new_folder(tmp_path / "whole"))
+    whole = start(RUN, chosen, new_folder(tmp_path / "whole"))
     whole.train()
-    halved = start_run(chosen, new_folder(tmp_path / "halved"))
+    halved = start(RUN, chosen, new_folder(tmp_path / "halved"))
 
     def interrupt(run: Any, row: dict[str, float]) -> None:
         run.stopped = run.stopped or run.progress > 0.5
 
     halved.train(interrupt)
-    resume(tmp_path / "halved", "run").train()
+    resume(tmp_path / "halved", RUN).train()
     ends = [load_checkpoint(tmp_path / name)["trainee"]["learner"] for name in ("whole", "halved")]
     assert ends[0]["frames"] == ends[1]["frames"]
     for name in ("q_values", "visits", "streams"):

@@ -14,12 +14,13 @@ pytest.importorskip("supersuit")
 
 from pursuit.simulator import Simulator
 from scripted_agents import NearestGoalRunner, RandomAgent
+from train.experiments.kinds import start
 from train.networks.policy import LearnedPolicy
 from train.recipes import stable_baselines, supersuit_sharing
 from train.runs.by_name import settings_of
+from train.runs.folder import RUN
 from train.runs.opponents import load_opponent
 from train.runs.parts import contest_of
-from train.runs.single import start_run
 from train.runs.third_party import description_of, load_stable_baselines
 from train.settings.task import TaskSettings
 
@@ -61,7 +62,7 @@ def test_stable_baselines_learns_and_its_model_is_a_table(
 def test_a_saved_model_is_an_opponent(models: dict[str, Path], tmp_path: Path) -> None:
     flat = {"role": "evader", "maze": "3x3", "frames": 3000, "num_games": 16, "minibatch_size": 64}
     chosen = settings_of(**flat, opponent=str(models["ppo"]))
-    run = start_run(chosen, tmp_path)
+    run = start(RUN, chosen, tmp_path)
     run.train()
     assert run.trainee.optimum.exact
     learned = run.trainee.contest.opponents["chaser"]

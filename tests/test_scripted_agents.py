@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import networkx
@@ -15,9 +15,6 @@ from numpy.typing import NDArray
 from random_mazes import any_maze
 from scipy.stats import chisquare
 
-from pursuit import maze as maze_module
-from pursuit import maze_arrays
-from pursuit import task as task_module
 from pursuit.maze import Maze
 from pursuit.maze_arrays import lay_out
 from pursuit.maze_generation import generate_maze
@@ -31,25 +28,10 @@ from scripted_agents import (
     RandomAgent,
     TablePolicy,
     TourRunner,
-    scripted,
-    tour,
 )
 
 MAZE = generate_maze("prim", 6, 6, loops=0.3, seed=3)
 DUEL = {"num_chasers": 1, "num_evaders": 1}
-
-
-@pytest.fixture
-def without_tables(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], None]]:
-    """Call it, and from then on every maze counts as too large for a table of distances."""
-
-    def begin() -> None:
-        for module in (maze_module, maze_arrays, task_module, scripted, tour):
-            monkeypatch.setattr(module, "MAX_TABLE_CELLS", 10)
-        lay_out.cache_clear()
-
-    yield begin
-    lay_out.cache_clear()
 
 
 # -- the definitions, in plain Python --------------------------------------------------------------

@@ -15,13 +15,13 @@ from pursuit.task import make_task
 from scripted_agents import AStarChaser, best_response, tour_lengths
 from train.commands.main import main
 from train.evaluation.games import won_by
-from train.experiments.kinds import resume
+from train.experiments.kinds import resume, start
 from train.runs.by_name import settings_of
-from train.runs.folder import load_checkpoint, new_folder
+from train.runs.folder import RUN, load_checkpoint, new_folder
 from train.runs.loop import Run
 from train.runs.opponents import load_policy
 from train.runs.saved import load_settings
-from train.runs.single import make_run, start_run
+from train.runs.single import make_run
 from train.settings.curricula import AXES as AXIS_NAMES
 from train.settings.curricula import CURRICULA
 from train.teaching.axes import AXIS_MAKERS
@@ -64,7 +64,7 @@ def test_the_opponents_share_of_random_moves_follows_the_schedule(tmp_path: Path
         curriculum="opponent-epsilon",
         schedule_length=0.8,
     )
-    run = start_run(settings, tmp_path)
+    run = start(RUN, settings, tmp_path)
     simulator, maze = run.trainee.simulator, run.trainee.simulator.task.mazes[0]
     greedy = AStarChaser(0.0).action_probabilities(maze) > 0
     moves = maze.neighbors[:, :4] != np.arange(maze.num_cells)[:, None]
@@ -141,7 +141,7 @@ def test_every_axis_and_curriculum_that_can_be_named_can_be_made() -> None:
 @pytest.mark.parametrize("axis", AXES)
 def test_every_axis_turns_what_it_says_up_to_the_task_itself(axis: str, tmp_path: Path) -> None:
     flat, holds = AXES[axis]
-    run = start_run(settings_of(**flat, curriculum=axis, schedule_length=0.6), tmp_path)
+    run = start(RUN, settings_of(**flat, curriculum=axis, schedule_length=0.6), tmp_path)
     lessons = []
 
     def look(teacher: Teacher, games: Any) -> None:
@@ -165,7 +165,7 @@ def test_every_axis_turns_what_it_says_up_to_the_task_itself(axis: str, tmp_path
 def test_stages_lie_on_the_axis_and_the_last_is_the_task(name: str, tmp_path: Path) -> None:
     more = {"window": 100} if name == "success-gated" else {}
     settings = settings_of(**MAZE, curriculum=name, axis="num-goals", **more)
-    run = start_run(settings, tmp_path)
+    run = start(RUN, settings, tmp_path)
     seen: set[float] = set()
     watch_restarts(run, lambda teacher, games: seen.update(teacher.playing[games].tolist()))
     run.train()
@@ -183,7 +183,7 @@ def test_every_learner_can_be_taught(algorithm: str, curriculum: str, tmp_path: 
         task="maze", maze="3x3", num_goals=2, frames=20_000, num_games=64, threads=1,
         algorithm=algorithm, curriculum=curriculum, **small,
     )  # fmt: skip
-    run = start_run(settings, tmp_path)
+    run = start(RUN, settings, tmp_path)
     alike = []
 
     def look(teacher: Teacher, games: Any) -> None:
@@ -272,13 +272,13 @@ def test_positive_advantages_belong_to_their_episodes(tmp_path: Path) -> None:
 def test_a_taught_run_resumes_to_the_same_weights_and_log(lessons: Any, tmp_path: Path) -> None:
     settings = settings_of(**{**MAZE, "maze": "3x3", "frames": 16_384, **lessons})
     whole, parts = (new_folder(tmp_path / name) for name in ("whole", "parts"))
-    start_run(settings, whole).train()
+    start(RUN, settings, whole).train()
 
     def stop(run: Run, row: dict[str, float]) -> None:
         run.stopped = run.progress >= 0.4
 
-    start_run(settings, parts).train(stop)
-    resume(parts, "run").train()
+    start(RUN, settings, parts).train(stop)
+    resume(parts, RUN).train()
     states = [load_checkpoint(p)["trainee"] for p in (whole, parts)]
     for name, weight in states[0]["learner"]["network"].items():
         assert torch.equal(weight, states[1]["learner"]["network"][name]), name
@@ -290,7 +290,7 @@ def test_a_taught_run_resumes_to_the_same_weights_and_log(lessons: Any, tmp_path
 def test_a_checkpoint_of_another_curriculum_is_refused(tmp_path: Path) -> None:
     small = {**MAZE, "maze": "3x3", "frames": 8192}
     settings = settings_of(**small, curriculum="uniform")
-    start_run(settings, tmp_path).train(lambda run, row: setattr(run, "stopped", True))
+    start(RUN, settings, tmp_path).train(lambda run, row: setattr(run, "stopped", True))
     before = (tmp_path / "checkpoint.pt").read_bytes()
     other = settings_of(**small, curriculum="learning-progress")
     with pytest.raises(ValueError, match="checkpoint is of curriculum 'uniform'"):
@@ -300,7 +300,7 @@ def test_a_checkpoint_of_another_curriculum_is_refused(tmp_path: Path) -> None:
 
 def test_a_policy_taught_on_several_mazes_is_evaluated_on_the_last(tmp_path: Path) -> None:
     settings = settings_of(**CHASE, curriculum="loops")
-    run = start_run(settings, tmp_path)
+    run = start(RUN, settings, tmp_path)
     run.train()
     assert run.results(50)["evaluation"]["exact"]
     maze = run.trainee.contest.task.mazes[0]

@@ -32,6 +32,11 @@ def write_text(path: Path, text: str) -> None:
     write_beside(path, lambda beside: beside.write_text(text, encoding="utf-8"))
 
 
+def write_bytes(path: Path, content: bytes) -> None:
+    """These bytes, atomically."""
+    write_beside(path, lambda beside: beside.write_bytes(content))
+
+
 def write_json(path: Path, content: Any) -> None:
     """`content` as indented JSON, atomically."""
     write_text(path, json.dumps(content, indent=2) + "\n")

@@ -15,7 +15,7 @@ from time import perf_counter
 from typing import Any
 
 from train.runs.by_name import settings_of
-from train.runs.loop import Run
+from train.runs.single import make_run
 
 CASES: dict[str, dict[str, Any]] = {
     "goal-spread-start": {},
@@ -57,15 +57,14 @@ def share(curriculum: str, maze: str, seconds: float, more: dict[str, Any]) -> t
         curriculum=curriculum, **more,
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
-        run = Run(settings, Path(folder))
-        teacher = run.teacher
-        assert teacher is not None
-        inside, games = Stopwatch(), Stopwatch()
-        for name in ("restart", "finish", "update", "note_advantages"):
+        run = make_run(settings, Path(folder))
+        teacher = run.trainee.teacher
+        inside = Stopwatch()
+        for name in ("before_restart", "after_restart", "episode_ended", "update"):
             inside.wrap(teacher, name)
-        games.wrap(run.trainee.simulator, "reset")
+        inside.wrap(teacher, "note_advantages")
         run.trainee.learner.iterate(0.0)
-        inside.seconds = games.seconds = total = 0.0
+        inside.seconds = total = 0.0
         episodes = teacher.episodes
         while total < seconds:
             began = perf_counter()
@@ -73,7 +72,7 @@ def share(curriculum: str, maze: str, seconds: float, more: dict[str, Any]) -> t
             run.trainee.learner.iterate(total / seconds)
             total += perf_counter() - began
         run.trainee.learner.close()
-    return (inside.seconds - games.seconds) / total, (teacher.episodes - episodes) / total
+    return inside.seconds / total, (teacher.episodes - episodes) / total
 
 
 def main() -> None:

@@ -21,13 +21,14 @@ from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents.environments import make_vector_env
 from train.evaluation.contest import GameContest, optimality_gap
+from train.experiments.kinds import start
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
 from train.networks.policy import Seat
 from train.runs.by_name import settings_of
-from train.runs.folder import new_folder
+from train.runs.folder import RUN
 from train.runs.loop import Run
-from train.runs.single import start_run
+from train.runs.parts import setting_of
 from train.settings.algorithms import DQNSettings, PPOSettings
 from train.settings.presets import tuned
 from train.settings.run import TrainSettings
@@ -95,8 +96,7 @@ def sb3_model(settings: PPOSettings, seed: int = 0) -> object:
 
 def our_run(settings: TrainSettings) -> Run:
     """A run in a folder that is thrown away."""
-    folder = new_folder(Path(tempfile.mkdtemp()) / "run")
-    return start_run(settings, folder)
+    return start(RUN, settings, Path(tempfile.mkdtemp()) / "run")
 
 
 def speed(seconds: float, rounds: int = 4) -> None:
@@ -147,7 +147,7 @@ def gap(limit: float, target: float = 0.02) -> None:
     budgets = [b for b in (10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 90.0, 120.0, 240.0) if b <= limit]
     found: dict[str, float] = {}
     for budget in budgets:
-        run = our_run(TrainSettings(MAZE, tuned("ppo", MAZE.setting), seconds=budget))
+        run = our_run(TrainSettings(MAZE, tuned("ppo", setting_of(MAZE)), seconds=budget))
         run.train()
         reached = run.metrics.rows[-1]["optimality_gap"]
         print(f"  ours {budget:5.0f} s: gap {100 * reached:.2f} %", flush=True)

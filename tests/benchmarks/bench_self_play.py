@@ -14,16 +14,18 @@ from pursuit.maze import load_maze
 from scripted_agents import cop_number, solve_chase, solve_in_turns
 from scripted_agents.equilibrium import _solve
 from train.evaluation.exploitability import exploitability
-from train.self_play.trainee import SelfPlay, start_self_play
+from train.experiments.kinds import start
+from train.runs.folder import SELF_PLAY
+from train.runs.loop import Run
 from train.settings.self_play import SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
 
 
 def seconds(call: Any) -> float:
     """How long one call takes."""
-    start = time.perf_counter()
+    began = time.perf_counter()
     call()
-    return time.perf_counter() - start
+    return time.perf_counter() - began
 
 
 def exact_game() -> None:
@@ -46,10 +48,10 @@ def exploitabilities(folder: Path) -> None:
     """The time of a checkpoint's exploitability, forward passes included."""
     for name in ("5x5", "7x7", "9x9", "15x15"):
         task = TaskSettings(maze=name, rewards="zero_sum")
-        run = start_self_play(SelfPlaySettings(task=task, frames=1), folder / name)
-        maze = run.task.mazes[0]
+        run = start(SELF_PLAY, SelfPlaySettings(task=task, frames=1), folder / name)
+        maze = run.trainee.task.mazes[0]
 
-        def whole(run: SelfPlay = run, maze: Any = maze) -> None:
+        def whole(run: Run = run, maze: Any = maze) -> None:
             tables = [
                 run.trainee.policy(r).action_probabilities(maze) for r in ("chaser", "evader")
             ]  # type: ignore[attr-defined]
@@ -73,18 +75,18 @@ def pools(folder: Path) -> None:
                 frames=1,
                 sampling="uniform",
             )
-            run = start_self_play(settings, folder / f"{size}-{repeat}")
+            game = start(SELF_PLAY, settings, folder / f"{size}-{repeat}").trainee
             for number in range(size - 1):
-                for role, side in run.sides.items():
-                    run.pools[role].add(f"{number}", side.snapshot(), run.rng)
-            run._share_out()
-            for side in run.sides.values():
+                for role, side in game.sides.items():
+                    game.pools[role].add(f"{number}", side.snapshot(), game.rng)
+            game._share_out()
+            for side in game.sides.values():
                 side.learner.iterate(0.0)
-            before, start = run.frames, time.perf_counter()
+            before, began = game.frames, time.perf_counter()
             for _ in range(12):
-                for side in run.sides.values():
+                for side in game.sides.values():
                     side.learner.iterate(0.0)
-            speeds[size].append((run.frames - before) / (time.perf_counter() - start))
+            speeds[size].append((game.frames - before) / (time.perf_counter() - began))
     one, many = (sorted(speeds[size])[1] for size in (1, 16))
     print(f"training, 1024 games, one opponent: {one / 1e3:.1f} k frames/s")
     print(f"the same with a pool of 16: {many / 1e3:.1f} k frames/s, {100 * many / one:.0f} %")
@@ -95,14 +97,7 @@ def main() -> None:
     torch.set_num_threads(1)
     exact_game()
     with TemporaryDirectory() as folder:
-        for name in ("exact", "pools"):
-            (Path(folder) / name).mkdir()
-        for name in ("5x5", "7x7", "9x9", "15x15"):
-            (Path(folder) / "exact" / name).mkdir()
         exploitabilities(Path(folder) / "exact")
-        for size in (1, 16):
-            for repeat in range(3):
-                (Path(folder) / "pools" / f"{size}-{repeat}").mkdir()
         pools(Path(folder) / "pools")
 
 

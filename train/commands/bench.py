@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +16,8 @@ from pursuit.simulator import Simulator
 from pursuit.task import Task, make_task
 from scripted_agents.environments import default_policies
 from train.commands.parse import parse
-from train.runs.folder import new_folder
-from train.runs.single import start_run
+from train.experiments.kinds import start
+from train.runs.folder import RUN
 from train.settings.checks import check
 from train.settings.run import TrainSettings
 from train.settings.task import TaskSettings
@@ -142,9 +143,7 @@ def bench(arguments: Sequence[str]) -> None:
 def ppo_rate(seconds: float) -> float:
     """Frames a second of PPO with its preset, learning included."""
     with TemporaryDirectory() as folder:
-        run = start_run(
-            TrainSettings(TaskSettings(task="maze"), seconds=seconds),
-            new_folder(Path(folder) / "run"),
-        )
+        settings: TrainSettings[Any] = TrainSettings(TaskSettings(task="maze"), seconds=seconds)
+        run = start(RUN, settings, Path(folder) / "run")
         run.train()
         return run.trainee.frames / run.seconds

@@ -15,7 +15,8 @@ from rich.table import Table
 from train.commands.parse import budget_of, parse
 from train.commands.progress import carry_out
 from train.experiments.kinds import resume, start
-from train.runs.folder import SELF_PLAY, new_folder
+from train.experiments.sweep_report import reduction
+from train.runs.folder import SELF_PLAY
 from train.runs.loop import Run
 from train.self_play.pictures import draw_self_play
 from train.settings.checks import check
@@ -48,7 +49,7 @@ def self_play(arguments: Sequence[str]) -> None:
         run = resume(given.resume, SELF_PLAY)
     else:
         name = f"self-play-{Path(given.settings.task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
-        run = start(SELF_PLAY, given.settings, new_folder(given.out or Path("runs") / name))
+        run = start(SELF_PLAY, given.settings, given.out or Path("runs") / name)
     task, sampling = run.trainee.task, run.trainee.settings.sampling
     print(
         f"self-play: {task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "
@@ -83,7 +84,7 @@ def show(run: Run, content: dict[str, Any]) -> None:
     Console(width=None if sys.stdout.isatty() else 100).print(table)
     if "nash_conv" in found:
         start, end = content["at_start"]["nash_conv"], found["nash_conv"]
-        less = f"{100 * (1 - end / start):.1f} % less"
+        less = f"{reduction(start, end):.1f} % less"
         print(
             f"\nNashConv {start:.3f} -> {end:.3f} discounted steps, {less} (exact; 0 is an "
             "equilibrium)"

@@ -16,12 +16,12 @@ from train.commands.parse import budget_of, heard, parse
 from train.commands.progress import carry_out
 from train.commands.scores import print_scores
 from train.evaluation.contest import Score
-from train.experiments.kinds import resume
-from train.runs.folder import RUN, new_folder
+from train.experiments.kinds import resume, start
+from train.runs.folder import RUN
 from train.runs.loop import Run
 from train.runs.parts import setting_of
 from train.runs.pictures import draw_learning_curve, save_replay
-from train.runs.single import SingleAgent, start_run
+from train.runs.single import SingleAgent
 from train.settings.algorithms import Hyperparameters
 from train.settings.checks import check
 from train.settings.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
@@ -73,7 +73,7 @@ def train(arguments: Sequence[str]) -> None:
         task = settings.task
         name = f"{task.task}-{task.agent}-{Path(task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
         with heard():
-            run = start_run(settings, new_folder(given.out or Path("runs") / name))
+            run = start(RUN, settings, given.out or Path("runs") / name)
     trainee: SingleAgent = run.trainee
     print(trainee.contest.line())
     if trainee.teacher is not None:

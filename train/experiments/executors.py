@@ -9,16 +9,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from train.experiments.kinds import open_run
 from train.experiments.sweep import ERROR, PROGRESS, STOPPED, Sweep, SweepRun, prepare, status_of
-from train.files import only_one, write_beside, write_text
+from train.files import only_one, write_bytes, write_text
 from train.runs.folder import CHECKPOINT, CONFIG, METRICS, RESULTS
-from train.runs.loop import Run
+from train.runs.loop import EVALUATIONS, Run
 
 Told = Callable[[dict[str, str], dict[str, float]], None]
 """Called now and then with the status of every run by name, and the progress of those running."""
@@ -129,27 +128,31 @@ def work_elsewhere(files: dict[str, bytes], episodes: int) -> dict[str, bytes]:
     """
     with TemporaryDirectory(prefix="pursuit-") as temporary:
         folder = Path(temporary)
-        for name, content in files.items():
-            (folder / name).write_bytes(content)
+        put_files(folder, files)
         record_end(folder, start_worker(folder, episodes).wait())
-        return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+        return {
+            str(path.relative_to(folder)): path.read_bytes()
+            for path in folder.rglob("*")
+            if path.is_file()
+        }
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
-    """What a run needs to begin or to go on."""
-    names = (CONFIG, CHECKPOINT, METRICS)
-    return {name: (folder / name).read_bytes() for name in names if (folder / name).exists()}
-
-
-def _write_bytes(content: bytes, path: Path) -> None:
-    path.write_bytes(content)
+    """What a run needs to begin or to go on, and its results, by their paths in the folder."""
+    whole = [folder / name for name in (CONFIG, CHECKPOINT, METRICS, RESULTS)]
+    inner = [path for part in folder.iterdir() if part.is_dir() for path in part.rglob("*")]
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in (*whole, *inner)
+        if path.is_file()
+    }
 
 
 def put_files(folder: Path, files: dict[str, bytes]) -> None:
     """Write what came back; the results last, so that a run is complete with all its files."""
     for name in sorted(files, key=lambda name: name == RESULTS):
-        content = files[name]
-        write_beside(folder / name, partial(_write_bytes, content))
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(folder / name, files[name])
 
 
 def run_on_ray(sweep: Sweep, out: Path, address: str | None, told: Told) -> dict[str, str]:
@@ -240,20 +243,17 @@ def _tune(ray: Any, sweep: Sweep, todo: list[SweepRun], folders: dict[str, Path]
         name = config["run"]
         with TemporaryDirectory(prefix="pursuit-") as temporary:
             folder = Path(temporary)
-            for file, content in given[name].items():
-                (folder / file).write_bytes(content)
+            put_files(folder, given[name])
             run = open_run(folder)
 
             def hand_over() -> None:
-                names = (METRICS, RESULTS, CHECKPOINT)
-                files = {n: (folder / n).read_bytes() for n in names if (folder / n).exists()}
-                ray.get(collector.put.remote(name, files))
+                ray.get(collector.put.remote(name, files_of(folder)))
 
             evaluations = 0
 
             def report(run: Run, row: dict[str, float]) -> None:
                 nonlocal evaluations
-                if not row:
+                if not row or not run.progress:  # what has learned nothing says nothing
                     return
                 evaluations += 1
                 if run.progress >= 1.0:
@@ -264,7 +264,7 @@ def _tune(ray: Any, sweep: Sweep, todo: list[SweepRun], folders: dict[str, Path]
             run.train(report)
 
     scheduler = ASHAScheduler(
-        time_attr="evaluations", metric="score", mode="max", max_t=20, grace_period=3
+        time_attr="evaluations", metric="score", mode="max", max_t=EVALUATIONS, grace_period=3
     )
     with TemporaryDirectory(prefix="pursuit-tune-") as storage:
         tuner = tune.Tuner(

@@ -14,15 +14,22 @@ from train.runs.folder import (
     RESULTS,
     RUN,
     SELF_PLAY,
+    check_new,
     load_checkpoint,
     load_config,
+    new_folder,
     save_config,
 )
 from train.runs.loop import Run
+from train.runs.parts import parts_of
 from train.runs.saved import from_plain
 from train.runs.single import make_run
 from train.runs.tasks import task_of
-from train.self_play.parts import self_play_from_plain, self_play_settings_of
+from train.self_play.parts import (
+    self_play_from_plain,
+    self_play_parts,
+    self_play_settings_of,
+)
 from train.self_play.trainee import make_self_play
 from train.settings.checks import check
 
@@ -34,26 +41,40 @@ class Kind:
     Attributes:
         settings_of: settings by their names on the command line, checked.
         from_plain: settings from `config.json`.
+        check: ValueError for settings that cannot run.
         make: the run of settings in a folder, from its beginning (None) or from a checkpoint.
         again: the command that goes on with one.
     """
 
     settings_of: Callable[..., Any]
     from_plain: Callable[[dict[str, Any]], Any]
+    check: Callable[[Any], object]
     make: Callable[[Any, Path, dict[str, Any] | None], Run]
     again: str
 
 
 KINDS = {
-    RUN: Kind(settings_of, from_plain, make_run, "pursuit train"),
+    RUN: Kind(settings_of, from_plain, parts_of, make_run, "pursuit train"),
     SELF_PLAY: Kind(
-        self_play_settings_of, self_play_from_plain, make_self_play, "pursuit self-play"
+        self_play_settings_of,
+        self_play_from_plain,
+        self_play_parts,
+        make_self_play,
+        "pursuit self-play",
     ),
 }
 
 
-def start(kind: str, settings: Any, folder: Path) -> Run:
-    """A new run in a new folder: its settings are on disk before anything is learned."""
+def start(kind: str, settings: Any, path: Path) -> Run:
+    """A new run in a new folder: its settings are on disk before anything is learned.
+
+    Raises:
+        ValueError: settings that cannot run here (no folder is made then), or a folder that holds
+            something.
+    """
+    check_new(path)
+    KINDS[kind].check(settings)
+    folder = new_folder(path)
     run = KINDS[kind].make(settings, folder, None)
     write_config(kind, settings, folder)
     return run

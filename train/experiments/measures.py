@@ -52,9 +52,11 @@ def measure_of(rows: list[dict[str, Any]]) -> Measure:
     """The gap where every run knows its optimum, steps where not; of self-play its own objective.
 
     Args:
-        rows: complete runs of one kind.
+        rows: complete runs of one kind. Where only some games of self-play are exact, all are
+            judged by their steps.
     """
-    column, unit = rows[0]["objective"], rows[0]["unit"]
+    objectives = {(row["objective"], row["unit"]) for row in rows}
+    column, unit = objectives.pop() if len(objectives) == 1 else ("steps", "steps")
     if column == "mean_steps":
         known = all(row.get("optimality_gap") is not None for row in rows)
         return GAP if known else STEPS

@@ -73,6 +73,11 @@ def _word(name: str, value: Any) -> str:
     return f"{name} {value:g}" if isinstance(value, int | float) else str(value)
 
 
+def reduction(before: float, after: float) -> float:
+    """By how many per cent it became less; nothing where it was 0."""
+    return 100.0 * (1.0 - after / before) if before else 0.0
+
+
 def summary(rows: list[dict[str, Any]], x: str | None) -> list[dict[str, Any]]:
     """One row for each x and group: means over seeds with their intervals, gaps in per cent."""
     measure = measure_of(rows)
@@ -96,8 +101,8 @@ def summary(rows: list[dict[str, Any]], x: str | None) -> list[dict[str, Any]]:
         line[f"{measure.name}_iqm"] = interquartile_mean(values)
         before = f"{measure.final}_at_start"
         if all(row.get(before) is not None for row in rows):
-            less = [100.0 * (1.0 - row[measure.final] / row[before]) for row in chosen]
-            line |= {"worst": max(values), "less": float(np.mean(less))}
+            less = [reduction(row[before], row[measure.final]) for row in chosen]
+            line |= {"less": float(np.mean(less)), "least": min(less)}
         if all(row.get("success_rate") is not None for row in rows):
             line["success"] = 100.0 * mean("success_rate")
         line |= {"seconds": mean("seconds"), "frames": mean("frames")}
@@ -121,6 +126,7 @@ def markdown(
         f"{unit}_iqm": "interquartile mean",
         "success": "success, %",
         "less": "less than at the start, %",
+        "least": "of the worst seed, %",
     }
     lines = [f"# {title}", ""]
     lines.append("| " + " | ".join(heads.get(n, n.replace("_", " ")) for n in names) + " |")

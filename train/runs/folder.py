@@ -29,25 +29,25 @@ CONFIG, METRICS, RESULTS, CHECKPOINT = (
 FORMAT = 4
 """Of `config.json` and `checkpoint.pt`; raised whenever older ones can no longer be read."""
 
-RUN, SIDE, SELF_PLAY = "run", "side", "self-play"
-"""Kinds: a run of one agent; one side of self-play, saved as a policy; both sides together."""
+RUN, SIDE, SELF_PLAY = "single", "side", "self-play"
+"""Kinds: a run of a single agent; one side of self-play, saved as a policy; both sides together."""
 
 
-def new_folder(path: Path) -> Path:
-    """An empty folder for a run.
-
-    Raises:
-        ValueError: it is a file, or holds a run or anything else.
-    """
+def check_new(path: Path) -> None:
+    """ValueError where a run cannot begin in a folder: a file, or one that holds anything."""
     if path.is_file():
         raise ValueError(f"{path}: a file; give a new folder")
     if (path / CONFIG).exists():
         raise ValueError(
-            f"{path}: holds a run already; give another folder, or go on with it by "
-            f"`pursuit train --resume {path}`"
+            f"{path}: holds a run already; give another folder, or go on with it by --resume {path}"
         )
     if path.exists() and any(path.iterdir()):
         raise ValueError(f"{path}: not empty; give a new folder")
+
+
+def new_folder(path: Path) -> Path:
+    """An empty folder for a run; ValueError as `check_new`."""
+    check_new(path)
     path.mkdir(parents=True, exist_ok=True)
     return path
 
@@ -78,7 +78,7 @@ def load_config(folder: Path) -> tuple[str, dict[str, Any]]:
         "version, or a new folder",
     )
     kind, text = plain.pop("kind", None), plain.pop("maze_text", None)
-    check(kind in (RUN, SIDE, SELF_PLAY), f"{path}: damaged, a run of kind {kind!r}")
+    check(isinstance(kind, str), f"{path}: damaged, a run of kind {kind!r}")
     if isinstance(text, str) and plain["task"].get("maze") not in library_names():
         plain["task"]["maze"] = text
     return kind, plain

@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import torch
-
 from pursuit.policy import Policy
 from pursuit.task import Task
+from scripted_agents.environments import SCRIPTED
 from train.algorithms.registry import Algorithm, Build, entry
 from train.evaluation.contest import GameContest
 from train.networks.policy import Seat
@@ -71,6 +70,7 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
     agent = agent_of(settings.task, task)
     opponents = opponents_of(task, agent, settings.task.opponent, settings.task.opponent_epsilon)
     opponent = settings.task.opponent
+    learned = None if opponent in SCRIPTED else opponent
     plan = plan_lessons(
         settings.curriculum,
         settings.lessons,
@@ -78,7 +78,7 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
         agent,
         opponents,
         opponent_epsilon=settings.task.opponent_epsilon,
-        learned_opponent=opponent,
+        learned_opponent=learned,
         seed=settings.seed,
     )
     if plan is not None:
@@ -91,7 +91,7 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
 
 
 def check_algorithm(settings: TrainSettings[Any], algorithm: Algorithm) -> None:
-    """ValueError where the settings ask of the algorithm, or of this machine, what it cannot do."""
+    """ValueError where the settings ask of the algorithm what it cannot do."""
     check(
         type(settings.hyper) is algorithm.settings,
         f"algorithm={algorithm.name!r} with settings of {type(settings.hyper).__name__}",
@@ -100,10 +100,6 @@ def check_algorithm(settings: TrainSettings[Any], algorithm: Algorithm) -> None:
         observation=settings.observation,
         device=settings.device,
         greedy=settings.evaluate == "greedy",
-    )
-    check(
-        settings.device == "cpu" or torch.cuda.is_available(),
-        f"device={settings.device!r}, but torch finds no GPU here; use --device cpu",
     )
 
 

@@ -13,10 +13,11 @@ from pursuit.simulator import Simulator, SimulatorState
 from pursuit.single_agent import fill_seats
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import Score, optimality_gap
-from train.runs.folder import MISFITS, RUN, misfit, save_config
+from train.runs.folder import MISFITS, RUN, misfit
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.parts import Parts, parts_of
 from train.runs.threads import prepare_torch
+from train.settings.checks import check
 from train.settings.run import TrainSettings
 from train.teaching.log import write_log
 from train.teaching.teacher import Teacher
@@ -183,6 +184,10 @@ def make_run(
     Raises:
         ValueError: settings that cannot run here, or a checkpoint that does not fit.
     """
+    check(
+        settings.device == "cpu" or torch.cuda.is_available(),
+        f"device={settings.device!r}, but torch finds no GPU here; use --device cpu",
+    )
     prepare_torch(settings.threads, settings.seed)
     parts = parts_of(settings)
     budget = Budget(settings.seconds, settings.frames, settings.threads)
@@ -190,12 +195,5 @@ def make_run(
         return Run(SingleAgent(parts, settings.evaluate), folder, budget)
     try:
         return Run(SingleAgent(parts, settings.evaluate, state["trainee"]), folder, budget, state)
-    except MISFITS:
-        raise misfit(folder) from None
-
-
-def start_run(settings: TrainSettings[Any], folder: Path) -> Run:
-    """A new run in a new folder: settings are on disk before anything is learned."""
-    run = make_run(settings, folder)
-    save_config(folder, RUN, settings, run.trainee.contest.task.mazes[0])
-    return run
+    except MISFITS as error:
+        raise misfit(folder) from error

@@ -283,6 +283,8 @@ class SelfPlay:
             with TemporaryDirectory() as folder:
                 run = make_self_play(settings, Path(folder))
                 run.train()
+                if run.stopped:
+                    raise KeyboardInterrupt
                 chaser, evader = (run.trainee.policy(side) for side in ROLES)
                 steps = match(self.task, chaser, evader, episodes).steps
                 found[f"against_{role}"] = steps
@@ -343,7 +345,7 @@ def make_self_play(
     try:
         trainee = SelfPlay(settings, parts, folder, None if state is None else state["trainee"])
         return Run(trainee, folder, budget, state)
-    except MISFITS:
+    except MISFITS as error:
         if state is None:
             raise
-        raise misfit(folder) from None
+        raise misfit(folder) from error

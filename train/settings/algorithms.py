@@ -281,9 +281,3 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "q_learning": QLearningSettings,
 }
 """The settings of every algorithm by its name; `algorithms/registry.py` says what each can do."""
-
-
-def algorithm_name(hyper: Hyperparameters) -> str:
-    """The name of the algorithm that `hyper` belongs to; that of its class where there is none."""
-    names = (name for name, form in HYPERPARAMETERS.items() if type(hyper) is form)
-    return next(names, type(hyper).__name__)
