@@ -41,7 +41,7 @@ seeds = [0, 1]
 [settings]
 task = "maze"
 maze = "3x3"
-frames = 20000
+frames = 6000
 num_games = 32
 minibatch_size = 128
 
@@ -248,7 +248,7 @@ def test_an_ablation_runs_reports_and_is_not_done_again(
     text = (out / "report" / "report.md").read_text()
     for arm in ("none", "near first", "fewer goals first"):
         assert f"| {arm} | 2 |" in text
-    assert "control |" in text and "P(better than none)" in text and "20,000 frames each" in text
+    assert "control |" in text and "P(better than none)" in text and "6,000 frames each" in text
     for name in ("final.png", "arms.png"):
         assert (out / "report" / name).stat().st_size > 15_000
     stamps = {p: p.stat().st_mtime_ns for p in out.glob("runs/*/results.json")}

@@ -70,6 +70,12 @@ VARIANTS: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.fixture(autouse=True)
+def few_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is tested here is what is learned: evaluating it 20 times takes half of the time."""
+    monkeypatch.setattr("train.runs.loop.EVALUATIONS", 5)
+
+
 def steps_of(run: Run) -> float:
     """Mean steps of the greedy policy."""
     return run.trainee.contest.score("learned", run.trainee.policy).mean_steps
@@ -89,7 +95,7 @@ def test_every_learner_beats_random_by_far(name: str, tmp_path: Path) -> None:
 def test_chasers_and_evaders_learn_with_every_kind_of_learner(
     algorithm: str, tmp_path: Path
 ) -> None:
-    flat = {**SMALL[algorithm], "algorithm": algorithm, "threads": 1, "frames": 150_000}
+    flat = {**SMALL[algorithm], "algorithm": algorithm, "threads": 1, "frames": 80_000}
     chaser = start(RUN, settings_of(maze="3x3", **flat), new_folder(tmp_path / "chaser"))
     chaser.train()
     random = chaser.trainee.contest.score("random", RandomAgent()).mean_steps

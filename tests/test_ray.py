@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,29 @@ def cluster() -> Any:
     found.shutdown()
 
 
+def test_ray_gives_the_results_that_this_machine_gives(cluster: Any, tmp_path: Path) -> None:
+    import ray
+
+    text = TINY.replace(', "q_learning"', "").replace('"2x2", "3x3"', '"2x2"')
+    sweep, out = load_sweep(write(tmp_path / "tiny.toml", text)), tmp_path / "out"
+    ray.init(address=cluster.address, log_to_driver=False)
+    try:
+        statuses = run_on_ray(sweep, out, None, silent)
+    finally:
+        ray.shutdown()
+    assert statuses == dict.fromkeys((run.name for run in sweep.runs), "complete")
+    # A budget of frames repeats exactly.
+    local = tmp_path / "local"
+    run_locally(replace(sweep, runs=sweep.runs[:1]), local, 1, silent)
+    name = sweep.runs[0].name
+    evaluations = [
+        json.loads((folder / "runs" / name / "results.json").read_text())["evaluation"]
+        for folder in (out, local)
+    ]
+    assert evaluations[0] == evaluations[1]
+
+
+@pytest.mark.slow
 def test_ray_loses_nothing_and_counts_nothing_twice_when_a_node_dies(
     cluster: Any, tmp_path: Path
 ) -> None:
@@ -56,17 +80,6 @@ def test_ray_loses_nothing_and_counts_nothing_twice_when_a_node_dies(
     runs, curves = collect(out)
     assert len(runs) == 4 and runs["run"].n_unique() == 4
     assert curves.select("run", "frames").is_unique().all()
-    # The same file gives the same results here: a budget of frames repeats exactly.
-    local = tmp_path / "local"
-    one = load_sweep(str(tmp_path / "tiny.toml"))
-    single = type(one)(one.title, one.runs[:1], one.episodes, one.report, {}, None)
-    run_locally(single, local, 1, silent)
-    name = one.runs[0].name
-    evaluations = [
-        json.loads((folder / "runs" / name / "results.json").read_text())["evaluation"]
-        for folder in (out, local)
-    ]
-    assert evaluations[0] == evaluations[1]
 
 
 @pytest.mark.slow

@@ -44,7 +44,6 @@ class Algorithm:
         has_advantages: it tells them to the hook of its games.
         self_play: it can learn against an opponent that learns.
         teams: it can learn for several agents of a role at once.
-        central_critic: its critic can see what all agents of a role observe.
         one_maze: it has a table for one maze.
         cpu_only: it has nothing to put on a GPU.
         observations: the encodings that it can use; None for all.
@@ -61,7 +60,6 @@ class Algorithm:
     has_advantages: bool = False
     self_play: bool = False
     teams: bool = False
-    central_critic: bool = False
     one_maze: bool = False
     cpu_only: bool = False
     observations: tuple[str, ...] | None = None
@@ -144,7 +142,6 @@ register(
         has_advantages=True,
         self_play=True,
         teams=True,
-        central_critic=True,
     )
 )
 register(

@@ -15,6 +15,7 @@ from pursuit.maze_generation import generate_maze
 from pursuit.rendering import Scene, draw_scene
 from scripted_agents.tour import expected_tour_length
 from train.commands.parse import parse
+from train.files import write_text
 from train.settings.checks import check
 
 
@@ -70,7 +71,7 @@ def maze(arguments: Sequence[str]) -> None:
         print(made.to_text(), end="")
     print(describe_maze(made))
     if given.out is not None:
-        given.out.write_text(made.to_text(), encoding="utf-8")
+        write_text(given.out, made.to_text())
     if given.picture is not None:
         Image.fromarray(draw_scene(Scene(made, (), made.goal_marks, 0, 0))).save(given.picture)
 

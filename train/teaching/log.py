@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from curricula import Change, Progress
-from train.files import write_beside
+from train.files import write_csv
 
 LOG = "curriculum.csv"
 
@@ -30,14 +30,7 @@ def row_of(change: Change, progress: Progress) -> dict[str, Any]:
 def write_log(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
     """Write `curriculum.csv`."""
     names = ("frames", "episodes", "seconds", "progress", "mean", "low", "high", "reason")
-
-    def write(path: Path) -> None:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, names)
-            writer.writeheader()
-            writer.writerows(rows)
-
-    write_beside(folder / LOG, write)
+    write_csv(folder / LOG, rows, names)
 
 
 def read_log(folder: Path) -> list[dict[str, Any]]:
