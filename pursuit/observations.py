@@ -185,14 +185,14 @@ def encode_index(
     for game in range(out.shape[0]):
         for seat in range(out.shape[1]):
             for entity in range(num_agents):
-                agent = np.uintp(order[seat, entity])  # unsigned: no index from behind is looked for
+                agent = np.uintp(order[seat, entity])  # unsigned: faster
                 place = entity * size + games.position[game, agent]
                 out[game, seat, entity] = place if games.active[game, agent] else padding
             for number in range(num_goals):
                 cell = games.goal[game, number]
                 entity = num_agents + goal_rank(games, game, number)
                 out[game, seat, entity] = entity * size + cell if cell >= 0 else padding
-            own = np.uintp(order[seat, 0])
+            own = order[seat, 0]
             place = last * size + games.position[game, own]
             out[game, seat, last] = place if has_collected(games, game, own) else padding
 
