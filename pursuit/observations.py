@@ -192,7 +192,7 @@ def encode_index(
                 cell = games.goal[game, number]
                 entity = num_agents + goal_rank(games, game, number)
                 out[game, seat, entity] = entity * size + cell if cell >= 0 else padding
-            own = order[seat, 0]
+            own = np.uintp(order[seat, 0])
             place = last * size + games.position[game, own]
             out[game, seat, last] = place if has_collected(games, game, own) else padding
 
@@ -258,7 +258,7 @@ def encode_positions(
 
 
 @inlined
-def has_collected(games: Games, game: int, agent: int) -> bool:
+def has_collected(games: Games, game: int, agent: int | np.uintp) -> bool:
     """Whether an agent collected a goal in the last step."""
     return (games.event[game, agent] & COLLECTED) != 0
 
