@@ -1,7 +1,7 @@
 """Speed of the world: steps per second, ratios against peers in the same run, and how it scales.
 
 python tests/benchmarks/bench_simulator.py [--seconds 1]
-python tests/benchmarks/bench_simulator.py --against v0.1.0 [--turns 5]
+python tests/benchmarks/bench_simulator.py --against 501f81b [--turns 5]
 
 `--against` measures this version and another one, a folder or a git revision, in turns, each in a
 process of its own, and prints how long a step takes in both and the ratio.
