@@ -73,7 +73,7 @@ def draw_learning_curve(
     upper.set_yscale("log")
     plain_numbers(upper.yaxis)
     upper.set_ylabel("mean episode length (steps, log)")
-    upper.set_title(title, fontsize=11, loc="left")
+    upper.set_title(title, fontsize=11, loc="left", wrap=True)
     upper.legend(frameon=False, fontsize=9)
     if has_gap:
         lower = axes[1, 0]

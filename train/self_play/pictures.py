@@ -56,7 +56,7 @@ def draw_self_play(path: Path, rows: list[dict[str, float]], title: str) -> None
     lower.set_ylabel("steps until capture (log)")
     lower.legend(frameon=False, fontsize=8, ncol=2)
     lower.set_xlabel("training time (s)")
-    axes[0, 0].set_title(title, fontsize=11, loc="left")
+    axes[0, 0].set_title(title, fontsize=11, loc="left", wrap=True)
     for axis in axes[:, 0]:
         tidy(axis)
     save(figure, path, 150)
