@@ -81,7 +81,13 @@ def steps_of(run: Run) -> float:
     return run.trainee.contest.score("learned", run.trainee.policy).mean_steps
 
 
-@pytest.mark.parametrize("name", VARIANTS)
+SLOW = {"plain dqn", "reinforce without a baseline", "a2c without a critic"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in VARIANTS],
+)
 def test_every_learner_beats_random_by_far(name: str, tmp_path: Path) -> None:
     chosen = VARIANTS[name]
     flat = {**EASY, **SMALL[chosen["algorithm"]], **chosen}

@@ -277,6 +277,7 @@ with only_one(Path(sys.argv[1]), 'sweep'):
             pass
 
 
+@pytest.mark.slow
 def test_a_run_that_dies_is_recorded_and_the_others_go_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -313,6 +314,7 @@ def test_a_run_that_dies_is_recorded_and_the_others_go_on(
     assert "1 complete, 1 failed" in printed.out
 
 
+@pytest.mark.slow
 def test_control_c_saves_and_the_sweep_goes_on(tmp_path: Path) -> None:
     text = TINY.replace("frames = 2000", "frames = 400000").replace("[0, 1]", "[0]")
     path = write(tmp_path / "tiny.toml", text.replace('"a2c", "q_learning"', '"a2c"'))
