@@ -362,10 +362,13 @@ def test_wrong_actions_move_nobody(actions: Any) -> None:
 
 @pytest.mark.parametrize("dtype", [np.int8, np.uint8, np.int32, np.int64])
 def test_actions_of_any_integer_type(dtype: Any) -> None:
-    envs = make_vector_env("chase", "chaser", 3)
-    envs.reset(seed=0)
-    envs.step(np.array([0, 1, 3], dtype=dtype))
-    make_env("chase", "chaser").step(dtype(3))
+    seen = []
+    for kind in (dtype, np.int64):
+        envs, env = make_vector_env("chase", "chaser", 3), make_env("chase", "chaser")
+        envs.reset(seed=0)
+        env.reset(seed=0)
+        seen.append((envs.step(np.array([0, 1, 3], dtype=kind))[0], env.step(kind(3))[0]))
+    assert (seen[0][0] == seen[1][0]).all() and (seen[0][1] == seen[1][1]).all()
 
 
 def test_a_list_of_seeds_is_refused() -> None:
