@@ -1,0 +1,79 @@
+"""What is read from files, checked against the form that it must have, in one way for all of them.
+
+A form is a `msgspec.Struct`, a dataclass, or any type that `msgspec.convert` knows. Whoever reads a
+file gives its content (plain values) here and gets the form back, or one line that names file,
+field and remedy.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields, is_dataclass
+from difflib import get_close_matches
+from typing import Any, TypeVar
+
+import msgspec
+
+Form = TypeVar("Form")
+
+_WORDS = {
+    "int": "a whole number",
+    "float": "a number",
+    "bool": "true or false",
+    "str": "a text",
+    "array": "a list",
+    "object": "a table",
+    "null": "nothing",
+    "bytes": "bytes",
+}
+_MISMATCH = re.compile(r"^Expected `(?P<wanted>[^`]*)`(?: of length [^,]*)?, got `(?P<got>[^`]*)`")
+_PLACE = re.compile(r" - at `(?P<place>[^`]*)`$")
+
+
+def read_as(form: type[Form], content: Any, where: object, remedy: str) -> Form:
+    """`content` as a `form`.
+
+    Args:
+        form: what it must be; of dataclasses and structs every field without a default must be
+            there, and no other.
+        content: plain values: dicts, lists, texts, numbers.
+        where: the file, as messages name it.
+        remedy: what a person can do, the end of every message.
+
+    Raises:
+        ValueError: a field missing, unknown, of another type, or refused by the form itself.
+    """
+    try:
+        made: Form = msgspec.convert(content, form)
+    except msgspec.ValidationError as error:
+        raise ValueError(f"{where}: {_in_words(str(error))}; {remedy}") from None
+    if is_dataclass(form) and isinstance(content, dict):
+        known = [field.name for field in fields(form)]
+        for name in content:
+            if name not in known:
+                raise ValueError(f"{where}: {unknown(name, known)}; {remedy}")
+    return made
+
+
+def unknown(name: object, known: list[str]) -> str:
+    """What to say of a name that is none of the known ones."""
+    close = get_close_matches(str(name), known, 1)
+    return f"unknown field {name!r}" + (f", did you mean {close[0]!r}?" if close else "")
+
+
+def _in_words(message: str) -> str:
+    """msgspec's message without Python's types and with the field before it."""
+    place = _PLACE.search(message)
+    text = message[: place.start()] if place else message
+    field = re.sub(r"^\$\.?", "", place["place"]).replace("[...]", "[]") if place else ""
+    mismatch = _MISMATCH.match(text)
+    if mismatch:
+        wanted = " or ".join(_word(part) for part in mismatch["wanted"].split(" | "))
+        text = f"{wanted} expected, {_word(mismatch['got'])} found"
+    text = re.sub(r"^Object missing required field `(.*)`$", r"field '\1' is missing", text)
+    text = re.sub(r"^Object contains unknown field `(.*)`$", r"unknown field '\1'", text)
+    return f"field {field}: {text}" if field else text
+
+
+def _word(kind: str) -> str:
+    return _WORDS.get(kind.strip(), kind.strip())
