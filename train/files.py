@@ -17,8 +17,11 @@ def write_beside(path: Path, write: Callable[[Path], object]) -> None:
     """Have `write` make a file beside `path`, then put it in its place in one step.
 
     Raises:
+        ValueError: `path` is a folder or a device, which renaming would replace.
         OSError: the disk is full, say; whatever was at `path` is still there.
     """
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path}: not a file; give the path of a file")
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         write(beside)

@@ -1,0 +1,24 @@
+"""Files are written beside and renamed: nothing that is there already is lost."""
+
+import os
+import stat
+
+import pytest
+
+from train.files import write_text
+
+
+def test_a_failing_write_leaves_what_was_there(tmp_path):
+    path = tmp_path / "a.txt"
+    write_text(path, "old")
+    with pytest.raises(UnicodeEncodeError):
+        write_text(path, "\ud800")
+    assert path.read_text() == "old" and os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_a_device_or_folder_is_not_replaced_by_a_file(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", tmp_path):
+        with pytest.raises(ValueError, match="not a file"):
+            write_text(path, "content")
+    assert stat.S_ISFIFO(os.stat(tmp_path / "pipe").st_mode)
