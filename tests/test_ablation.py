@@ -58,6 +58,13 @@ curriculum = "num-goals"
 """
 
 
+def test_two_arms_of_equal_settings_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY + '[[arms]]\nname = "again"\ncurriculum = "num-goals"\n')
+    with pytest.raises(ValueError, match=r"'fewer goals first'.* and .*'again' have equal"):
+        load_ablation(str(path))
+
+
 def write(path: Path, text: str = TINY) -> str:
     path.write_text(text)
     return str(path)

@@ -131,7 +131,8 @@ def test_advantages_with_and_without_gae_and_critic_equal_a_plain_loop(
             for step in reversed(range(20)):
                 value = 0.0 if terminated[game, step] else after[game, step]
                 delta = rewards[game, step] + 0.9 * value - values[game, step]
-                running = delta + (0.0 if done[game, step] else 0.72 * running)
+                fade = 0.72 if critic else 0.9  # without values lambda would discount once more
+                running = delta + (0.0 if done[game, step] else fade * running)
                 expected[game, step] = running
         else:
             for step in range(20):
@@ -144,6 +145,33 @@ def test_advantages_with_and_without_gae_and_critic_equal_a_plain_loop(
                         break
                 expected[game, step] = total - values[game, step]
     np.testing.assert_allclose(frames["advantage"].reshape(16, 20), expected, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("standardize", [True, False])
+def test_a2c_standardizes_advantages_unless_told_otherwise(standardize: bool) -> None:
+    env = make_env(16)
+    chosen = A2CSettings(16, standardize_advantages=standardize)
+    learner = A2C(chosen, env, make_network(env), "cpu")
+    frames = learner.collect()
+    raw = frames["advantage"].clone()
+    learner.collect = lambda: frames  # type: ignore[method-assign]
+    learner.iterate(0.0)
+    learner.close()
+    expected = (raw - raw.mean()) / raw.std() if standardize else raw
+    torch.testing.assert_close(frames["advantage"], expected)
+
+
+def test_the_weights_of_prioritised_replay_are_annealed_over_the_run() -> None:
+    env = make_env(16)
+    networks = make_network(env, QNetwork), make_network(env, QNetwork)
+    small = {"prioritized": True, "learning_starts": 64, "batch_size": 8, "buffer_size": 400}
+    learner = DQN(DQNSettings(16, **small), env, *networks, "cpu", 0)  # type: ignore[arg-type]
+    found = []
+    for progress in (0.0, 0.5, 1.0):
+        learner.iterate(progress)
+        found.append(learner.replay.sampler.beta)
+    learner.close()
+    assert found == pytest.approx([0.4, 0.7, 1.0])  # Schaul et al. (2016)
 
 
 def test_reinforce_learns_from_whole_episodes_and_their_returns() -> None:

@@ -97,6 +97,13 @@ def test_frames_and_returns_are_those_of_the_episodes_one_for_each_game() -> Non
     np.testing.assert_allclose(ended[caught], 1.1 - 0.1 * lengths[caught], atol=1e-4)
 
 
+def test_candidates_draw_from_streams_of_their_own() -> None:
+    learner, _ = make(task="chase", role="chaser", **SMALL)
+    simulator = learner.env.simulator
+    simulator.seed(0)
+    assert not np.isin(learner._streams, simulator.streams).any()
+
+
 def test_a_captured_learners_episode_ends_with_its_capture() -> None:
     learner, _ = make(task="chase", role="evader", num_evaders=2, **SMALL)
     learner.play(torch.zeros(16, len(learner.mean)))

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from self_play_runs import go_on, make_run
+from self_play_runs import go_on, make_run, make_settings
 
+from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents import (
     AStarEvader,
@@ -18,9 +19,13 @@ from scripted_agents import (
 )
 from train.commands.main import main
 from train.experiments.kinds import resume
+from train.runs.by_name import settings_of
 from train.runs.folder import RESULTS, RUN
 from train.runs.opponents import opponents_of
+from train.runs.parts import contest_of, parts_of
 from train.self_play.league import LeagueTable, rate
+from train.self_play.parts import self_play_parts, self_play_settings_of
+from train.settings.task import TaskSettings
 
 # -- the commands ----------------------------------------------------------------------------------
 
@@ -65,7 +70,7 @@ def test_sampling_schemes_are_compared_by_a_sweep(
     main(command)
     assert "4 complete" in capsys.readouterr().out
     report = (tmp_path / "out" / "report" / "report.md").read_text()
-    assert "NashConv (discounted steps) [95 %]" in report and "| psro |" in report
+    assert "NashConv (discounted steps) [95 %]" in report and "| double-oracle |" in report
     assert (tmp_path / "out" / "report" / "learning_curves_frames.png").stat().st_size > 10_000
     done = {path: path.stat().st_mtime_ns for path in tmp_path.glob(f"out/runs/*/{RESULTS}")}
     main(command)
@@ -82,7 +87,7 @@ title = "Who is drawn"
 kind = "self-play"
 seeds = [0, 1]
 settings = {maze = "3x3", frames = 6000, num_games = 64, minibatch_size = 512, snapshots = 5}
-grid = {sampling = ["latest", "psro"]}
+grid = {sampling = ["latest", "double-oracle"]}
 """
 
 
@@ -148,6 +153,48 @@ def test_solve_prints_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[st
     printed = capsys.readouterr().out
     assert "cop number (in turns)           1" in printed and "saddle point" in printed
     assert (tmp_path / "s.png").stat().st_size > 10_000
+
+
+def test_every_learned_opponent_plays_by_one_rule(tmp_path: Path) -> None:
+    """As it was learned, unless `opponent_policy` says greedy; in training and in self-play."""
+    run = make_run(tmp_path / "pair", frames=2000)
+    run.train()
+    folder = tmp_path / "pair" / "evader"
+    for chosen, greedy in (({}, False), ({"opponent_policy": "greedy"}, True)):
+        settings = settings_of(maze="3x3", opponent=str(folder), frames=1, **chosen)
+        trained = parts_of(settings).opponents["evader"]
+        game = {"maze": "3x3", "rewards": "zero_sum", **chosen}
+        frozen = make_settings(evader=str(folder), task=game)
+        played = self_play_parts(frozen).frozen["evader"]
+        evaluated = contest_of(settings.task, 2).opponents["evader"]
+        assert [p.greedy for p in (trained, played, evaluated)] == [greedy] * 3  # type: ignore
+    with pytest.raises(ValueError, match="unknown opponent_policy 'best'; one of sampled, greedy"):
+        settings_of(opponent=str(folder), frames=1, opponent_policy="best")
+
+
+def test_what_is_reported_is_never_played_from_a_training_seed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    seeds: list[int] = []
+
+    class Spied(Simulator):
+        def seed(self, seed: int) -> None:
+            seeds.append(seed)
+            super().seed(seed)
+
+    for module in ("contest", "matchups"):
+        monkeypatch.setattr(f"train.evaluation.{module}.Simulator", Spied)
+    monkeypatch.chdir(tmp_path)
+    main(["league", "astar", "random", "--maze", "3x3", "--games", "2", "--seed", "5"])
+    main(["baseline", "--task", "maze", "--maze", "3x3", "--episodes", "2", "--seed", "5"])
+    assert set(seeds) == {2**62 + 5}
+    seeds.clear()
+    main(["baseline", "--task", "maze", "--maze", "3x3", "--episodes", "2"])
+    contest_of(TaskSettings(task="maze", maze="3x3"), 2).starts()
+    assert set(seeds) == {2**62}
+    for make in (settings_of, self_play_settings_of):
+        with pytest.raises(ValueError, match=r"seed=4611686018427387904; 0 to 2\*\*62-1"):
+            make(frames=1, seed=2**62)
 
 
 def test_opponents_by_name_in_training() -> None:

@@ -52,7 +52,7 @@ def test_pools_are_bounded_and_survive_damage(tmp_path: Path) -> None:
     pool, rng = empty_pool(tmp_path), np.random.default_rng(0)
     pool.add_scripted("astar", AStarEvader())
     dropped = [pool.add(f"{n}", {"action": n % 4}, rng) for n in range(10)]
-    assert len(pool.snapshots) == 3 and pool.names[-1] == "9"
+    assert len(pool.snapshots) == 3 and pool.offered == 10
     assert sum(name is not None for name in dropped) == 7
     pool.clean()
     assert sorted(path.stem for path in tmp_path.glob("*.pt")) == sorted(
@@ -67,7 +67,29 @@ def test_pools_are_bounded_and_survive_damage(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match=f"{hurt}.pt: damaged or missing snapshot"):
         again.load_state_dict(state)
     assert again.names == [name for name in pool.names if name != hurt]
-    assert again.members[2].score == pytest.approx(2 / 3)
+    assert again.members[2].score == pytest.approx(2 / 3) and again.offered == 10
+
+
+def test_a_full_pool_covers_all_of_the_past_evenly(tmp_path: Path) -> None:
+    """Every snapshot of a run is as likely to be left as any other (Vitter's algorithm R)."""
+    left, trials = np.zeros(30), 1500
+    for trial in range(trials):
+        pool, rng = empty_pool(tmp_path, 3), np.random.default_rng(trial)
+        pool.write = lambda name, state: None  # type: ignore[method-assign]
+        for n in range(30):
+            pool.add(f"{n}", {"action": 0}, rng)
+        left[[int(name) for name in pool.names[1:]]] += 1
+        assert pool.names[1:] == sorted(pool.names[1:], key=int)
+    # Three of 30 are left: each with chance 0.1, whose standard error is 0.008 here.
+    assert left.sum() == 3 * trials
+    np.testing.assert_allclose(left / trials, 0.1, atol=0.035)
+
+
+def test_a_window_keeps_the_newest(tmp_path: Path) -> None:
+    pool = OpponentPool(tmp_path, Always(0), 3, lambda state: Always(0), newest=True)
+    for n in range(10):
+        pool.add(f"{n}", {"action": 0}, np.random.default_rng(n))
+    assert pool.names[1:] == ["7", "8", "9"]
 
 
 def test_two_equal_names_are_refused(tmp_path: Path) -> None:
@@ -92,8 +114,8 @@ def test_sampling_schemes_weigh_as_they_say(tmp_path: Path) -> None:
     assert shares[:4] / shares[2] == pytest.approx(np.array([25, 1, 81, 25]) / 81, abs=2e-3)
     assert shares[4] > 0
     mixture = np.array([0, 0.25, 0, 0.75, 0])
-    assert weights(pool, "psro", mixture=mixture) == pytest.approx(mixture)
-    assert weights(pool, "psro")[0] == 1
+    assert weights(pool, "double-oracle", mixture=mixture) == pytest.approx(mixture)
+    assert weights(pool, "double-oracle")[0] == 1
     pool.members.clear()
     with pytest.raises(ValueError, match="an empty pool"):
         weights(pool, "uniform")

@@ -21,6 +21,7 @@ from pursuit.single_agent import fill_seats
 from pursuit.task import Task, make_task
 from scripted_agents import best_response, mean_over_starts, tour_length
 from scripted_agents.environments import default_policies
+from train.algorithms.exploration import exploration_streams
 from train.algorithms.q_learning import (
     STEPS_PER_ITERATION,
     QLearning,
@@ -30,10 +31,10 @@ from train.algorithms.q_learning import (
     learn,
 )
 from train.environments.simulator_env import SimulatorEnv
-from train.experiments.kinds import resume, start
+from train.experiments.kinds import start
 from train.networks.policy import Seat
 from train.runs.by_name import settings_of
-from train.runs.folder import RUN, load_checkpoint, new_folder
+from train.runs.folder import RUN
 from train.runs.opponents import load_policy
 from train.runs.parts import contest_of
 from train.settings.algorithms import QLearningSettings
@@ -256,21 +257,27 @@ def test_a_chaser_comes_within_a_per_cent_of_the_exact_best_response(tmp_path: P
     assert contest.score("learned", again).mean_steps == score.mean_steps
 
 
-def test_it_resumes_bit_for_bit(tmp_path: Path) -> None:
-    chosen = settings_of(algorithm="q_learning", maze="3x3", frames=400_000)
-    whole = start(RUN, chosen, new_folder(tmp_path / "whole"))
-    whole.train()
-    halved = start(RUN, chosen, new_folder(tmp_path / "halved"))
+def test_exploration_says_nothing_of_the_starts() -> None:
+    """Its numbers are of a stream of its own: none of those of the games, whatever the learner."""
+    task = make_task("chase", maze="3x3")
+    simulator = Simulator(task, 64, 7, auto_restart=False)
+    simulator.seed(7)
+    streams = exploration_streams(simulator, 7)
+    assert streams.shape == (64, 1) and len(np.unique(streams)) == 64
+    assert not np.isin(streams, simulator.streams).any()
+    _, policies = fill_seats(task, "chaser_0", default_policies(task, 0.2, own="chaser_0"))
+    env = SimulatorEnv(simulator, Seat(task, "chaser_0"), policies)
+    assert (QLearning(QLearningSettings(num_games=64), env, 7)._streams == streams).all()
 
-    def interrupt(run: Any, row: dict[str, float]) -> None:
-        run.stopped = run.stopped or run.progress > 0.5
 
-    halved.train(interrupt)
-    resume(tmp_path / "halved", RUN).train()
-    ends = [load_checkpoint(tmp_path / name)["trainee"]["learner"] for name in ("whole", "halved")]
-    assert ends[0]["frames"] == ends[1]["frames"]
-    for name in ("q_values", "visits", "streams"):
-        assert (ends[0][name] == ends[1][name]).all(), name
+def test_who_is_paid_for_every_step_needs_a_discount() -> None:
+    evader = {"algorithm": "q_learning", "role": "evader", "maze": "3x3", "frames": 1}
+    assert settings_of(**evader).hyper.gamma == 0.95
+    for rewards in ("default", "zero_sum", "distance"):
+        with pytest.raises(ValueError, match="without a discount its values grow without bound"):
+            settings_of(**evader, rewards=rewards, gamma=1.0)
+    for other in ({"role": "chaser"}, {"task": "heist"}):  # these hurry, so every value is bounded
+        settings_of(**{**evader, **other}, gamma=1.0)
 
 
 def test_too_many_states_and_other_games_are_refused() -> None:

@@ -102,3 +102,14 @@ def test_players_of_one_role_can_run_in_a_circle_too() -> None:
     wins = pairwise_wins(results).mean(axis=2)
     assert all(wins[a, b] > 0.5 for a, b in zip(cycle, [*cycle[1:], cycle[0]], strict=True))
     assert preference_cycle(pairwise_wins(results_of([1200.0, 1500.0, 1800.0]))) == []
+
+
+def test_a_shortest_circle_is_found_among_many_players() -> None:
+    """Each of 101 is better than the next 50: more circles than can ever be listed."""
+    players = np.arange(101)
+    better = (players[None, :] - players[:, None]) % 101 <= 50
+    wins = np.repeat(better[:, :, None], 20, axis=2).astype(float)
+    wins[players, players] = 0.5
+    cycle = preference_cycle(wins)
+    assert len(cycle) == len(set(cycle)) == 3
+    assert all(better[a, b] for a, b in zip(cycle, [*cycle[1:], cycle[0]], strict=True))

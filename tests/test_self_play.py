@@ -19,12 +19,14 @@ from scripted_agents import (
     AStarEvader,
     RandomAgent,
     best_response,
+    mean_over_starts,
     solve_chase,
 )
 from train.algorithms.registry import Build, entry
 from train.environments.team_env import TeamEnv
 from train.evaluation.exploitability import exploitability, nash_conv
-from train.evaluation.matchups import match, play_pair
+from train.evaluation.games import table_in
+from train.evaluation.matchups import discounted_steps, match, play_pair
 from train.experiments.kinds import open_run
 from train.networks.actor_critic import CentralActorCritic
 from train.networks.layers import Hidden
@@ -144,6 +146,33 @@ def test_exploitability_is_zero_at_the_equilibrium_and_exact_elsewhere() -> None
         exploitability(maze, chaser, RandomAgent().action_probabilities(maze, True))
 
 
+def test_payoffs_of_double_oracle_are_those_of_the_discounted_game(tmp_path: Path) -> None:
+    """Of the game that is trained in and that NashConv is of, without a cut at 200 steps."""
+    run = make_run(tmp_path / "run", sampling="psro", frames=8000, members=("random",))
+    assert run.trainee.settings.sampling == "double-oracle"  # psro is its former name
+    run.train()
+    trainee = run.trainee
+    task, maze = trainee.task, trainee.task.mazes[0]
+    chasers, evaders = (
+        {member.name: member.policy for member in trainee.pools[role].members}
+        for role in ("chaser", "evader")
+    )
+    assert len(trainee.payoffs) == len(chasers.keys() - {"latest"}) ** 2 > 4
+    for (chaser, evader), payoff in trainee.payoffs.items():
+        tables = [table_in(task, who) for who in (chasers[chaser], evaders[evader])]
+        values = exploitability(maze, *tables, discount=trainee.parts.discount).values
+        assert payoff == pytest.approx(mean_over_starts(values, maze))
+
+
+def test_discounted_steps_are_exact_and_agree_with_games(monkeypatch: pytest.MonkeyPatch) -> None:
+    task = make_task("chase", maze="4x4", max_steps=20)
+    pair = RandomAgent(), AStarEvader(0.0)  # some 200 steps: a cut would show
+    exact = discounted_steps(task, *pair, 0.99)
+    assert exact > 1.2 * (1 - 0.99**20) / 0.01
+    monkeypatch.setattr("train.evaluation.matchups.is_exact", lambda *_: False)
+    assert discounted_steps(task, *pair, 0.99, 4000) == pytest.approx(exact, rel=0.03)
+
+
 def test_matchups_are_exact_and_agree_with_games() -> None:
     task = make_task("chase", maze="5x5", max_steps=30)
     exact = match(task, AStarChaser(0.2), AStarEvader(0.2))
@@ -171,7 +200,6 @@ def test_self_play_becomes_far_less_exploitable(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "sampling",
     [
-        "psro",
         "pfsp",
         *(pytest.param(name, marks=pytest.mark.slow) for name in ("latest", "window", "uniform")),
     ],
@@ -259,7 +287,7 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
     first.train()
     assert "evader_vs_astar" not in first.metrics.rows[-1]
     frozen = str(tmp_path / "first" / "chaser")
-    second = make_run(tmp_path / "second", chaser=frozen, frames=8000, sampling="psro")
+    second = make_run(tmp_path / "second", chaser=frozen, frames=8000, sampling="double-oracle")
     policy: Any = second.trainee.policy("chaser")
     before = [p.clone() for p in policy.network.parameters()]
     second.train()
@@ -279,6 +307,8 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
         ({"members": ("genius",)}, "unknown member 'genius'"),
         ({"members": ("astar", "astar")}, "given twice"),
         ({"pool_size": 0}, "pool_size=0"),
+        ({"sampling": "window", "window": 9, "pool_size": 8}, "window=9 snapshots, and pool_size"),
+        ({"sampling": "double-oracle", "pool_size": 4}, "double-oracle forgets none"),
         ({"chaser_algorithm": "q_learning"}, "chaser_algorithm='q_learning'"),
         ({"chaser_algorithm": "dqn", "task": {"num_chasers": 2}}, "with 2 chasers"),
         ({"share_networks": True, "evader": "astar"}, "share_networks needs"),

@@ -22,6 +22,7 @@ from train.experiments.executors import progress_of, run_locally
 from train.experiments.report import report
 from train.experiments.statistics import bootstrap_interval, interquartile_mean
 from train.experiments.sweep import fingerprint, load_sweep, prepare, shipped, status_of
+from train.experiments.sweep_report import markdown, summary
 from train.experiments.tables import CURVES, RUNS, collect
 from train.files import only_one
 
@@ -84,6 +85,17 @@ def test_a_file_is_multiplied_out(tmp_path: Path) -> None:
 def test_combinations_that_are_named_twice_are_run_once(tmp_path: Path) -> None:
     doubled = TINY.replace('["2x2", "3x3"]', '["2x2", "2x2"]').replace("[0, 1]", "[0, 0]")
     assert len(load_sweep(write(tmp_path / "tiny.toml", doubled)).runs) == 2
+
+
+def test_two_names_of_equal_settings_are_refused_and_none_vanishes(tmp_path: Path) -> None:
+    variants = (
+        '[[variants]]\nname = "ours"\n[[variants]]\nname = "shorter"\nrollout_steps = 4\n[report]'
+    )
+    text = TINY.replace("[report]", variants).replace('["a2c", "q_learning"]', '["a2c"]')
+    with pytest.raises(ValueError, match=r"variant='ours'.*and.*variant='shorter' have equal sett"):
+        load_sweep(write(tmp_path / "tiny.toml", text))
+    told_apart = text.replace("rollout_steps = 4", "rollout_steps = 8")
+    assert len(load_sweep(write(tmp_path / "tiny.toml", told_apart)).runs) == 2 * 2 * 2
 
 
 def test_the_fingerprint_knows_every_setting_and_the_maze_itself(tmp_path: Path) -> None:
@@ -379,6 +391,17 @@ def test_a_report_says_what_the_runs_found(swept: Path) -> None:
         with Image.open(folder / name) as picture:
             assert min(picture.size) > 300
         assert f"({name})" in text
+
+
+def test_a_report_says_which_policy_was_evaluated(swept: Path) -> None:
+    rows = [row | {"_x": "", "_group": ""} for row in collect(swept)[0].to_dicts()]
+    for kinds, told in (
+        (("greedy",), "Steps are those of the greedy policy; "),
+        (("sampled",), "Steps are those of the sampled policy; "),
+        (("sampled", "greedy"), "Steps are those of the greedy or sampled policy, as `evaluate`"),
+    ):
+        given = [row | {"evaluate": kinds[n % len(kinds)]} for n, row in enumerate(rows)]
+        assert told in markdown("Tiny", given, summary(given, None), [], given)
 
 
 def test_a_report_of_nothing_is_an_error(

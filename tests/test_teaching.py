@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from game_rows import rows_of
 
 from pursuit.simulator import Simulator
@@ -15,9 +14,9 @@ from pursuit.task import make_task
 from scripted_agents import AStarChaser, best_response, tour_lengths
 from train.commands.main import main
 from train.evaluation.games import won_by
-from train.experiments.kinds import resume, start
+from train.experiments.kinds import start
 from train.runs.by_name import settings_of
-from train.runs.folder import RUN, load_checkpoint, new_folder
+from train.runs.folder import RUN, load_checkpoint
 from train.runs.loop import Run
 from train.runs.opponents import load_policy
 from train.runs.saved import load_settings
@@ -259,32 +258,6 @@ def test_positive_advantages_belong_to_their_episodes(tmp_path: Path) -> None:
                     wanted.append(np.mean(sums[game]))
                     sums[game] = []
     assert np.concatenate(teacher._errors) == pytest.approx(wanted)
-
-
-@pytest.mark.parametrize(
-    "lessons",
-    [
-        {"curriculum": "level-replay", "level_score": "value_loss", "level_buffer": 64},
-        {"curriculum": "learning-progress"},
-        {"curriculum": "success-gated", "window": 50},
-    ],
-)
-def test_a_taught_run_resumes_to_the_same_weights_and_log(lessons: Any, tmp_path: Path) -> None:
-    settings = settings_of(**{**MAZE, "maze": "3x3", "frames": 16_384, **lessons})
-    whole, parts = (new_folder(tmp_path / name) for name in ("whole", "parts"))
-    start(RUN, settings, whole).train()
-
-    def stop(run: Run, row: dict[str, float]) -> None:
-        run.stopped = run.progress >= 0.4
-
-    start(RUN, settings, parts).train(stop)
-    resume(parts, RUN).train()
-    states = [load_checkpoint(p)["trainee"] for p in (whole, parts)]
-    for name, weight in states[0]["learner"]["network"].items():
-        assert torch.equal(weight, states[1]["learner"]["network"][name]), name
-    untimed = [[{k: v for k, v in r.items() if k != "seconds"} for r in read_log(p)]
-               for p in (whole, parts)]  # fmt: skip
-    assert untimed[0] == untimed[1]
 
 
 def test_a_checkpoint_of_another_curriculum_is_refused(tmp_path: Path) -> None:

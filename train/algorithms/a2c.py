@@ -42,7 +42,8 @@ class A2C(RolloutLearner):
 
     Args:
         settings: the hyperparameters; without `gae` the advantages are discounted returns less the
-            value (lambda is 1), without `critic` every value is 0.
+            value (lambda is 1), without `critic` every value is 0 and lambda is 1 too: with nothing
+            to bootstrap from, lambda would only discount once more.
         env: the games.
         network: policy and value.
         device: where the network lives.
@@ -51,7 +52,7 @@ class A2C(RolloutLearner):
     def __init__(
         self, settings: A2CSettings, env: Games, network: ActorCritic, device: str = "cpu"
     ) -> None:
-        gae_lambda = settings.gae_lambda if settings.gae else 1.0
+        gae_lambda = settings.gae_lambda if settings.gae and settings.critic else 1.0
         super().__init__(settings, env, network, device, gae_lambda, settings.critic)
         self.settings = settings
         self.loss = A2CLoss(
@@ -66,8 +67,9 @@ class A2C(RolloutLearner):
         """Collect one rollout and take one gradient step."""
         self.set_learning_rate(progress)
         frames = self.collect()
-        advantage = frames["advantage"]
-        frames["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
+        if self.settings.standardize_advantages:
+            advantage = frames["advantage"]
+            frames["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
         frames["policy_hidden"], frames["value_hidden"] = self.network.hidden(frames["prepared"])
         self.loss.entropy_coeff.fill_(self.annealed(self.settings.entropy_coef, progress))
         losses = self.loss(frames)

@@ -14,7 +14,8 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from curricula import linear
 from pursuit.compiled import compiled
-from pursuit.rules import draw_uniform, next_uniform, seed_streams
+from pursuit.rules import draw_uniform, next_uniform
+from train.algorithms.exploration import exploration_streams
 from train.algorithms.learner import Build
 from train.environments.simulator_env import SimulatorEnv
 from train.networks.actor_critic import ActorCritic
@@ -205,8 +206,7 @@ class CrossEntropy:
         self._write_mean()
         simulator = env.simulator
         env.hook.copies = settings.population
-        self._streams = np.zeros((simulator.num_games, 1), dtype=np.uint64)
-        seed_streams(self._streams, seed, 0)
+        self._streams = exploration_streams(simulator, seed)
         self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
 
     def _write_mean(self) -> None:

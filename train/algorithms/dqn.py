@@ -134,6 +134,9 @@ class DQN(NetworkLearner):
         self.set_learning_rate(progress)
         explored = min(progress / max(settings.exploration_share, 1e-9), 1.0)
         self.explorer.epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
+        if settings.prioritized:  # Schaul et al. (2016), section 3.4
+            ends = settings.importance_exponent, settings.importance_exponent_end
+            self.replay.sampler.beta = linear(*ends, progress)
         self.remember(next(self._batches))
         if self.frames < settings.learning_starts or len(self.replay) < settings.batch_size:
             return {"epsilon": self.explorer.epsilon}

@@ -13,8 +13,9 @@ from curricula import linear
 from pursuit.compiled import compiled, inlined
 from pursuit.maze import Maze
 from pursuit.policy import GameView, pairs_of_cells
-from pursuit.rules import Games, next_below, next_uniform, seed_streams
+from pursuit.rules import Games, next_below, next_uniform
 from pursuit.task import Task
+from train.algorithms.exploration import exploration_streams
 from train.algorithms.learner import Build
 from train.environments.simulator_env import SimulatorEnv
 from train.networks.policy import Seat
@@ -214,6 +215,17 @@ class StateNumbers:
         number_states(*games, *self.for_kernels, chosen, states)
 
 
+def check_player(settings: QLearningSettings, seat: Seat) -> None:
+    """ValueError for a task without a table, or one whose values would grow without bound."""
+    StateNumbers(seat.task)
+    paid = seat.task.role_rewards[seat.role]
+    if settings.gamma >= 1.0 and (paid.step > 0.0 or paid.distance > 0.0):
+        raise ValueError(
+            f"gamma={settings.gamma}, and {seat.agent} is paid for every step: without a discount "
+            "its values grow without bound; lower it, to 0.95, say"
+        )
+
+
 def initial_values(numbers: StateNumbers, optimism: float) -> NDArray[np.float64]:
     """[states, actions] float64: `optimism` for every goal that is left; without goals, once."""
     task = numbers.task
@@ -293,8 +305,7 @@ class QLearning:
         shape = (self.numbers.count, simulator.task.num_actions)
         self.q_values = initial_values(self.numbers, settings.optimism)
         self.visits = np.zeros(shape, dtype=np.uint32)
-        self._streams = np.zeros((simulator.num_games, 1), dtype=np.uint64)
-        seed_streams(self._streams, seed, 0)
+        self._streams = exploration_streams(simulator, seed)
         self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
         self._states = np.zeros(simulator.num_games, dtype=np.int64)
         self._done = np.zeros(simulator.num_games, dtype=bool)
@@ -344,9 +355,7 @@ class QLearning:
     def policy(self, greedy: bool = True) -> QTablePolicy:
         """The greedy policy; ValueError for another, as action values are no distribution."""
         if not greedy:
-            raise ValueError(
-                "q_learning learns no distribution over actions; take the greedy policy"
-            )
+            raise ValueError("q_learning learns no distribution; take the greedy policy")
         seat = self.env.player
         return QTablePolicy(seat.task, seat.agent, self.q_values)
 

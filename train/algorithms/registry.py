@@ -48,7 +48,7 @@ class Algorithm:
         cpu_only: it has nothing to put on a GPU.
         observations: the encodings that it can use; None for all.
         actions: the kinds of action spaces that it can use.
-        check_player: raises ValueError for a player that it cannot learn to be.
+        check_player: (settings, player) raises ValueError for a player that it cannot learn to be.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Algorithm:
     cpu_only: bool = False
     observations: tuple[str, ...] | None = None
     actions: frozenset[str] = frozenset({"discrete"})
-    check_player: Callable[[Any], object] = lambda player: None
+    check_player: Callable[[Any, Any], object] = lambda settings, player: None
 
     def check(self, *, observation: str, device: str = "cpu", greedy: bool = True) -> None:
         """Raise ValueError for what it cannot do: an observation, a device, a sampled policy."""
@@ -190,6 +190,6 @@ register(
         one_maze=True,
         cpu_only=True,
         observations=("index",),
-        check_player=lambda seat: q_learning.StateNumbers(seat.task),
+        check_player=q_learning.check_player,
     )
 )

@@ -29,6 +29,8 @@ class EvaluateCommand:
     """The folder of the run."""
     episodes: int = 1000
     """Episodes to play."""
+    seed: int = 0
+    """Of those episodes: 0 for those of every evaluation, or others; none is ever trained on."""
     opponent_epsilon: float | None = None
     """Share of random moves of the opponents; that of the training if left out."""
     out: Path | None = None
@@ -45,7 +47,7 @@ def evaluate(arguments: Sequence[str]) -> None:
     if given.opponent_epsilon is not None:
         task = replace(settings.task, opponent_epsilon=given.opponent_epsilon)
         settings = replace(settings, task=task)
-    contest = contest_of(settings.task, given.episodes)
+    contest = contest_of(settings.task, given.episodes, given.seed)
     scores = [*contest.baselines(), contest.score("learned", policy)]
     if entry(settings.algorithm).learns_distribution:
         sampled = load_policy(given.run, greedy=False)

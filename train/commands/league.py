@@ -40,7 +40,7 @@ class LeagueCommand:
     games: int = 200
     """Games of each pair, from the same starts for all: what the ratings are made of."""
     seed: int = 0
-    """Of those games."""
+    """Of those games; none is ever trained on, whatever the seed."""
     out: Path = Path("league")
     """Folder for league.json and league.png."""
 

@@ -29,13 +29,13 @@ from scripted_agents import (
 )
 from scripted_agents.environments import DEFAULTS
 from train.evaluation.games import (
-    EVALUATION_SEED,
     half_width,
     is_exact,
     play_out,
     table_in,
     won_by,
 )
+from train.settings.checks import EVALUATION_SEED
 
 
 @dataclass(frozen=True)

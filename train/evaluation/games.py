@@ -15,9 +15,6 @@ from scripted_agents import table_of
 MAX_EXACT_CELLS = 1024
 """Above this number of cells a duel is played out rather than solved (seconds, gigabytes)."""
 
-EVALUATION_SEED = 2**62
-"""Far from the seeds that people train with, so that evaluation starts are never trained on."""
-
 Mask = NDArray[np.bool_]
 
 

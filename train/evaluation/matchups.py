@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import ceil, log
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,8 @@ from pursuit.policy import Policy
 from pursuit.simulator import Simulator
 from pursuit.task import Task
 from scripted_agents import evaluate_exactly, mean_over_starts
-from train.evaluation.games import (
-    EVALUATION_SEED,
-    all_caught,
-    half_width,
-    is_exact,
-    play_out,
-    table_in,
-)
+from train.evaluation.games import all_caught, half_width, is_exact, play_out, table_in
+from train.settings.checks import EVALUATION_SEED
 
 
 @dataclass(frozen=True)
@@ -48,6 +43,41 @@ def play_pair(
     return play_out(
         simulator, policies, lambda games: games.terminated | games.truncated, all_caught
     )
+
+
+NEGLIGIBLE = 1e-3
+"""What all steps beyond the last one that is played may count, as a share of the largest value."""
+
+
+def discounted_steps(
+    task: Task,
+    chaser: Policy,
+    evader: Policy,
+    discount: float,
+    episodes: int = 1000,
+    seed: int = EVALUATION_SEED,
+) -> float:
+    """The expected sum of discount**t over the steps until the game ends: the payoff of the game.
+
+    That is of the game without an end in time, as it is trained in (truncated episodes are
+    bootstrapped) and as exploitability is defined. Exact where `is_exact`; else the mean over
+    `episodes` games, played for as long as a step counts.
+
+    Args:
+        task: the game; its `max_steps` does not matter.
+        chaser, evader: who plays all seats of either role.
+        discount: of each step, in (0, 1).
+        episodes, seed: of the games, where they are played.
+    """
+    if is_exact(task, chaser, evader):
+        maze, order = task.mazes[0], task.move_order
+        own, other = (table_in(task, policy) for policy in (chaser, evader))
+        rest: Any = (None, discount, order)
+        values = evaluate_exactly(maze, own, other, *rest)
+        return mean_over_starts(values, maze, task.min_start_distance)
+    longest = replace(task, max_steps=ceil(log(NEGLIGIBLE) / log(discount)))
+    lengths, _ = play_pair(longest, chaser, evader, episodes, seed)
+    return float((1.0 - discount**lengths).mean() / (1.0 - discount))
 
 
 def match(

@@ -168,7 +168,12 @@ def multiply_out(content: dict[str, Any], stem: str) -> Sweep:
             if "name" in label:
                 label["variant"] = label.pop("name")
             run = SweepRun(run_name(kind, settings, label), kind, settings, label)
-            runs.setdefault(run.name.rsplit("-", 1)[1], run)  # a combination named twice runs once
+            same = runs.setdefault(run.name.rsplit("-", 1)[1], run)
+            check(  # a combination that is named twice runs once, under its one name
+                same.label == run.label,
+                f"{_told(same.label)} and {_told(run.label)} have equal settings, so they would be "
+                "one run; leave one out, or tell them apart",
+            )
     exact = _table(content, "exact")
     check(has_runs or bool(exact), "nothing to do; give [settings] and [grid], or [exact]")
     episodes = content.get("episodes", 1000)
@@ -182,6 +187,10 @@ def multiply_out(content: dict[str, Any], stem: str) -> Sweep:
         exact,
         scheduler,
     )
+
+
+def _told(label: dict[str, Any]) -> str:
+    return ", ".join(f"{name}={value!r}" for name, value in label.items())
 
 
 def _table(content: dict[str, Any], name: str) -> dict[str, Any]:

@@ -152,9 +152,11 @@ def markdown(
     ]
     lines.append("Intervals: 95 % bootstrap of the mean over seeds.")
     if measure in (GAP, STEPS):
+        kinds = " or ".join(sorted({str(row["evaluate"]) for row in rows}))
         lines.append(
-            "Steps are those of the greedy policy; an episode that runs out of time counts with "
-            "all its steps."
+            f"Steps are those of the {kinds} policy"
+            + (", as `evaluate` says in the settings of each run" if " or " in kinds else "")
+            + "; an episode that runs out of time counts with all its steps."
         )
     elif unit == "nash_conv":
         lines.append(

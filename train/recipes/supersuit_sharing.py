@@ -24,10 +24,9 @@ from pursuit.policy import Policy
 from pursuit.simulator import Simulator
 from scripted_agents import NearestGoalRunner, RandomAgent
 from train.commands.parse import fail, parse
-from train.evaluation.games import EVALUATION_SEED
 from train.runs.tasks import task_of
 from train.runs.third_party import load_stable_baselines, save_stable_baselines
-from train.settings.checks import check
+from train.settings.checks import EVALUATION_SEED, check
 from train.settings.task import TaskSettings
 
 

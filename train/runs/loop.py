@@ -19,7 +19,7 @@ from train.files import write_json
 from train.machine import commit, processor
 from train.runs.folder import RESULTS, MetricsFile, save_checkpoint
 from train.runs.interruption import Interruption
-from train.runs.threads import ThreadChoice
+from train.runs.threads import ThreadChoice, random_states, set_random_states
 
 EVALUATIONS = 20
 """How often a run is evaluated, and its checkpoint saved, over its budget."""
@@ -131,7 +131,7 @@ class Run:
         self.seconds, self.evaluations = 0.0, 0
         if state is not None:
             self.seconds, self.evaluations = state["seconds"], state["evaluations"]
-            torch.set_rng_state(state["torch_rng"])
+            set_random_states(state)
         self.metrics = MetricsFile(folder, None if state is None else trainee.frames)
 
     @property
@@ -197,7 +197,7 @@ class Run:
                 "trainee": self.trainee.state_dict(),
                 "seconds": self.seconds,
                 "evaluations": self.evaluations,
-                "torch_rng": torch.get_rng_state(),
+                **random_states(),
             },
         )
         self.trainee.save_beside(self.folder)

@@ -43,27 +43,29 @@ def load_policy(folder: Path, greedy: bool = True) -> Policy:
         raise misfit(folder) from None
 
 
-def load_sampled(folder: Path) -> Policy:
-    """The policy of a run as it was learned: sampled, where there is a distribution."""
-    return load_policy(folder, not entry(load_settings(folder).algorithm).learns_distribution)
-
-
-def load_opponent(path: Path) -> Policy:
+def load_opponent(path: Path, played: str = "sampled") -> Policy:
     """A policy from the folder of a run, or from a saved Stable-Baselines3 model.
+
+    Args:
+        path: of either.
+        played: "sampled", as it was learned, where it is a distribution; or "greedy".
 
     Raises:
         ValueError: neither, or damaged.
     """
     if path.is_dir():
-        return load_policy(path)
+        sampled = entry(load_settings(path).algorithm).learns_distribution
+        return load_policy(path, played == "greedy" or not sampled)
     check(
         path.suffix == ".zip",
         f"{path}: no policy; give the folder of a run, or a saved Stable-Baselines3 model (.zip)",
     )
-    return load_stable_baselines(path)
+    return load_stable_baselines(path, None if played == "sampled" else True)
 
 
-def opponents_of(task: Task, agent: str, opponent: str | None, epsilon: float) -> dict[str, Policy]:
+def opponents_of(
+    task: Task, agent: str, opponent: str | None, epsilon: float, played: str = "sampled"
+) -> dict[str, Policy]:
     """The policy of every role: scripted, and where there is one, `opponent` for its own.
 
     Args:
@@ -71,6 +73,7 @@ def opponents_of(task: Task, agent: str, opponent: str | None, epsilon: float) -
         agent: who learns.
         opponent: random, optimal, astar, the folder of a run or a model's .zip; None for A*.
         epsilon: share of random moves of the scripted agents.
+        played: how a learned opponent plays, "sampled" or "greedy".
 
     Raises:
         ValueError: no policy at `opponent`, or one that cannot play against the learner.
@@ -81,7 +84,7 @@ def opponents_of(task: Task, agent: str, opponent: str | None, epsilon: float) -
             rest: Any = (epsilon, task.move_order)
             policies[other] = scripted_policy(str(opponent), other, *rest)
     elif opponent is not None:
-        policy: Any = load_opponent(Path(opponent))
+        policy: Any = load_opponent(Path(opponent), played)
         role, seat = role_of(policy), task.seat(agent)
         others = [r for s, r in enumerate(task.seat_roles) if s != seat]
         check(

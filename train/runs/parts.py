@@ -19,7 +19,7 @@ from train.runs.opponents import opponents_of
 from train.runs.tasks import agent_of, task_of
 from train.runs.threads import uses_bfloat16
 from train.settings.algorithms import Hyperparameters, PPOSettings
-from train.settings.checks import check
+from train.settings.checks import check, evaluation_seed
 from train.settings.presets import Setting
 from train.settings.run import TrainSettings
 from train.settings.task import TaskSettings
@@ -68,7 +68,7 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
     )
     task = task_of(settings.task)
     agent = agent_of(settings.task, task)
-    opponents = opponents_of(task, agent, settings.task.opponent, settings.task.opponent_epsilon)
+    opponents = opponents_in(settings.task, task, agent)
     opponent = settings.task.opponent
     learned = None if opponent in SCRIPTED else opponent
     plan = plan_lessons(
@@ -84,10 +84,16 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
     if plan is not None:
         check_learner(plan, algorithm)
     seat = Seat(task if plan is None else plan.task, agent, settings.observation)
-    algorithm.check_player(seat)
+    algorithm.check_player(settings.hyper, seat)
     bfloat16 = uses_bfloat16(settings.precision, settings.device)
     build = Build(settings.device, bfloat16, settings.first_layer, settings.seed)
     return Parts(task, opponents, plan, seat, algorithm, settings.hyper, build)
+
+
+def opponents_in(settings: TaskSettings, task: Task, agent: str) -> dict[str, Policy]:
+    """The policy of every role, as the settings name them; ValueError as `opponents_of`."""
+    how = (settings.opponent, settings.opponent_epsilon, settings.opponent_policy)
+    return opponents_of(task, agent, *how)
 
 
 def check_algorithm(settings: TrainSettings[Any], algorithm: Algorithm) -> None:
@@ -110,10 +116,9 @@ def setting_of(settings: TaskSettings) -> Setting:
     return Setting(settings.task, role, task.max_cells, settings.start == "random", task.is_duel)
 
 
-def contest_of(settings: TaskSettings, episodes: int, seed: int | None = None) -> GameContest:
-    """What a policy is judged by in a task, without any run."""
+def contest_of(settings: TaskSettings, episodes: int, seed: int = 0) -> GameContest:
+    """What a policy is judged by in a task, without any run; `seed` is one of the evaluation's."""
     task = task_of(settings)
     agent = agent_of(settings, task)
-    opponents = opponents_of(task, agent, settings.opponent, settings.opponent_epsilon)
-    more = {} if seed is None else {"seed": seed}
-    return GameContest(task, agent, opponents, episodes, **more)
+    opponents = opponents_in(settings, task, agent)
+    return GameContest(task, agent, opponents, episodes, evaluation_seed(seed))

@@ -72,12 +72,13 @@ def save_stable_baselines(
     )
 
 
-def load_stable_baselines(path: Path, greedy: bool = True) -> LearnedPolicy:
+def load_stable_baselines(path: Path, greedy: bool | None = True) -> LearnedPolicy:
     """A saved model as a policy; no code that the file may hold is run.
 
     Args:
         path: the .zip that `save_stable_baselines` wrote, its description beside it.
-        greedy: take the most probable action; False draws (PPO and A2C only).
+        greedy: take the most probable action; False draws (PPO and A2C only); None draws where
+            there is a distribution.
 
     Raises:
         ImportError: Stable-Baselines3 is not installed.
@@ -103,6 +104,7 @@ def load_stable_baselines(path: Path, greedy: bool = True) -> LearnedPolicy:
     except (KeyError, TypeError) as error:
         raise ValueError(f"{description_of(path)}: damaged, no description: {error}") from None
     check(algorithm in ALGORITHMS, f"{path}: algorithm {algorithm!r}; ppo, a2c or dqn")
+    greedy = algorithm == "dqn" if greedy is None else greedy
     check(
         greedy or algorithm != "dqn",
         f"{path}: dqn learns no distribution over actions; take the greedy policy",

@@ -1,9 +1,11 @@
-"""How torch is to use this machine: threads, memory, precision."""
+"""How torch is to use this machine: threads, memory, precision; and its random states."""
 
 from __future__ import annotations
 
 import ctypes
 import os
+from collections.abc import Mapping
+from typing import Any
 
 import torch
 
@@ -30,6 +32,24 @@ def keep_freed_memory() -> None:
         return
     mallopt(mmap_threshold, 2**30)
     mallopt(trim_threshold, 2**31 - 1)
+
+
+def random_states() -> dict[str, Any]:
+    """The states of torch's generators, for a checkpoint: "torch_rng", and "cuda_rng" one for each
+    GPU, none where this process has used no GPU."""
+    used = torch.cuda.is_available() and torch.cuda.is_initialized()  # type: ignore[no-untyped-call]
+    return {
+        "torch_rng": torch.get_rng_state(),
+        "cuda_rng": torch.cuda.get_rng_state_all() if used else [],
+    }
+
+
+def set_random_states(state: Mapping[str, Any]) -> None:
+    """Go on from what `random_states` gave; GPUs that are not here are left out."""
+    torch.set_rng_state(state["torch_rng"])
+    here = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    for device, own in enumerate(state.get("cuda_rng", [])[:here]):
+        torch.cuda.set_rng_state(own, device)
 
 
 def uses_bfloat16(precision: str, device: str) -> bool:

@@ -28,7 +28,7 @@ from train.self_play.ratings import (
     pairwise_wins,
     preference_cycle,
 )
-from train.settings.checks import check
+from train.settings.checks import check, evaluation_seed
 from train.settings.self_play import ROLES
 from train.settings.task import TaskSettings
 
@@ -121,14 +121,18 @@ def enter(
 
 
 def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> LeagueTable:
-    """Every chaser against every evader: exact payoffs where they can be had, and games."""
+    """Every chaser against every evader: exact payoffs where they can be had, and games.
+
+    `seed` is one of the evaluation's: nobody has learned from these starts.
+    """
+    begun = evaluation_seed(seed)
     sides = {role: [entry for entry in entries if entry.role == role] for role in ROLES}
     shape = (len(sides["chaser"]), len(sides["evader"]))
     payoff, ci95 = np.zeros(shape), np.zeros(shape)
     lengths = np.zeros((*shape, games), dtype=np.int64)
     for i, chaser in enumerate(sides["chaser"]):
         for j, evader in enumerate(sides["evader"]):
-            lengths[i, j], _ = play_pair(task, chaser.policy, evader.policy, games, seed)
+            lengths[i, j], _ = play_pair(task, chaser.policy, evader.policy, games, begun)
             if is_exact(task, chaser.policy, evader.policy):
                 payoff[i, j] = match(task, chaser.policy, evader.policy).steps
             else:

@@ -13,8 +13,7 @@ from scripted_agents.environments import SCRIPTED, scripted_policy
 from train.algorithms.registry import Build, entry
 from train.networks.policy import Seat
 from train.runs.by_name import check_names, picked, typed
-from train.runs.folder import CONFIG
-from train.runs.opponents import check_fits, load_opponent, load_sampled
+from train.runs.opponents import check_fits, load_opponent
 from train.runs.parts import setting_of
 from train.runs.saved import read_plain
 from train.runs.tasks import task_of
@@ -69,7 +68,9 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         for role in ROLES
     }
     frozen = {
-        role: scripted[name, role] if (name, role) in scripted else frozen_policy(name, role, task)
+        role: scripted[name, role]
+        if (name, role) in scripted
+        else frozen_policy(name, role, task, settings.task.opponent_policy)
         for role in ROLES
         if role not in settings.learning
         for name in [str(getattr(settings, role))]
@@ -128,14 +129,15 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
     return TrainSettings(task, hyper, algorithm=algorithm, **same)
 
 
-def frozen_policy(name: str, role: str, task: Task) -> Policy:
+def frozen_policy(name: str, role: str, task: Task, played: str = "sampled") -> Policy:
     """Who plays a role that does not learn, from the folder of a run or a model's .zip.
+
+    It is `played` "sampled" or "greedy", as every learned opponent is.
 
     Raises:
         ValueError: neither; or the run learned another role, or in other games.
     """
-    path = Path(name)
-    policy = load_sampled(path) if (path / CONFIG).exists() else load_opponent(path)
+    policy = load_opponent(Path(name), played)
     check_fits(policy, role, task, name)
     return policy
 

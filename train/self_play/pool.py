@@ -51,12 +51,14 @@ class OpponentPool:
         latest: the policy that is learning in this role.
         capacity: snapshots kept at most.
         load: makes a policy of what was saved.
+        newest: keep the newest snapshots; else a sample of all so far, each as likely as any other.
 
     Raises:
         ValueError: a capacity below 1.
 
     Attributes:
         members: in order of age, the latest first, then scripted agents, then snapshots.
+        offered: snapshots so far, kept or not.
     """
 
     def __init__(
@@ -65,9 +67,11 @@ class OpponentPool:
         latest: Policy,
         capacity: int,
         load: Callable[[dict[str, Any]], Policy],
+        newest: bool = False,
     ) -> None:
         check(capacity >= 1, f"pool_size={capacity}; at least 1")
         self.folder, self.capacity, self._load = folder, capacity, load
+        self.newest, self.offered = newest, 0
         self.members = [Member(LATEST, latest, True)]
 
     @property
@@ -91,25 +95,36 @@ class OpponentPool:
         self.members.insert(place, Member(name, policy, True))
 
     def add(self, name: str, state: dict[str, Any], rng: np.random.Generator) -> str | None:
-        """Save a snapshot and take it in; the name of the one that was dropped for it, or None.
+        """Save a snapshot and take it in; the name of the one that is not kept, or None.
 
-        A full pool drops one at random, never the newest, so that it goes on covering all of the
-        past evenly.
+        A full pool of the newest drops the oldest. Any other is a reservoir (Vitter, 1985,
+        algorithm R): the n-th snapshot comes in with chance capacity / n, for one at random, so
+        every one of the n is in the pool with that same chance, and it covers all of the past
+        evenly. What does not come in is not written either.
 
         Raises:
             ValueError: the name is taken.
             OSError: it cannot be written; the pool is as it was.
         """
         check(name not in self.names, f"two members of a pool are called {name!r}; rename one")
-        self.folder.mkdir(parents=True, exist_ok=True)
-        write_beside(self.folder / f"{name}.pt", lambda beside: torch.save(state, beside))
+        old, place = self.snapshots, 0
+        if len(old) >= self.capacity and not self.newest:
+            place = int(rng.integers(self.offered + 1))
+            if place >= self.capacity:
+                self.offered += 1
+                return name
+        self.write(name, state)
+        self.offered += 1
         self.members.append(Member(name, self._load(state), False))
-        old = self.snapshots[:-1]
         if len(old) < self.capacity:
             return None
-        dropped = old[int(rng.integers(len(old)))]
-        self.members.remove(dropped)
-        return dropped.name
+        self.members.remove(old[place])
+        return old[place].name
+
+    def write(self, name: str, state: dict[str, Any]) -> None:
+        """Save a snapshot in the folder."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        write_beside(self.folder / f"{name}.pt", lambda beside: torch.save(state, beside))
 
     def clean(self) -> None:
         """Delete the files of snapshots that were dropped (once a checkpoint does without them)."""
@@ -125,14 +140,18 @@ class OpponentPool:
             one.games += 1.0
             one.score += (score - one.score) / min(one.games, MEMORY)
 
-    def state_dict(self) -> list[dict[str, Any]]:
-        """Who is in it, with the scores; the snapshots themselves are on disk already."""
+    def described(self) -> list[dict[str, Any]]:
+        """Who is in it, with the scores."""
         return [
             {"name": m.name, "scripted": m.scripted, "score": m.score, "games": m.games}
             for m in self.members
         ]
 
-    def load_state_dict(self, state: list[dict[str, Any]]) -> None:
+    def state_dict(self) -> dict[str, Any]:
+        """What is needed to go on; the snapshots themselves are on disk already."""
+        return {"members": self.described(), "offered": self.offered}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take it back. A snapshot that is missing or damaged is left out, with a warning.
 
         Raises:
@@ -140,7 +159,7 @@ class OpponentPool:
         """
         scripted = {member.name: member for member in self.members}
         members = []
-        for entry in state:
+        for entry in state["members"]:
             name = entry["name"]
             if entry["scripted"]:
                 member = scripted[name]
@@ -158,7 +177,7 @@ class OpponentPool:
                     continue
             member.score, member.games = entry["score"], entry["games"]
             members.append(member)
-        self.members = members
+        self.members, self.offered = members, state["offered"]
 
 
 def weights(
@@ -175,12 +194,12 @@ def weights(
         sampling: "latest": the opponent as it is now. "window": evenly among that and the last
             `window` snapshots. "uniform": evenly among all (fictitious self-play; Heinrich et al.,
             2015). "pfsp": by (1 - score) ** `power`, the learner's score against each: prioritised
-            fictitious self-play (Vinyals et al., 2019). "psro": by `mixture`, a Nash equilibrium of
-            the payoff matrix (double oracle, McMahan et al., 2003; Lanctot et al., 2017); until
-            there is one, the latest. Scripted members count in all but "latest" and "psro".
+            fictitious self-play (Vinyals et al., 2019). "double-oracle": by `mixture`, a Nash
+            equilibrium of the payoff matrix (McMahan et al., 2003); until there is one, the latest.
+            Scripted members count in all but "latest", and in "double-oracle" by the mixture.
         window: snapshots that count.
         power: how strongly "pfsp" prefers hard opponents.
-        mixture: [members] of "psro".
+        mixture: [members] of "double-oracle".
 
     Raises:
         ValueError: an empty pool.
@@ -188,9 +207,9 @@ def weights(
     members = pool.members
     check(bool(members), f"{pool.folder}: an empty pool; there is nobody to play against")
     chosen = np.zeros(len(members))
-    if sampling == "psro" and mixture is not None:
+    if sampling == "double-oracle" and mixture is not None:
         chosen[:] = mixture
-    elif sampling in ("latest", "psro"):
+    elif sampling in ("latest", "double-oracle"):
         chosen[0] = 1.0
     elif sampling == "pfsp":
         chosen[:] = [(1.0 - member.score) ** power for member in members]

@@ -210,9 +210,12 @@ def preference_cycle(wins: NDArray[np.float64]) -> list[int]:
     games = wins.shape[2]
     half = 1.96 * wins.std(axis=2, ddof=1) / games**0.5 if games > 1 else np.inf
     better = wins.mean(axis=2) - half > 0.5
-    graph = networkx.DiGraph(list(zip(*np.nonzero(better), strict=True)))
-    cycles: list[list[int]] = [
-        [int(player) for player in cycle]
-        for cycle in networkx.simple_cycles(graph, length_bound=len(wins))
-    ]
-    return min(cycles, key=len, default=[])
+    graph = networkx.DiGraph(np.argwhere(better).tolist())
+    shortest: list[int] = []
+    for player in graph:
+        # The way back from whoever is worse, if there is one: a search for each player, no more.
+        back = networkx.single_target_shortest_path(graph, player)
+        for worse in graph.successors(player):
+            if worse in back and (not shortest or len(back[worse]) < len(shortest)):
+                shortest = back[worse]
+    return shortest

@@ -14,13 +14,14 @@ from scripted_agents import mean_over_starts
 from scripted_agents.environments import SCRIPTED
 from train.evaluation.exploitability import exploitability, nash_conv
 from train.evaluation.games import is_exact, table_in
-from train.evaluation.matchups import match
+from train.evaluation.matchups import discounted_steps, match
 from train.runs.folder import CONFIG, MISFITS, SELF_PLAY, SIDE, misfit, save_checkpoint, save_config
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.threads import prepare_torch
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
 from train.self_play.pool import LATEST, OpponentPool, nash_mixtures, weights
 from train.self_play.side import Side, share_trunk
+from train.settings.checks import evaluation_seed
 from train.settings.self_play import LEARN, ROLES, SelfPlaySettings
 
 MAX_GAME_CELLS = 256
@@ -51,7 +52,7 @@ class SelfPlay:
 
     Attributes:
         task, sides, pools: the game, who learns, and the opponents in each role.
-        payoffs, mixtures: of the meta-game of PSRO.
+        payoffs, mixtures: of the meta-game of double oracle; payoffs in discounted steps.
         taken: snapshots so far.
     """
 
@@ -92,7 +93,8 @@ class SelfPlay:
             latest, load = self.sides[role].policy(), self.sides[role].load
         else:
             latest, load = self.parts.frozen[role], lambda state: latest
-        pool = OpponentPool(self.folder / "pool" / role, latest, self.settings.pool_size, load)
+        size, newest = self.settings.pool_size, self.settings.sampling == "window"
+        pool = OpponentPool(self.folder / "pool" / role, latest, size, load, newest)
         for name in self.settings.members:
             pool.add_scripted(name, self.parts.scripted[name, role])
         return pool
@@ -126,7 +128,7 @@ class SelfPlay:
         for role, side in self.sides.items():
             pool = self.pools[other_role(role)]
             mixture = None
-            if settings.sampling == "psro" and self.mixtures:
+            if settings.sampling == "double-oracle" and self.mixtures:
                 given = self.mixtures[other_role(role)]
                 shares = np.array([given.get(name, 0.0) for name in pool.names])
                 mixture = shares / shares.sum() if shares.sum() > 0 else None
@@ -141,7 +143,7 @@ class SelfPlay:
             self.pools[role].add(f"{self.taken:05d}", side.snapshot(), self.rng)
         for role in ROLES:
             self._keep_opponents(role, places[role])
-        if self.settings.sampling == "psro":
+        if self.settings.sampling == "double-oracle":
             self._solve_meta_game()
 
     def _keep_opponents(self, role: str, before: list[str]) -> None:
@@ -153,7 +155,12 @@ class SelfPlay:
             opponents[:] = moved[opponents]
 
     def _solve_meta_game(self) -> None:
-        """The Nash mixture of all pairs of snapshots (and scripted members; not the latest)."""
+        """The Nash mixture of all pairs of snapshots (and scripted members; not the latest).
+
+        Their payoffs are those of the game that is trained in and that NashConv is of: discounted
+        steps until the game ends. The learners go on from where they are against the mixture; they
+        do not begin afresh, as those of PSRO do (Lanctot et al., 2017).
+        """
         members = {
             role: [
                 m for m in self.pools[role].members if m.name != LATEST or role not in self.sides
@@ -165,10 +172,14 @@ class SelfPlay:
             for j, evader in enumerate(members["evader"]):
                 pair = (chaser.name, evader.name)
                 if pair not in self.payoffs:
-                    # Mean steps until capture: exact in a duel.
-                    self.payoffs[pair] = match(
-                        self.task, chaser.policy, evader.policy, PAIR_EPISODES, self.settings.seed
-                    ).steps
+                    self.payoffs[pair] = discounted_steps(
+                        self.task,
+                        chaser.policy,
+                        evader.policy,
+                        self.parts.discount,
+                        PAIR_EPISODES,
+                        evaluation_seed(self.settings.seed),
+                    )
                 payoff[i, j] = self.payoffs[pair]
         for role, mixture in zip(ROLES, nash_mixtures(payoff), strict=True):
             names = [member.name for member in members[role]]
@@ -253,7 +264,7 @@ class SelfPlay:
             "seed": settings.seed,
             "evaluation": self.evaluate(episodes),
             "matches": self.matches(episodes),
-            "pools": {role: pool.state_dict() for role, pool in self.pools.items()},
+            "pools": {role: pool.described() for role, pool in self.pools.items()},
             "mixtures": self.mixtures,
         }
         exact = "nash_conv" in content["evaluation"]
@@ -272,6 +283,7 @@ class SelfPlay:
             who: Any = {role: str(self.folder / role), other: LEARN, f"{other}_algorithm": "ppo"}
             settings = replace(
                 self.settings,
+                task=replace(self.settings.task, opponent_policy="sampled"),  # as it was learned
                 **who,
                 share_networks=False,
                 sampling="latest",
@@ -307,7 +319,7 @@ class SelfPlay:
         for role, side in self.sides.items():
             side.learner.load_state_dict(state["sides"][role]["learner"])
         for role, pool in self.pools.items():
-            before = [entry["name"] for entry in state["pools"][role]]
+            before = [entry["name"] for entry in state["pools"][role]["members"]]
             pool.load_state_dict(state["pools"][role])
             self._keep_opponents(role, before)
         self.rng.bit_generator.state = state["rng"]

@@ -31,7 +31,8 @@ class Hyperparameters:
     SHARES: ClassVar[frozenset[str]] = frozenset(
         {
             "gamma", "gae_lambda", "epsilon_start", "epsilon_end",
-            "exploration_share", "priority_exponent", "importance_exponent", "elite_share",
+            "exploration_share", "priority_exponent", "importance_exponent",
+            "importance_exponent_end", "elite_share",
         }
     )  # fmt: skip
 
@@ -147,6 +148,8 @@ class A2CSettings(RolloutSettings):
     """Generalised advantages; without, discounted returns less the value."""
     critic: bool = True
     """Learn a value; without, returns end with the rollout and nothing is subtracted from them."""
+    standardize_advantages: bool = True
+    """Scale the advantages of each rollout to mean 0 and standard deviation 1."""
 
 
 @dataclass(frozen=True)
@@ -199,9 +202,11 @@ class DQNSettings(NetworkSettings):
     priority_exponent: float = 0.6
     """How much priorities count; 0 is uniform."""
     importance_exponent: float = 0.4
-    """How much the weights undo that."""
+    """How much the weights undo that at the start."""
+    importance_exponent_end: float = 1.0
+    """How much they undo it at the end, reached in a straight line; 1 is all of it."""
     n_steps: int = 3
-    """Rewards before bootstrapping; 1 is the original."""
+    """Rewards before bootstrapping, at most rollout_steps; 1 is the original."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -211,6 +216,11 @@ class DQNSettings(NetworkSettings):
         )
         check(
             self.learning_starts >= 0, f"learning_starts={self.learning_starts}; it is at least 0"
+        )
+        check(
+            self.n_steps <= self.rollout_steps,
+            f"n_steps={self.n_steps} is more than rollout_steps={self.rollout_steps}, which cuts "
+            "returns off; lower it, or raise rollout_steps",
         )
 
 

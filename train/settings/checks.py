@@ -27,6 +27,24 @@ def check_budget(seconds: float | None, frames: int | None) -> None:
         check(value is None or 0 < value < float("inf"), f"{name}={value}; it is above 0")
 
 
+EVALUATION_SEED = 2**62
+"""Seeds below are trained with. What is reported is played with this one and those above, so that
+nothing is judged by games that it may have learned from: one rule, for every command."""
+
+
 def check_seed(seed: int) -> None:
-    """ValueError for a seed that not every generator takes."""
-    check(0 <= seed < 2**63, f"seed={seed}; 0 to 2**63-1")
+    """ValueError for a seed that is not one to train with."""
+    check(
+        0 <= seed < EVALUATION_SEED,
+        f"seed={seed}; 0 to 2**62-1 (those above are kept for evaluation)",
+    )
+
+
+def evaluation_seed(seed: int) -> int:
+    """The seed of an evaluation's games that `--seed` 0, 1, ... means: never one of a training.
+
+    Raises:
+        ValueError: not from 0 to 2**62 - 1.
+    """
+    check_seed(seed)
+    return EVALUATION_SEED + seed

@@ -11,7 +11,9 @@ from train.settings.task import TaskSettings
 
 ROLES = ("chaser", "evader")
 LEARN = "learn"
-SAMPLING = ("latest", "window", "uniform", "pfsp", "psro")
+SAMPLING = ("latest", "window", "uniform", "pfsp", "double-oracle")
+FORMER = {"psro": "double-oracle"}
+"""What schemes were called before; the old name is still taken."""
 
 
 def self_play_ppo() -> PPOSettings:
@@ -38,7 +40,9 @@ class SelfPlaySettings:
     """One network for both roles, with heads of their own."""
     sampling: str = "uniform"
     """Who is drawn as the opponent: latest, window (the last snapshots), uniform (over all:
-    fictitious self-play), pfsp (those that are hard), or psro (a Nash mixture: double oracle)."""
+    fictitious self-play), pfsp (those that are hard), or double-oracle (a Nash mixture of all
+    snapshots by their discounted payoffs; the learners go on from where they are, while those of
+    PSRO begin afresh against every mixture)."""
     window: int = 5
     """Snapshots of window."""
     pfsp_power: float = 2.0
@@ -46,7 +50,8 @@ class SelfPlaySettings:
     snapshots: int = 40
     """Snapshots taken over the budget, evenly."""
     pool_size: int = 50
-    """Snapshots kept for each role."""
+    """Snapshots kept for each role: a sample of all so far, each as likely as any other (of window
+    the newest; of double-oracle all)."""
     members: tuple[str, ...] = ()
     """Scripted agents in the pools from the start: astar, random, optimal."""
     observation: str = "index"
@@ -65,6 +70,7 @@ class SelfPlaySettings:
     is trained against each side at the end; 0 for none."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "sampling", FORMER.get(self.sampling, self.sampling))
         check_choice("sampling", self.sampling, SAMPLING)
         check(
             self.task.role == "auto",
@@ -74,6 +80,15 @@ class SelfPlaySettings:
         check_budget(self.seconds, self.frames)
         for name in ("window", "snapshots", "pool_size", "threads"):
             check(getattr(self, name) >= 1, f"{name}={getattr(self, name)}; at least 1")
+        check(
+            self.sampling != "window" or self.window <= self.pool_size,
+            f"window={self.window} snapshots, and pool_size={self.pool_size} are kept; raise it",
+        )
+        check(
+            self.sampling != "double-oracle" or self.snapshots <= self.pool_size,
+            f"snapshots={self.snapshots} with pool_size={self.pool_size}; double-oracle forgets "
+            "none: raise pool_size, or take fewer snapshots",
+        )
         check(0.0 <= self.pfsp_power < float("inf"), f"pfsp_power={self.pfsp_power}; at least 0")
         check_seed(self.seed)
         check(

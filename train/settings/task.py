@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pursuit.task import TASK_NAMES
 from train.settings.checks import check, check_choice
 
+OPPONENT_POLICIES = ("sampled", "greedy")
+
 
 @dataclass(frozen=True)
 class TaskSettings:
@@ -40,7 +42,10 @@ class TaskSettings:
     """Share of random moves of the scripted agents in all other seats, in [0, 1]."""
     opponent: str | None = None
     """Who plays the other side instead of A*: random, optimal (exactly), the folder of a run, or a
-    saved Stable-Baselines3 model (.zip)."""
+    saved Stable-Baselines3 model (.zip). Learned ones play as opponent_policy says."""
+    opponent_policy: str = "sampled"
+    """How a learned opponent plays: sampled (as it was learned, where it is a distribution), or
+    greedy (always the most probable action)."""
     start: str = "random"
     """random, or marks: the S and G of the maze (fixed goals)."""
 
@@ -50,6 +55,7 @@ class TaskSettings:
             f"opponent_epsilon={self.opponent_epsilon}; a share of random moves lies in [0, 1]",
         )
         check_choice("task", self.task, TASK_NAMES)
+        check_choice("opponent_policy", self.opponent_policy, OPPONENT_POLICIES)
 
     @property
     def agent(self) -> str:
