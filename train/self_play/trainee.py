@@ -273,6 +273,8 @@ class SelfPlay:
             settings = replace(
                 self.settings,
                 **who,
+                # Who responds to a learned side may do anything, masks or not.
+                task=replace(self.settings.task, mask_bumps=False),
                 share_networks=False,
                 sampling="latest",
                 members=(),
