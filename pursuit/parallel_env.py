@@ -14,6 +14,8 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import wrappers
 from pettingzoo.utils.conversions import parallel_to_aec
 
+from pursuit.masks import ACTION_MASK, action_masks, checked_flag, warn_of_masks
+from pursuit.maze_arrays import lay_out
 from pursuit.rendering import AgentMark, Scene, Window, draw_scene, scene_to_text
 from pursuit.simulator import Simulator
 from pursuit.task import Task, make_task
@@ -26,13 +28,15 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
     """One game of a task as a PettingZoo parallel environment.
 
     Agents are named "chaser_0", "evader_0", "runner_0", ...; a captured evader is terminated and
-    leaves `agents`. The info of each agent holds "action_mask", [actions] int8, 1 for the moves
-    that change its cell (and for staying).
+    leaves `agents`. Every action is legal, so the infos are empty.
 
     Args:
         task: the rules and settings.
         observation: one of `pursuit.observations.ENCODINGS`.
         render_mode: None, "ansi", "rgb_array" or "human".
+        mask_bumps: the info of each agent holds "action_mask", [actions] int8: 1 for the moves that
+            change its cell and for staying, all 1 once it is captured or its game terminated. Many
+            libraries apply it unasked; without the stay action it forbids waiting (with a warning).
 
     Raises:
         ValueError: an unknown observation or render mode.
@@ -41,7 +45,11 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
     metadata: dict[str, Any]
 
     def __init__(
-        self, task: Task, observation: str = "one_hot", render_mode: str | None = None
+        self,
+        task: Task,
+        observation: str = "one_hot",
+        render_mode: str | None = None,
+        mask_bumps: bool = False,
     ) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise ValueError(
@@ -67,7 +75,9 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         self.state_space = gymnasium.spaces.Box(np.zeros_like(high), high, dtype=np.int32)
         self._seats = {name: seat for seat, name in enumerate(self.possible_agents)}
         self._actions = np.zeros((1, task.num_agents), dtype=np.int32)
-        self._masks, self._many_mazes = action_masks(task), len(task.mazes) > 1
+        self.mask_bumps, self._world = checked_flag(mask_bumps), lay_out(task.mazes).world
+        if self.mask_bumps:
+            warn_of_masks(task)
         self._seeded = False
         self._window: Window | None = None
 
@@ -164,11 +174,12 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         return {agent: observed[self._seats[agent]] for agent in self.agents}
 
     def _infos(self) -> dict[str, dict[str, Any]]:
-        simulator, seats = self.simulator, self._seats
-        masks = self._masks[simulator.maze_index[0]] if self._many_mazes else self._masks[0]
-        cells = simulator.positions[0].tolist()
-        # Rows of a read-only table: nobody can change what an earlier info holds.
-        return {agent: {"action_mask": masks[cells[seats[agent]]]} for agent in self.agents}
+        if not self.mask_bumps:
+            return {agent: {} for agent in self.agents}
+        games, simulator = self.simulator.games, self.simulator
+        actions, over = self.task.num_actions, simulator.terminated
+        masks = action_masks(games, self._world, actions, terminated=over)[0].astype(np.int8)
+        return {agent: {ACTION_MASK: masks[self._seats[agent]]} for agent in self.agents}
 
     def state(self) -> NDArray[np.int32]:
         """int32 [agents + goals + 1]: 1 + cell of every agent and goal (0 when gone), the steps."""
@@ -189,22 +200,6 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         if self._window is not None:
             self._window.close()
             self._window = None
-
-
-def action_masks(task: Task) -> list[NDArray[np.int8]]:
-    """For each maze [cells, actions] int8: 1 where the action changes the cell, or is stay.
-
-    In an enclosed cell, where no action is either, all are 1.
-    """
-    masks = []
-    for maze in task.mazes:
-        own = np.arange(maze.num_cells)[:, None]
-        mask = np.ones((maze.num_cells, task.num_actions), dtype=np.int8)
-        mask[:, :4] = maze.neighbors[:, :4] != own
-        mask[~mask.any(axis=1)] = 1
-        mask.flags.writeable = False
-        masks.append(mask)
-    return masks
 
 
 def render_game(
@@ -250,11 +245,12 @@ def environment_makers(
         maze: Any = "5x5",
         observation: str = "one_hot",
         render_mode: str | None = None,
+        mask_bumps: bool = False,
         **settings: Any,
     ) -> PursuitParallelEnv:
         """The parallel environment; `settings` are those of `pursuit.Task`."""
         task = make_task(name, maze=maze, **settings)
-        return PursuitParallelEnv(task, observation, render_mode)
+        return PursuitParallelEnv(task, observation, render_mode, mask_bumps)
 
     def raw_env(**settings: Any) -> AECEnv[str, NDArray[Any], int]:
         """The turn-based environment without PettingZoo's safety wrappers."""

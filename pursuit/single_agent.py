@@ -12,15 +12,17 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from pursuit.masks import ACTION_MASK, action_masks, checked_flag, warn_of_masks
+from pursuit.maze_arrays import lay_out
 from pursuit.parallel_env import (
     RENDER_FPS,
     RENDER_MODES,
-    action_masks,
     render_game,
     scene_of,
 )
 from pursuit.policy import Policy
 from pursuit.rendering import Window, draw_scene, scene_to_text
+from pursuit.rules.layout import World
 from pursuit.simulator import Simulator
 from pursuit.task import Task
 
@@ -58,8 +60,7 @@ def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, lis
 class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
     """One seat of one game as a Gymnasium environment.
 
-    The episode ends with the game, or with the capture of your evader. The info holds
-    "action_mask", [actions] int8, 1 for the moves that change the cell (and for staying).
+    The episode ends with the game, or with the capture of your evader. Every action is legal.
 
     Args:
         task: the rules and settings.
@@ -67,6 +68,8 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         policies: whoever fills the other seats, by name or role.
         observation: one of `pursuit.observations.ENCODINGS`.
         render_mode: None, "ansi", "rgb_array" or "human".
+        mask_bumps: the info holds "action_mask", [actions] int8: 1 for the moves that change the
+            cell and for staying. Without the stay action it forbids waiting (with a warning).
 
     Raises:
         ValueError: an unknown agent, observation or render mode, or an empty seat.
@@ -79,6 +82,7 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         policies: Policies,
         observation: str = "one_hot",
         render_mode: str | None = None,
+        mask_bumps: bool = False,
     ) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise ValueError(
@@ -91,7 +95,9 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         self.observation_space = self.simulator.encoder(observation).space
         self.action_space = gymnasium.spaces.Discrete(task.num_actions)
         self._actions = np.zeros((1, task.num_agents), dtype=np.int32)
-        self._masks = action_masks(task)
+        self.mask_bumps, self._world = checked_flag(mask_bumps), lay_out(task.mazes).world
+        if self.mask_bumps:
+            warn_of_masks(task)
         self._seeded = False
         self._window: Window | None = None
 
@@ -137,9 +143,11 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         return observed, float(simulator.rewards[0, self.seat]), terminated, truncated, self._info()
 
     def _info(self) -> dict[str, Any]:
-        simulator = self.simulator
-        masks = self._masks[simulator.maze_index[0]]
-        return {"action_mask": masks[simulator.positions[0, self.seat]].copy()}
+        return {ACTION_MASK: self.action_masks().astype(np.int8)} if self.mask_bumps else {}
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """[actions] bool, for sb3-contrib's MaskablePPO: all True unless `mask_bumps`."""
+        return _masks_of(self.simulator, self._world, self.seat, self.mask_bumps)[0]
 
     def render(self) -> Any:
         """A text ("ansi"), a picture [height, width, 3] uint8 ("rgb_array"), or a window."""
@@ -170,6 +178,8 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
         num_envs: games in the batch.
         observation: one of `pursuit.observations.ENCODINGS`.
         seed: of the first reset, if that names none.
+        mask_bumps: `infos["action_mask"]`, [num_envs, actions] int8, is 1 for the moves that change
+            the cell and for staying. Without the stay action it forbids waiting (with a warning).
 
     Raises:
         ValueError: an unknown agent or observation, or an empty seat.
@@ -184,6 +194,7 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
         observation: str = "one_hot",
         render_mode: str | None = None,
         seed: int | None = None,
+        mask_bumps: bool = False,
     ) -> None:
         if render_mode not in (None, "rgb_array", "ansi"):
             raise ValueError(f"render_mode {render_mode!r}; a batch draws 'rgb_array' or 'ansi'")
@@ -201,9 +212,9 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
         }
         self.render_mode = render_mode
         self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)
-        self._masks = np.zeros((len(task.mazes), task.max_cells, task.num_actions), dtype=np.int8)
-        for number, mask in enumerate(action_masks(task)):
-            self._masks[number, : len(mask)] = mask
+        self.mask_bumps, self._world = checked_flag(mask_bumps), lay_out(task.mazes).world
+        if self.mask_bumps:
+            warn_of_masks(task)
         self._first_seed = seed
         self._seeded = False
 
@@ -277,8 +288,11 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
         return self.simulator.observe(self.observation, self.seat)
 
     def _infos(self) -> dict[str, Any]:
-        simulator = self.simulator
-        return {"action_mask": self._masks[simulator.maze_index, simulator.positions[:, self.seat]]}
+        return {ACTION_MASK: self.action_masks().astype(np.int8)} if self.mask_bumps else {}
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """[num_envs, actions] bool, for sb3-contrib: all True unless `mask_bumps`."""
+        return _masks_of(self.simulator, self._world, self.seat, self.mask_bumps)
 
     def render(self) -> Any:
         """A tuple of one text or picture per game, as the render mode asks; None without one."""
@@ -286,3 +300,11 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
             return None
         draw: Any = scene_to_text if self.render_mode == "ansi" else draw_scene
         return tuple(draw(scene_of(self.simulator, game)) for game in range(self.num_envs))
+
+
+def _masks_of(simulator: Simulator, world: World, seat: int, mask_bumps: bool) -> NDArray[np.bool_]:
+    """[games, actions] bool, a fresh array."""
+    actions, own = simulator.task.num_actions, slice(seat, seat + 1)
+    if not mask_bumps:
+        return np.ones((simulator.num_games, actions), dtype=bool)
+    return action_masks(simulator.games, world, actions, own, simulator.terminated)[:, 0]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
+from pursuit.masks import ACTION_MASK
 from pursuit.single_agent import SingleAgentVectorEnv
 
 
@@ -19,7 +20,9 @@ class StableBaselinesVecEnv(VecEnv):
     """A `SingleAgentVectorEnv` for Stable-Baselines3.
 
     The infos hold "terminal_observation", "TimeLimit.truncated" and "episode" (return "r" and
-    length "l") in the step that ends an episode, so no Monitor wrapper is needed.
+    length "l") in the step that ends an episode, so no Monitor wrapper is needed. Where the vector
+    environment was made with `mask_bumps=True` each info holds its "action_mask" as well;
+    `action_masks()`, which sb3-contrib's MaskablePPO asks for, is all True otherwise.
 
     Args:
         env: the vector environment, as `gymnasium.make_vec("pursuit/Chaser-v0").unwrapped` gives.
@@ -51,8 +54,10 @@ class StableBaselinesVecEnv(VecEnv):
         observations, rewards, terminations, truncations, infos = self.env.step(self._actions)
         dones = terminations | truncations
         listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        if ACTION_MASK in infos:
+            listed = [{ACTION_MASK: mask} for mask in infos[ACTION_MASK]]
         for game in np.flatnonzero(dones):
-            listed[game] = {
+            listed[game] |= {
                 "terminal_observation": infos["final_obs"][game],
                 "TimeLimit.truncated": bool(truncations[game]),
                 "episode": {
@@ -77,9 +82,19 @@ class StableBaselinesVecEnv(VecEnv):
     def env_method(
         self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any
     ) -> list[Any]:
-        """Call a method of the vector environment; its result once per game."""
+        """Call a method of the vector environment; its result once per game.
+
+        Of `action_masks` every game gets its own row.
+        """
         result = getattr(self.env, method_name)(*args, **kwargs)
-        return [result] * len(list(self._get_indices(indices)))
+        games = list(self._get_indices(indices))
+        if method_name == "action_masks":
+            return [result[game] for game in games]
+        return [result] * len(games)
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """[num_envs, actions] bool: what each agent may do."""
+        return self.env.action_masks()
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """No game is wrapped."""

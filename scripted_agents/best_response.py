@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pursuit.masks import bump_masks
 from pursuit.maze import MAX_TABLE_CELLS, Maze
 from scripted_agents.pair_kernels import (
     AT_ONCE,
@@ -85,6 +86,7 @@ def best_response(
     discount: float = 1.0,
     stay_action: bool | None = None,
     move_order: MoveOrder = "simultaneous",
+    mask_bumps: bool = False,
 ) -> BestResponse:
     """The best that one agent can do against an opponent that plays a table.
 
@@ -104,6 +106,8 @@ def best_response(
             actions as the opponent. Without it a move into a wall is the only way to stay.
         move_order: "simultaneous", or "chasers_first": the evader moves after the chaser, if it
             is not caught yet, but has chosen its move before.
+        mask_bumps: forbid the responder moves into walls (`pursuit.masks`): the best that a learner
+            with action masks can do. Without the stay action it cannot wait then.
 
     Raises:
         ValueError: an argument outside these limits; a table of a wrong shape, or with a row that
@@ -119,9 +123,13 @@ def best_response(
     if move_order == "chasers_first":
         order = OWN_FIRST if role == "chaser" else OTHER_FIRST
     spots, shape = _grid(maze)
+    allowed = np.ones((maze.num_cells, num_actions), dtype=bool)
+    if mask_bumps:
+        allowed = bump_masks(maze, num_actions)
+    neighbors, instead = _own_moves(maze, allowed)
     if horizon is None and discount == 1.0:
         chances = _lay_out(maze, table, turned=True)
-        _check_capture(maze, _any_move(maze, num_actions), chances, order, role == "evader")
+        _check_capture(maze, _any_move(maze, allowed), chances, order, role == "evader")
     chances = _lay_out(maze, table, turned=True, forget=order == OTHER_FIRST)
     sign = -1.0 if role == "evader" else 1.0
 
@@ -131,16 +139,15 @@ def best_response(
         """One step further back for the own cells from `first` to `last` - 1."""
         return float(
             respond(
-                values, target, chances, maze.neighbors, spots, maze.width, order,
+                values, target, chances, neighbors, spots, maze.width, order,
                 num_actions == 5, sign, discount, first, last,
             )
         )  # fmt: skip
 
     last_values, next_values, sweeps = iterate(sweep, shape, horizon, discount)
     actions = np.empty((maze.num_cells, maze.num_cells), dtype=np.int8)
-    choose(
-        next_values, chances, maze.neighbors, spots, maze.width, order, num_actions == 5, actions
-    )
+    choose(next_values, chances, neighbors, spots, maze.width, order, num_actions == 5, actions)
+    actions = np.take_along_axis(instead, actions, axis=1)
     values = 0.0 + sign * last_values.take(maze.width + spots, axis=1)
     if role == "evader":
         values = np.ascontiguousarray(values.T)
@@ -295,7 +302,22 @@ def _lay_out(
     return laid
 
 
-def _any_move(maze: Maze, num_actions: int) -> NDArray[np.float64]:
-    """Weights of an own player that may do all that it can."""
-    size = maze.num_cells
-    return _lay_out(maze, np.full((size, size, num_actions), 1.0 / num_actions))
+def _any_move(maze: Maze, allowed: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Weights of an own player that may do all that is `allowed` [cells, actions]."""
+    even = allowed / allowed.sum(axis=1, keepdims=True)
+    table = np.broadcast_to(even[:, None], (len(even), *even.shape))
+    return _lay_out(maze, np.ascontiguousarray(table))
+
+
+def _own_moves(
+    maze: Maze, allowed: NDArray[np.bool_]
+) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+    """Neighbors [cells, 5] of an own player that may do what is `allowed` [cells, actions], and
+    [cells, 5] which allowed action each action is.
+
+    One that is not allowed becomes the first that is. So the kernels need no mask: where nobody
+    can run into a wall, nobody can stand still by it.
+    """
+    kept = np.concatenate([allowed, np.ones((len(allowed), 5), dtype=bool)], axis=1)[:, :5]
+    instead = np.where(kept, np.arange(5), kept.argmax(axis=1)[:, None])
+    return np.take_along_axis(maze.neighbors, instead, axis=1), instead.astype(np.int8)

@@ -89,6 +89,7 @@ def make_env(
     agent: str,
     observation: str = "one_hot",
     render_mode: str | None = None,
+    mask_bumps: bool = False,
     **settings: Any,
 ) -> SingleAgentEnv:
     """Any agent of any named task as a Gymnasium environment, with scripted opponents by default.
@@ -98,11 +99,14 @@ def make_env(
         agent: your agent, by name or role.
         observation: one of `pursuit.observations.ENCODINGS`.
         render_mode: None, "ansi", "rgb_array" or "human".
+        mask_bumps: infos hold an "action_mask" that forbids moves into walls.
         **settings: maze, opponent_epsilon (share of random moves of the scripted agents, 0 by
             default), opponent (a `Policy` for all other roles), and those of `pursuit.Task`.
     """
     arguments = single_agent_arguments(task, agent, **settings)
-    return SingleAgentEnv(**arguments, observation=observation, render_mode=render_mode)
+    return SingleAgentEnv(
+        **arguments, observation=observation, render_mode=render_mode, mask_bumps=mask_bumps
+    )
 
 
 def make_vector_env(
@@ -112,12 +116,18 @@ def make_vector_env(
     observation: str = "one_hot",
     render_mode: str | None = None,
     seed: int | None = None,
+    mask_bumps: bool = False,
     **settings: Any,
 ) -> SingleAgentVectorEnv:
     """`make_env` for `num_envs` games in lockstep."""
     arguments = single_agent_arguments(task, agent, **settings)
     return SingleAgentVectorEnv(
-        **arguments, num_envs=num_envs, observation=observation, render_mode=render_mode, seed=seed
+        **arguments,
+        num_envs=num_envs,
+        observation=observation,
+        render_mode=render_mode,
+        seed=seed,
+        mask_bumps=mask_bumps,
     )
 
 

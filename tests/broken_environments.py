@@ -1,6 +1,7 @@
 """Environments that each break one rule, and what is to be said of them."""
 
 import random
+import warnings
 from collections.abc import Callable
 from copy import deepcopy
 from typing import Any
@@ -16,7 +17,9 @@ class Broken(PursuitParallelEnv):
     """Chase with three evaders, which the functions given in `BROKEN` break."""
 
     def __init__(self, **methods: Any) -> None:
-        super().__init__(make_task("chase", maze="3x3-open", num_evaders=3, max_steps=30))
+        task = make_task("chase", maze="3x3-open", num_evaders=3, max_steps=30)
+        with warnings.catch_warnings(action="ignore"):  # that masks forbid waiting
+            super().__init__(task, mask_bumps=True)
         for name, method in methods.items():
             setattr(self, name, method.__get__(self))
         self.memory: dict[str, Any] = {}

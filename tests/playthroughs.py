@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from pursuit import Maze, Policy, Simulator, Task, make_task
-from pursuit.parallel_env import action_masks, scene_of
+from pursuit.masks import bump_masks
+from pursuit.parallel_env import scene_of
 from pursuit.rendering import scene_to_text
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, TourRunner
 
@@ -98,13 +99,13 @@ def moment(simulator: Simulator) -> Iterator[str]:
     """The drawing, where everything is, what each may do and sees."""
     task = simulator.task
     yield from scene_to_text(scene_of(simulator)).splitlines()
-    maze, cells = int(simulator.maze_index[0]), simulator.positions[0]
+    maze, cells = task.mazes[int(simulator.maze_index[0])], simulator.positions[0]
     yield told("cells", dict(zip(task.agent_names, cells, strict=True)))
     yield told("active", dict(zip(task.agent_names, map(int, simulator.active[0]), strict=True)))
     if task.num_goals:
         yield f"goals: {' '.join(map(str, simulator.goals[0]))}"
     for seat, agent in enumerate(task.agent_names):
-        legal = np.flatnonzero(action_masks(task)[maze][cells[seat]])
+        legal = np.flatnonzero(bump_masks(maze, task.num_actions)[cells[seat]])
         seen = " ".join(map(str, simulator.observe("positions", seat)[0]))
         yield f"{agent}: may go {' '.join(ACTIONS[move] for move in legal)}; observes {seen}"
 

@@ -30,6 +30,9 @@ OURS: dict[str, Callable[..., PursuitParallelEnv]] = {
         maze="3x3", num_evaders=2, rewards="distance", **settings
     ),
     "maze": lambda **settings: maze_v0.parallel_env(maze="3x3", **settings),
+    "masks": lambda **settings: heist_v0.parallel_env(
+        maze=["3x3", "4x4"], num_evaders=2, stay_action=True, mask_bumps=True, **settings
+    ),
     "race": lambda **settings: race_v0.parallel_env(maze="3x3", stay_action=True, **settings),
 }
 

@@ -77,7 +77,8 @@ def test_actions_are_drawn_from_the_softmax_of_each_candidate(
     observed = simulator.observe(encoding, seat)
     candidates = candidates_of(learner, torch.randn(4, len(learner.mean)))
     running = np.ones(80_000, dtype=bool)
-    candidates.act(observed, learner._streams, running, learner._actions, seat)
+    every = np.ones((80_000, 4), dtype=bool)
+    candidates.act(observed, learner._streams, running, every, learner._actions, seat)
     probabilities = candidates.logits(torch.from_numpy(observed)).softmax(-1)[::20_000]
     for number in range(4):
         drawn = learner._actions[20_000 * number : 20_000 * (number + 1), seat]

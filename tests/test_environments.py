@@ -192,7 +192,7 @@ def test_the_environment_is_one_game_of_the_simulator() -> None:
 
 
 def test_masks_mark_the_moves_that_change_the_cell() -> None:
-    env = chase_v0.parallel_env(maze=CORRIDOR, stay_action=True)
+    env = chase_v0.parallel_env(maze=CORRIDOR, stay_action=True, mask_bumps=True)
     _, infos = env.reset(options={"positions": [0, 2]})
     assert infos["chaser_0"]["action_mask"].tolist() == [0, 0, 1, 0, 1]
     assert infos["evader_0"]["action_mask"].tolist() == [0, 0, 1, 1, 1]

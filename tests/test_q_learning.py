@@ -196,7 +196,8 @@ def test_episodes_end_as_those_of_the_environment_do(agent: str, evaders: int) -
     actions, now = np.zeros((32, task.num_agents), dtype=np.int32), other.reset()
     for _ in range(STEPS_PER_ITERATION):
         zeros = np.zeros(32, dtype=np.int64)
-        choose_actions(np.zeros((1, 4)), zeros, streams, 1.0, actions, seat)
+        cells, every = np.zeros((32, task.num_agents), dtype=np.int32), np.ones((1, 4), dtype=bool)
+        choose_actions(np.zeros((1, 4)), zeros, cells, every, streams, 1.0, actions, seat)
         now["action"] = torch.from_numpy(actions[:, seat].astype(np.int64))
         _, now = other.step_and_maybe_reset(now)
     for name in ("finished_returns", "finished_lengths"):

@@ -11,18 +11,34 @@ from tensordict.nn import (
     ProbabilisticTensorDictSequential,
     TensorDictModule,
 )
+from torch import nn
 from torchrl.objectives import A2CLoss, ReinforceLoss
 
-from train.algorithms.learner import Build, Games, NetworkLearner
+from pursuit.masks import ACTION_MASK
+from train.algorithms.learner import Build, Games, NetworkLearner, has_masks
 from train.algorithms.rollouts import RolloutLearner, actor_critic_of, draw
 from train.networks.actor_critic import ActorCritic
+from train.networks.masks import masked
 from train.settings.algorithms import A2CSettings, ReinforceSettings
 
 
-def actor_of(network: ActorCritic) -> ProbabilisticTensorDictSequential:
-    """The policy head as TorchRL's losses want it, on "policy_hidden"."""
+class MaskedHead(nn.Module):
+    """A policy head that keeps to masks."""
+
+    def __init__(self, head: nn.Linear) -> None:
+        super().__init__()
+        self.head = head
+
+    def forward(self, hidden: torch.Tensor, allowed: torch.Tensor) -> torch.Tensor:
+        """[..., actions] logits."""
+        return masked(self.head(hidden), allowed)
+
+
+def actor_of(network: ActorCritic, masks: bool = False) -> ProbabilisticTensorDictSequential:
+    """The policy head as TorchRL's losses want it, on "policy_hidden" (and "action_mask")."""
+    head: nn.Module = MaskedHead(network.policy_head) if masks else network.policy_head
     return ProbabilisticTensorDictSequential(
-        TensorDictModule(network.policy_head, ["policy_hidden"], ["logits"]),
+        TensorDictModule(head, ["policy_hidden", ACTION_MASK][: 1 + masks], ["logits"]),
         ProbabilisticTensorDictModule(
             in_keys=["logits"],
             out_keys=["action"],
@@ -56,7 +72,7 @@ class A2C(RolloutLearner):
         super().__init__(settings, env, network, device, gae_lambda, settings.critic)
         self.settings = settings
         self.loss = A2CLoss(
-            actor_of(network),
+            actor_of(network, has_masks(env)),
             critic_of(network),
             entropy_coeff=settings.entropy_coef,
             critic_coeff=settings.value_coef,
@@ -104,7 +120,8 @@ class Reinforce(NetworkLearner):
     ) -> None:
         super().__init__(settings, env, network, device)
         self.settings = settings
-        self.loss = ReinforceLoss(actor_of(network), critic_of(network), loss_critic_type="l2")
+        actor = actor_of(network, has_masks(env))
+        self.loss = ReinforceLoss(actor, critic_of(network), loss_critic_type="l2")
 
     def iterate(self, progress: float) -> dict[str, float]:
         """Play the episodes and take one gradient step on all their frames."""
@@ -119,7 +136,8 @@ class Reinforce(NetworkLearner):
         frames["prepared"] = self.network.policy_trunk.prepare(frames["observation"])
         frames["policy_hidden"], frames["value_hidden"] = self.network.hidden(frames["prepared"])
         losses = self.loss(frames)
-        logarithms = self.network.policy_head(frames["policy_hidden"]).log_softmax(dim=-1)
+        logits = self.network.policy_head(frames["policy_hidden"])
+        logarithms = masked(logits, frames.get(ACTION_MASK, None)).log_softmax(dim=-1)
         entropy = -(logarithms.exp() * logarithms).sum(dim=-1).mean()
         total = losses["loss_actor"] - self.annealed(settings.entropy_coef, progress) * entropy
         if settings.baseline:
@@ -142,18 +160,22 @@ class Reinforce(NetworkLearner):
 
         Returns:
             "observation", "action", "value" [frames, 1] and "value_target" [frames, 1], the
-            discounted return from that frame on.
+            discounted return from that frame on; "action_mask" [frames, actions] where masked.
         """
         env, gamma = self.env, self.settings.gamma
-        now = env.reset()
+        now, masks = env.reset(), has_masks(env)
         running = torch.arange(env.num_games)
         steps: list[tuple[torch.Tensor, ...]] = []
+        kept: list[torch.Tensor] = []
         returns = torch.zeros(env.num_games, 1)
         actions = torch.zeros(env.num_games, dtype=torch.int64)
         while len(running):
             observation = now["observation"][running].to(self.device)
             logits, value = self.network(observation)
-            chosen = draw(logits.log_softmax(dim=-1))
+            allowed = now[ACTION_MASK][running].to(self.device) if masks else None
+            if allowed is not None:
+                kept.append(allowed)
+            chosen = draw(masked(logits, allowed).log_softmax(dim=-1))
             actions[running] = chosen.cpu()
             now = env.step_episodes(actions, running)
             reward = now["reward"][running]
@@ -172,6 +194,8 @@ class Reinforce(NetworkLearner):
             for number, name in enumerate(columns, start=1)
         }
         stacked["value_target"] = torch.cat(targets[::-1])
+        if masks:
+            stacked[ACTION_MASK] = torch.cat(kept)
         return TensorDict(stacked, batch_size=[len(stacked["action"])])
 
 

@@ -20,14 +20,15 @@ from train.algorithms.learner import Build
 from train.environments.simulator_env import SimulatorEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Convolutions, Flat, Hidden, IndexLayer
+from train.networks.masks import masked
 from train.networks.policy import LearnedPolicy, Player
 from train.settings.algorithms import CrossEntropySettings
 
 
 @compiled
 def act_on_index(
-    observed: Any, table: Any, layers: Any, tanh: bool, streams: Any, running: Any, actions: Any,
-    seat: int, hidden: Any,
+    observed: Any, table: Any, layers: Any, tanh: bool, streams: Any, running: Any, allowed: Any,
+    actions: Any, seat: int, hidden: Any,
 ) -> None:  # fmt: skip
     """Drawn actions of the running games on "index", each by its own candidate's network.
 
@@ -40,6 +41,7 @@ def act_on_index(
         tanh: or ReLU.
         streams: [games, 1] uint64.
         running: [games] bool; the actions of the others stay as they are.
+        allowed: [games, actions] bool; no other is drawn.
         actions, seat: [games, agents] int32, out, and its column.
         hidden: [2, width] float32, scratch.
     """
@@ -73,7 +75,7 @@ def act_on_index(
                 logit += hidden[1, unit] * last[own, unit, action]
             # The largest logit less log E, E exponential, is a draw from the softmax.
             logit -= np.log(-np.log1p(-next_uniform(streams[game], 0)))
-            if logit > most:
+            if logit > most and allowed[game, action]:
                 best, most = action, logit
         actions[game, seat] = best
 
@@ -130,10 +132,13 @@ class Candidates:
         observation: NDArray[Any],
         streams: NDArray[np.uint64],
         running: NDArray[np.bool_],
+        allowed: NDArray[np.bool_],
         actions: NDArray[np.int32],
         seat: int,
     ) -> None:
         """Draw actions for the `running` games [games] into column `seat` of `actions`.
+
+        Only those are drawn that are `allowed` [games, actions].
 
         Only where the observation is an index does it pay to leave out the games that have ended.
         """
@@ -145,12 +150,14 @@ class Candidates:
                 self._tanh,
                 streams,
                 running,
+                allowed,
                 actions,
                 seat,
                 self._hidden,
             )
             return
-        logits = self.logits(torch.from_numpy(observation)).numpy()
+        logits = self.logits(torch.from_numpy(observation))
+        logits = masked(logits, torch.from_numpy(allowed)).numpy()
         uniform = np.empty(logits.shape)
         for action in range(logits.shape[1]):
             draw_uniform(streams, 0, uniform[:, action])
@@ -248,6 +255,7 @@ class CrossEntropy:
                 simulator.observe(env.encoding, env.seat),
                 self._streams,
                 running,
+                env.masks()[:, 0],
                 self._actions,
                 env.seat,
             )

@@ -13,31 +13,39 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.data.postprocs import MultiStep
 
 from curricula import linear
-from train.algorithms.learner import Build, Games, NetworkLearner, means
+from pursuit.masks import ACTION_MASK
+from train.algorithms.learner import Build, Games, NetworkLearner, has_masks, means
 from train.algorithms.prioritized import prioritized_sampler
+from train.networks.masks import masked
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
 from train.settings.algorithms import DQNSettings
 
 logging.getLogger("torchrl").setLevel(logging.WARNING)  # it tells of every storage it makes
 
+NEXT_MASK = "next_action_mask"
+
 
 class EpsilonGreedy(TensorDictModuleBase):
-    """The action of the largest value, or with probability `epsilon` any."""
+    """The action of the largest value, or with probability `epsilon` any; of those allowed."""
 
-    in_keys: ClassVar = ["observation"]
     out_keys: ClassVar = ["action"]
 
-    def __init__(self, network: QNetwork) -> None:
+    def __init__(self, network: QNetwork, masks: bool = False) -> None:
         super().__init__()
+        self.in_keys = ["observation", ACTION_MASK][: 1 + masks]
         self.network, self.epsilon = network, 1.0
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the action."""
-        values = self.network(tensordict.get("observation"))
+        allowed = tensordict.get(ACTION_MASK, None)
+        values = masked(self.network(tensordict.get("observation")), allowed)
         action = values.argmax(dim=-1)
         anyhow = torch.rand(action.shape, device=action.device) < self.epsilon
-        drawn = torch.randint_like(action, values.shape[-1])
+        if allowed is None:
+            drawn = torch.randint_like(action, values.shape[-1])
+        else:
+            drawn = masked(torch.rand_like(values), allowed).argmax(dim=-1)
         return tensordict.set("action", torch.where(anyhow, drawn, action))
 
 
@@ -53,7 +61,8 @@ def dqn_loss(
         network: learns.
         target: values the next action.
         batch: "observation", "action", "reward", "next_observation", "terminated", "steps" (to the
-            next observation) and, with prioritised replay, "priority_weight".
+            next observation); with prioritised replay "priority_weight", with masks
+            "next_action_mask": the next action is one of those.
         gamma: discount of a step.
         double: whether `network` chooses the next action.
 
@@ -65,6 +74,7 @@ def dqn_loss(
         following = trunk.prepare(batch["next_observation"])
         next_values = target.policy_head(target.policy_trunk(following))
         chooser = network.policy_head(trunk(following)) if double else next_values
+        chooser = masked(chooser, batch.get(NEXT_MASK, None))
     values = network(batch["observation"])
     next_action = chooser.argmax(dim=-1, keepdim=True)
     next_value = next_values.gather(-1, next_action).squeeze(-1)
@@ -105,7 +115,8 @@ class DQN(NetworkLearner):
         super().__init__(settings, env, network, device)
         self.settings, self.target, self.updates = settings, target, 0
         self.target.load_state_dict(network.state_dict())
-        self.explorer = EpsilonGreedy(network)
+        self.masks = has_masks(env)
+        self.explorer = EpsilonGreedy(network, self.masks)
         self.multi_step = MultiStep(settings.gamma, settings.n_steps)
         self.generator = torch.Generator().manual_seed(seed)
         self.replay = TensorDictReplayBuffer(
@@ -170,19 +181,17 @@ class DQN(NetworkLearner):
             # MultiStep moves rewards and observations, but leaves the flags of the first step: an
             # episode that ended at the second or third would be bootstrapped beyond its end.
             terminated = terminated.gather(1, torch.arange(rollout.shape[1]) + steps - 1)
-        self.replay.extend(
-            TensorDict(
-                {
-                    "observation": rollout["observation"].flatten(0, 1),
-                    "action": rollout["action"].flatten(),
-                    "reward": rollout["next", "reward"].flatten(),
-                    "next_observation": rollout["next", "observation"].flatten(0, 1),
-                    "terminated": terminated.flatten(),
-                    "steps": steps.flatten(),
-                },
-                batch_size=[rollout.numel()],
-            )
-        )
+        transitions = {
+            "observation": rollout["observation"].flatten(0, 1),
+            "action": rollout["action"].flatten(),
+            "reward": rollout["next", "reward"].flatten(),
+            "next_observation": rollout["next", "observation"].flatten(0, 1),
+            "terminated": terminated.flatten(),
+            "steps": steps.flatten(),
+        }
+        if self.masks:
+            transitions[NEXT_MASK] = rollout["next", ACTION_MASK].flatten(0, 1)
+        self.replay.extend(TensorDict(transitions, batch_size=[rollout.numel()]))
 
     def policy(self, greedy: bool = True) -> Any:
         """The greedy policy; ValueError for another, as action values are no distribution."""

@@ -10,6 +10,7 @@ import torch
 from torch import nn
 
 from curricula import linear
+from pursuit.masks import ACTION_MASK
 from pursuit.policy import Policy
 from train.environments.hooks import EpisodeHook
 from train.networks.layers import Hidden
@@ -40,6 +41,11 @@ class Games(Protocol):
 
     def step_episodes(self, actions: torch.Tensor, running: torch.Tensor) -> Any:
         """A step without restarts, for learners from whole episodes."""
+
+
+def has_masks(env: Any) -> bool:
+    """Whether a TorchRL environment says in "action_mask" what may be done."""
+    return ACTION_MASK in env.observation_spec.keys()  # noqa: SIM118 (its `in` wants .keys())
 
 
 class Learner(Protocol):

@@ -7,9 +7,11 @@ from typing import Any
 import torch
 from tensordict import TensorDictBase
 
+from pursuit.masks import ACTION_MASK
 from train.algorithms.learner import Build, Games, means
 from train.algorithms.rollouts import RolloutLearner, actor_critic_of
 from train.networks.actor_critic import ActorCritic, CentralActorCritic
+from train.networks.masks import masked
 from train.networks.policy import Player
 from train.settings.algorithms import PPOSettings
 
@@ -30,7 +32,7 @@ def ppo_loss(
     Args:
         network: policy and value.
         minibatch: "prepared" (see `Trunk.prepare`), "action", "action_log_prob", "advantage" and
-            "value_target"; with `kl_coef` "log_probabilities".
+            "value_target"; with `kl_coef` "log_probabilities"; with masks "action_mask".
         settings: the hyperparameters.
         entropy_coef: weight of the entropy bonus.
         kl_coef: weight of the divergence KL(collecting policy, policy).
@@ -39,7 +41,8 @@ def ppo_loss(
         The loss, and its parts for the log, detached.
     """
     hidden, value_hidden = network.hidden(minibatch["prepared"])
-    logarithms = network.policy_head(hidden).log_softmax(dim=-1)
+    logits = masked(network.policy_head(hidden), minibatch.get(ACTION_MASK, None))
+    logarithms = logits.log_softmax(dim=-1)
     advantage = minibatch["advantage"].squeeze(-1)
     advantage = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
     chosen = logarithms.gather(-1, minibatch["action"][:, None]).squeeze(-1)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from curricula import linear
 from pursuit.compiled import compiled, inlined
+from pursuit.masks import bump_masks
 from pursuit.maze import Maze
 from pursuit.policy import GameView, pairs_of_cells
 from pursuit.rules import Games, next_below, next_uniform
@@ -87,51 +88,45 @@ def number_states(
 
 @compiled
 def choose_actions(
-    q_values: Any, states: Any, streams: Any, epsilon: float, actions: Any, seat: int
-) -> None:
-    """Epsilon-greedy actions of all games, into column `seat`; the lowest of equal actions."""
+    q_values: Any, states: Any, position: Any, allowed: Any, streams: Any, epsilon: float,
+    actions: Any, seat: int,
+) -> None:  # fmt: skip
+    """Epsilon-greedy actions of all games, into column `seat`; the lowest of equal actions.
+
+    Only those that are `allowed` [cells, actions] in the cell of the seat.
+    """
     num_actions = q_values.shape[1]
     for game in range(states.shape[0]):
+        cell = position[game, seat]
         if epsilon > 0.0 and next_uniform(streams[game], 0) < epsilon:
-            actions[game, seat] = next_below(streams[game], 0, num_actions)
+            action = next_below(streams[game], 0, num_actions)
+            while not allowed[cell, action]:
+                action = next_below(streams[game], 0, num_actions)
+            actions[game, seat] = action
         else:
             state = states[game]
-            best, most = 0, q_values[state, 0]
-            for action in range(1, num_actions):
+            best, most = 0, -np.inf
+            for action in range(num_actions):
                 value = q_values[state, action]
-                if value > most:
+                if value > most and allowed[cell, action]:
                     best, most = action, value
             actions[game, seat] = best
 
 
 @compiled
 def learn(
-    q_values: Any,
-    visits: Any,
-    position: Any,
-    active: Any,
-    event: Any,
-    goal: Any,
-    steps: Any,
-    maze: Any,
-    numbering: Any,
-    states: Any,
-    actions: Any,
-    seat: int,
-    rewards: Any,
-    ended_by_rule: Any,
-    ended_by_time: Any,
-    done: Any,
-    gamma: float,
-    learning_rate: float,
+    q_values: Any, visits: Any, position: Any, active: Any, event: Any, goal: Any, steps: Any,
+    maze: Any, numbering: Any, allowed: Any, states: Any, actions: Any, seat: int, rewards: Any,
+    ended_by_rule: Any, ended_by_time: Any, done: Any, gamma: float, learning_rate: float,
     power: float,
-) -> tuple[float, int]:
+) -> tuple[float, int]:  # fmt: skip
     """One update for each game, one after the other (Watkins, 1989).
 
     Args:
         q_values, visits: [states, actions].
         position, active, event, goal, steps, maze: the arrays of the games after the step.
         numbering: cells and binomials, as `number_states` takes them.
+        allowed: [cells, actions] bool, what may be done in a cell: the next action is one of those.
         states: [games] int64, before the step; the ones after it are written in their place.
         actions, seat, rewards: what the learner did and earned.
         ended_by_rule, ended_by_time: [games] bool; the truncated games are bootstrapped.
@@ -151,9 +146,10 @@ def learn(
         terminated = ended_by_rule[game] or games.active[game, seat] == 0
         target = np.float64(rewards[game, seat])
         if not terminated:
-            best = q_values[after, 0]
-            for other in range(1, num_actions):
-                best = max(best, q_values[after, other])
+            best = -np.inf
+            for other in range(num_actions):
+                if allowed[games.position[game, seat], other]:
+                    best = max(best, q_values[after, other])
             target += gamma * best
         visits[state, action] += 1
         rate = learning_rate
@@ -236,6 +232,12 @@ def initial_values(numbers: StateNumbers, optimism: float) -> NDArray[np.float64
     return np.repeat(np.tile(optimism * left, placements)[:, None], task.num_actions, axis=1)
 
 
+def allowed_in(task: Task, mask_bumps: bool) -> NDArray[np.bool_]:
+    """[cells, actions]: what may be done in a cell of the one maze."""
+    masks = bump_masks(task.mazes[0], task.num_actions)
+    return masks if mask_bumps else np.ones_like(masks)
+
+
 class QTablePolicy:
     """The greedy policy of a table, live: it follows the table as that changes.
 
@@ -243,11 +245,19 @@ class QTablePolicy:
         task: the task that it was learned in.
         agent: whose seat it fills, by name or role.
         q_values: [states, actions] float64.
+        mask_bumps: whether moves into walls are forbidden to it.
     """
 
-    def __init__(self, task: Task, agent: str, q_values: NDArray[np.float64]) -> None:
+    def __init__(
+        self, task: Task, agent: str, q_values: NDArray[np.float64], mask_bumps: bool = False
+    ) -> None:
         self.task, self.agent, self.q_values = task, agent, q_values
-        self.numbers = StateNumbers(task)
+        self.numbers, self.allowed = StateNumbers(task), allowed_in(task, mask_bumps)
+
+    def _best(self, games: Games, number: int) -> NDArray[np.int64]:
+        """[games] the best action of what is allowed to the agent of that number."""
+        values = self.q_values[self.numbers(games)]
+        return np.where(self.allowed[games.position[:, number]], values, -np.inf).argmax(axis=1)
 
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32: the best action, the lowest of equal ones.
@@ -262,7 +272,7 @@ class QTablePolicy:
                 f"a table learned in task {own.name!r} on {own.mazes[0].name} fits no other mazes, "
                 "agents, goals or actions"
             )
-        return self.q_values[self.numbers(view.games)].argmax(axis=1).astype(np.int32)
+        return self._best(view.games, view.seat).astype(np.int32)
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: 1 for the greedy action.
@@ -277,8 +287,7 @@ class QTablePolicy:
                 f"{task.num_actions} actions is none over pairs of cells of this maze; only one "
                 "chaser against one evader is"
             )
-        states = self.numbers(pairs_of_cells(task, maze, self.agent))
-        best = self.q_values[states].argmax(axis=1)
+        best = self._best(pairs_of_cells(task, maze, self.agent), task.seat(self.agent))
         return np.eye(task.num_actions)[best].reshape(maze.num_cells, maze.num_cells, -1)
 
 
@@ -301,7 +310,10 @@ class QLearning:
     def __init__(self, settings: QLearningSettings, env: SimulatorEnv, seed: int) -> None:
         self.settings, self.env, self.frames = settings, env, 0
         simulator = env.simulator
-        self.numbers = StateNumbers(simulator.task)
+        self.numbers, self.allowed = (
+            StateNumbers(simulator.task),
+            allowed_in(simulator.task, env.player.mask_bumps),
+        )
         shape = (self.numbers.count, simulator.task.num_actions)
         self.q_values = initial_values(self.numbers, settings.optimism)
         self.visits = np.zeros(shape, dtype=np.uint32)
@@ -326,24 +338,17 @@ class QLearning:
         self.numbers.renumber(simulator.games, done, states)
         for _ in range(STEPS_PER_ITERATION):
             simulator.act(env.policies, actions)
-            choose_actions(self.q_values, states, self._streams, epsilon, actions, seat)
+            choose_actions(
+                self.q_values, states, simulator.positions, self.allowed, self._streams, epsilon,
+                actions, seat,
+            )  # fmt: skip
             simulator.step(actions)
             size, count = learn(
-                self.q_values,
-                self.visits,
-                *simulator.games,
-                self.numbers.for_kernels,
-                states,
-                actions,
-                seat,
-                simulator.rewards,
-                simulator.terminated,
-                simulator.truncated,
-                done,
-                settings.gamma,
-                settings.learning_rate,
+                self.q_values, self.visits, *simulator.games, self.numbers.for_kernels,
+                self.allowed, states, actions, seat, simulator.rewards, simulator.terminated,
+                simulator.truncated, done, settings.gamma, settings.learning_rate,
                 settings.learning_rate_power,
-            )
+            )  # fmt: skip
             error += size
             if count:
                 env.finish(done)
@@ -357,7 +362,7 @@ class QLearning:
         if not greedy:
             raise ValueError("q_learning learns no distribution; take the greedy policy")
         seat = self.env.player
-        return QTablePolicy(seat.task, seat.agent, self.q_values)
+        return QTablePolicy(seat.task, seat.agent, self.q_values, seat.mask_bumps)
 
     def state_dict(self) -> dict[str, Any]:
         """The table, the visits, the random streams and the frames."""
@@ -394,7 +399,7 @@ def load(
     Raises:
         RuntimeError: a table of another shape.
     """
-    policy = QTablePolicy(seat.task, seat.agent, state["q_values"].numpy())
+    policy = QTablePolicy(seat.task, seat.agent, state["q_values"].numpy(), seat.mask_bumps)
     if policy.q_values.shape != (policy.numbers.count, seat.num_actions):
         raise RuntimeError("a table of another shape")
     return policy

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import Collector
 from torchrl.objectives.value import GAE
 
-from train.algorithms.learner import Build, Games, NetworkLearner
+from pursuit.masks import ACTION_MASK
+from train.algorithms.learner import Build, Games, NetworkLearner, has_masks
 from train.networks.actor_critic import ActorCritic
+from train.networks.masks import masked
 from train.networks.policy import Player
 from train.settings.algorithms import ActorCriticSettings, RolloutSettings
 
@@ -39,12 +39,12 @@ class SamplingPolicy(TensorDictModuleBase):
     Args:
         network: policy and value.
         keep_all: keep the log-probabilities of all actions as well.
+        masks: whether there is an "action_mask" to keep to.
     """
 
-    in_keys: ClassVar = ["observation"]
-
-    def __init__(self, network: ActorCritic, keep_all: bool = False) -> None:
+    def __init__(self, network: ActorCritic, keep_all: bool = False, masks: bool = False) -> None:
         super().__init__()
+        self.in_keys = ["observation", ACTION_MASK][: 1 + masks]
         self.network, self.keep_all = network, keep_all
         self.out_keys = ["action", "action_log_prob", "state_value"]
         if keep_all:
@@ -53,7 +53,7 @@ class SamplingPolicy(TensorDictModuleBase):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the out_keys."""
         logits, value = self.network(tensordict.get("observation"))
-        logarithms = logits.log_softmax(dim=-1)
+        logarithms = masked(logits, tensordict.get(ACTION_MASK, None)).log_softmax(dim=-1)
         action = draw(logarithms)
         tensordict.set("action", action)
         tensordict.set("action_log_prob", logarithms.gather(-1, action[..., None]).squeeze(-1))
@@ -93,9 +93,11 @@ class RolloutLearner(NetworkLearner):
         self.keys = ["action", "action_log_prob", "advantage", "value_target"]
         if keep_all:
             self.keys.append("log_probabilities")
+        if has_masks(env):
+            self.keys.append(ACTION_MASK)
         self.collector = Collector(
             env,
-            SamplingPolicy(network, keep_all),
+            SamplingPolicy(network, keep_all, has_masks(env)),
             frames_per_batch=settings.num_games * settings.rollout_steps,
             total_frames=-1,
             policy_device=device,

@@ -12,7 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from train.commands.parse import budget_of, parse
+from train.commands.parse import budget_of, heard, parse
 from train.commands.progress import carry_out
 from train.experiments.kinds import resume, start
 from train.experiments.sweep_report import reduction
@@ -45,11 +45,12 @@ def self_play(arguments: Sequence[str]) -> None:
     default = SelfPlayCommand(SelfPlaySettings(**budget_of(arguments, 120.0)))
     given = parse(SelfPlayCommand, arguments, "self-play", default)
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
-    if given.resume is not None:
-        run = resume(given.resume, SELF_PLAY)
-    else:
-        name = f"self-play-{Path(given.settings.task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
-        run = start(SELF_PLAY, given.settings, given.out or Path("runs") / name)
+    name = f"self-play-{Path(given.settings.task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
+    with heard():
+        if given.resume is not None:
+            run = resume(given.resume, SELF_PLAY)
+        else:
+            run = start(SELF_PLAY, given.settings, given.out or Path("runs") / name)
     task, sampling = run.trainee.task, run.trainee.settings.sampling
     print(
         f"self-play: {task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "

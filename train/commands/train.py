@@ -66,13 +66,13 @@ def train(arguments: Sequence[str]) -> None:
     form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
     given: TrainCommand[Any] = parse(form, arguments, "train", default)
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
-    if given.resume is not None:
-        run = resume(given.resume, RUN)
-    else:
-        settings = given.settings
-        task = settings.task
-        name = f"{task.task}-{task.agent}-{Path(task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
-        with heard():
+    settings = given.settings
+    task = settings.task
+    name = f"{task.task}-{task.agent}-{Path(task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
+    with heard():
+        if given.resume is not None:
+            run = resume(given.resume, RUN)
+        else:
             run = start(RUN, settings, given.out or Path("runs") / name)
     trainee: SingleAgent = run.trainee
     print(trainee.contest.line())

@@ -12,6 +12,8 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from pursuit.masks import ACTION_MASK, action_masks, warn_of_masks
+from pursuit.maze_arrays import lay_out
 from pursuit.policy import Policy
 from pursuit.simulator import Simulator
 from train.environments.hooks import EpisodeHook
@@ -32,6 +34,10 @@ class SimulatorEnv(EnvBase):
     episodes. An episode is over with its game, or when none of the learner's agents is left in it.
     Where k > 1, an agent that has been caught while others run on is "idle" ([batch, 1] bool): what
     it records counts for nothing.
+
+    Where the player has `mask_bumps`, "action_mask" ([batch, actions] bool, beside each
+    "observation") says what it may do, and the action spec draws from that alone. (Without the stay
+    action it forbids waiting, with a warning.)
 
     Args:
         simulator: made with `auto_restart=False`.
@@ -73,6 +79,11 @@ class SimulatorEnv(EnvBase):
         self.resume = self.begun = False
         self.idle = np.zeros((self.num_games, members), dtype=bool)
         self._actions = np.zeros((self.num_games, simulator.num_agents), dtype=np.int32)
+        self._world = lay_out(simulator.task.mazes).world
+        self._seen_keys = ["observation"] + ["idle"] * (members > 1)
+        if player.mask_bumps:
+            warn_of_masks(simulator.task)
+            self._seen_keys.append(ACTION_MASK)
         self.action_spec = Categorical(player.num_actions, shape=(batch,), dtype=torch.int64)
         self.reward_spec = Unbounded((batch, 1))
         flag = Binary(n=1, shape=(batch, 1), dtype=torch.bool)
@@ -89,6 +100,9 @@ class SimulatorEnv(EnvBase):
         spec: Any = {"observation": Bounded(low, high, shape=shape, dtype=dtype)}
         if self.members > 1:
             spec["idle"] = Binary(n=1, shape=(batch, 1), dtype=torch.bool)
+        if self.player.mask_bumps:
+            actions = self.player.num_actions
+            spec[ACTION_MASK] = Binary(n=actions, shape=(batch, actions), dtype=torch.bool)
         self.observation_spec = Composite(spec, shape=(batch,))
 
     def begin(self) -> None:
@@ -118,16 +132,26 @@ class SimulatorEnv(EnvBase):
         self.hook.episode_ended(games)
 
     def _seen(self) -> dict[str, torch.Tensor]:
-        """The observations [batch, ...] of the learner's seats, and who is idle."""
+        """The observations [batch, ...] of the learner's seats, who is idle, and the masks."""
         encoder = self.simulator.encoder(self.encoding)
         seen = torch.from_numpy(encoder.encode(self.simulator.games, self.seats))
         if self.central:
             team = seen[:, None].expand(-1, self.members, *seen.shape[1:])
             seen = torch.cat([seen[:, :, None], team], dim=2)
-        if self.members == 1:
-            return {"observation": seen[:, 0]}
-        idle = torch.from_numpy(self.idle.reshape(-1, 1).copy())
-        return {"observation": seen.flatten(0, 1), "idle": idle}
+        found = {"observation": seen.flatten(0, 1)}
+        if self.members > 1:
+            found["idle"] = torch.from_numpy(self.idle.reshape(-1, 1).copy())
+        if self.player.mask_bumps:
+            found[ACTION_MASK] = torch.from_numpy(self.masks()).flatten(0, 1)
+            self.action_spec.update_mask(found[ACTION_MASK])
+        return found
+
+    def masks(self) -> NDArray[np.bool_]:
+        """[num_games, k, actions] bool: what the learner's agents may do."""
+        simulator, actions = self.simulator, self.player.num_actions
+        if not self.player.mask_bumps:
+            return np.ones((self.num_games, self.members, actions), dtype=bool)
+        return action_masks(simulator.games, self._world, actions, self.seats, simulator.terminated)
 
     def _batch(self, content: dict[str, torch.Tensor]) -> TensorDictBase:
         return TensorDict(content, batch_size=self.batch_size, device=self.device)
@@ -198,7 +222,7 @@ class SimulatorEnv(EnvBase):
         reset; a test holds the two against each other.
         """
         after, over = self._play(tensordict["action"])
-        seen = {name: after[name] for name in ("observation", "idle")[: 1 + (self.members > 1)]}
+        seen = {name: after[name] for name in self._seen_keys}
         if over.any():
             self.restart(over)
             seen = self._seen()

@@ -93,13 +93,18 @@ class Contest(Protocol):
 
 @dataclass(frozen=True)
 class GameContest:
-    """One agent of a task, with fixed policies in all other seats; a `Contest`."""
+    """One agent of a task, with fixed policies in all other seats; a `Contest`.
+
+    The optimum is that of all actions; with `mask_bumps`, that of an agent that is forbidden moves
+    into walls stands beside it.
+    """
 
     task: Task
     agent: str
     opponents: dict[str, Policy]
     episodes: int = 1000
     seed: int = EVALUATION_SEED
+    mask_bumps: bool = False
 
     @property
     def role(self) -> str:
@@ -176,7 +181,7 @@ class GameContest:
             ci95, exact = 0.0, True
         return Score(name, mean, ci95, float(won.mean()), len(lengths), exact)
 
-    def best_response(self) -> BestResponse | None:
+    def best_response(self, mask_bumps: bool = False) -> BestResponse | None:
         """The exact best response to the opponent, where `is_exact`."""
         if not self.is_exact:
             return None
@@ -188,7 +193,15 @@ class GameContest:
             horizon=task.max_steps,
             stay_action=task.stay_action,
             move_order=task.move_order,  # type: ignore[arg-type]
+            mask_bumps=mask_bumps,
         )
+
+    def _score_of(self, name: str, best: BestResponse) -> Score:
+        """What a best response achieves."""
+        maze = self.task.mazes[0]
+        mean = mean_over_starts(best.values, maze, self.task.min_start_distance)
+        _, won = self.play(TablePolicy(maze, best.policy))
+        return Score(name, mean, 0.0, float(won.mean()), self.episodes, True)
 
     def optimal(self) -> Score | None:
         """The exact optimum on the same starts; None where it is not known.
@@ -198,10 +211,7 @@ class GameContest:
         """
         task, best = self.task, self.best_response()
         if best is not None:
-            maze = task.mazes[0]
-            mean = mean_over_starts(best.values, maze, task.min_start_distance)
-            _, won = self.play(TablePolicy(maze, best.policy))
-            return Score("optimal", mean, 0.0, float(won.mean()), self.episodes, True)
+            return self._score_of("optimal", best)
         if (task.num_agents, task.num_runners) != (1, 1):
             return None
         simulator = self.starts()
@@ -216,11 +226,14 @@ class GameContest:
         return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
 
     def baselines(self) -> list[Score]:
-        """Random, scripted (A* or nearest goal) and, where it is known, optimal."""
+        """Random, scripted (A* or nearest goal) and, where they are known, the optima."""
         scripted = {"chaser": "A* chaser", "evader": "A* evader", "runner": "nearest goal"}
         scores = [
             self.score("random", RandomAgent()),
             self.score(scripted[self.role], DEFAULTS[self.role](0.0)),
         ]
         optimum = self.optimal()
-        return scores if optimum is None else [*scores, optimum]
+        if optimum is not None:
+            scores.append(optimum)
+        best = self.best_response(mask_bumps=True) if self.mask_bumps else None
+        return scores if best is None else [*scores, self._score_of("optimal with masks", best)]

@@ -11,11 +11,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pursuit.masks import action_masks
 from pursuit.maze import Maze
+from pursuit.maze_arrays import lay_out
 from pursuit.observations import Encoder
 from pursuit.policy import GameView, Policy, pairs_of_cells
 from pursuit.task import Task
 from train.networks.features import Features, features_of
+from train.networks.masks import masked
 
 
 class PolicyNetwork(Protocol):
@@ -61,11 +64,13 @@ class Seat:
         task: the game.
         agent: by name or role.
         encoding: what it observes.
+        mask_bumps: whether moves into walls are forbidden to it, as it learns and as it plays.
     """
 
     task: Task
     agent: str
     encoding: str = "index"
+    mask_bumps: bool = False
 
     @property
     def number(self) -> int:
@@ -86,6 +91,13 @@ class Seat:
     def num_actions(self) -> int:
         """4, or 5 where one may stay."""
         return self.task.num_actions
+
+    def masks(self, view: GameView) -> NDArray[np.bool_] | None:
+        """[games, actions]: what it may do, sitting where the view is from; None for anything."""
+        if not self.mask_bumps:
+            return None
+        own = slice(view.seat, view.seat + 1)
+        return action_masks(view.games, view.mazes.world, view.task.num_actions, own)[:, 0]
 
     @cached_property
     def features(self) -> Features:
@@ -115,11 +127,20 @@ class LearnedPolicy:
         self.task, self.agent, self.encoding = seat.task, seat.agent, seat.encoding
         self._shape = seat.features.shape
 
-    def probabilities(self, observations: NDArray[Any]) -> NDArray[np.float64]:
-        """[..., actions] float64: the distribution played, for observations [..., *shape]."""
+    def probabilities(
+        self, observations: NDArray[Any], allowed: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.float64]:
+        """[..., actions] float64: the distribution played.
+
+        Args:
+            observations: [..., *shape].
+            allowed: [..., actions], what may be done; None for anything.
+        """
         device = next(self.network.parameters()).device
         with torch.no_grad():
             logits = self.network.logits(torch.from_numpy(observations).to(device))
+            if allowed is not None:
+                logits = masked(logits, torch.from_numpy(allowed).to(device))
             if self.greedy:
                 chosen = torch.nn.functional.one_hot(logits.argmax(dim=-1), logits.shape[-1])
                 return chosen.cpu().double().numpy()
@@ -132,12 +153,23 @@ class LearnedPolicy:
             ValueError: the games look different from those that it was trained in.
         """
         observations = view.observe(self.encoding)
-        return self.choose(view, observations, None if self.greedy else view.uniform())
+        draws = None if self.greedy else view.uniform()
+        return self.choose(view, observations, draws, self.seat.masks(view))
 
     def choose(
-        self, view: GameView, observations: NDArray[Any], draws: NDArray[np.float64] | None
+        self,
+        view: GameView,
+        observations: NDArray[Any],
+        draws: NDArray[np.float64] | None,
+        allowed: NDArray[np.bool_] | None = None,
     ) -> NDArray[np.int32]:
-        """[games] int32 for these observations; `draws` [games] in [0, 1), None where greedy.
+        """[games] int32 for these observations.
+
+        Args:
+            view: of games like these.
+            observations: [games, *shape].
+            draws: [games] in [0, 1); None where greedy.
+            allowed: [games, actions]; None for anything.
 
         Raises:
             ValueError: as `act`.
@@ -148,7 +180,7 @@ class LearnedPolicy:
                 f"actions; this task gives {observations.shape[1:]} and {view.task.num_actions}. "
                 "Mazes and agents must be those of its training"
             )
-        probabilities = self.probabilities(observations)
+        probabilities = self.probabilities(observations, allowed)
         if draws is None:
             return probabilities.argmax(axis=-1).astype(np.int32)
         cumulative = probabilities.cumsum(axis=-1)
@@ -171,5 +203,9 @@ class LearnedPolicy:
             )
         size, seat = maze.num_cells, task.seat(self.agent)
         pairs = pairs_of_cells(task, maze, seat)
-        observed = Encoder(task, self.encoding).encode(pairs, slice(seat, seat + 1))[:, 0]
-        return self.probabilities(observed).reshape(size, size, task.num_actions)
+        own = slice(seat, seat + 1)
+        observed, allowed = Encoder(task, self.encoding).encode(pairs, own)[:, 0], None
+        if self.seat.mask_bumps:
+            world = lay_out(task.mazes).world
+            allowed = action_masks(pairs, world, task.num_actions, own)[:, 0]
+        return self.probabilities(observed, allowed).reshape(size, size, task.num_actions)

@@ -50,6 +50,11 @@ class Recipe:
         check(self.seconds > 0, f"seconds={self.seconds}; it is above 0")
         check(self.frames is None or self.frames > 0, f"frames={self.frames}; it is above 0")
         check(self.observation != "index", "observation='index'; MlpPolicy needs one_hot, say")
+        check(
+            not self.task.mask_bumps,
+            "mask_bumps=True; these learners know no masks: leave it out, or train sb3-contrib's "
+            "MaskablePPO over StableBaselinesVecEnv",
+        )
         check(self.out.suffix == ".zip", f"{self.out}: give a .zip file")
         check(not self.out.exists(), f"{self.out}: exists already; give a new file")
 

@@ -36,6 +36,7 @@ def load_policy(folder: Path, greedy: bool = True) -> Policy:
         training_task(settings.curriculum, settings.lessons, task),
         agent,
         settings.observation,
+        settings.task.mask_bumps,
     )
     try:
         return algorithm.load(settings.hyper, seat, state["trainee"]["learner"], greedy)

@@ -49,7 +49,8 @@ class Parts:
 
     def contest(self, episodes: int) -> GameContest:
         """What it is judged by: the task itself, whatever the training games are."""
-        return GameContest(self.task, self.seat.agent, self.opponents, episodes)
+        masks = self.seat.mask_bumps
+        return GameContest(self.task, self.seat.agent, self.opponents, episodes, mask_bumps=masks)
 
 
 def parts_of(settings: TrainSettings[Any]) -> Parts:
@@ -83,7 +84,9 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
     )
     if plan is not None:
         check_learner(plan, algorithm)
-    seat = Seat(task if plan is None else plan.task, agent, settings.observation)
+    seat = Seat(
+        task if plan is None else plan.task, agent, settings.observation, settings.task.mask_bumps
+    )
     algorithm.check_player(settings.hyper, seat)
     bfloat16 = uses_bfloat16(settings.precision, settings.device)
     build = Build(settings.device, bfloat16, settings.first_layer, settings.seed)
@@ -121,4 +124,6 @@ def contest_of(settings: TaskSettings, episodes: int, seed: int = 0) -> GameCont
     task = task_of(settings)
     agent = agent_of(settings, task)
     opponents = opponents_in(settings, task, agent)
-    return GameContest(task, agent, opponents, episodes, evaluation_seed(seed))
+    return GameContest(
+        task, agent, opponents, episodes, evaluation_seed(seed), mask_bumps=settings.mask_bumps
+    )

@@ -128,5 +128,5 @@ def load_stable_baselines(path: Path, greedy: bool | None = True) -> LearnedPoli
             f"{path}: damaged, or weights of another network ({type(error).__name__})"
         ) from None
     policy.set_training_mode(False)
-    seat = Seat(built, agent_of(task, built), encoding)
+    seat = Seat(built, agent_of(task, built), encoding, task.mask_bumps)
     return LearnedPolicy(StableBaselinesNetwork(policy), seat, greedy)

@@ -79,7 +79,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     for role in settings.learning:
         own = side_settings(settings, role)
         sides[role] = SideParts(
-            Seat(task, role, own.observation),
+            Seat(task, role, own.observation, own.task.mask_bumps),
             entry(own.algorithm),
             own.hyper,
             Build(own.device, uses_bfloat16(own.precision, own.device), own.first_layer, own.seed),

@@ -251,7 +251,13 @@ class PoolPolicy:
                 if policy.encoding not in observed:
                     observed[policy.encoding] = view.observe(policy.encoding)
                 seen = observed[policy.encoding][games]
-                actions[games] = policy.choose(view, seen, None if policy.greedy else draws[games])
+                allowed = policy.seat.masks(view)
+                actions[games] = policy.choose(
+                    view,
+                    seen,
+                    None if policy.greedy else draws[games],
+                    None if allowed is None else allowed[games],
+                )
             else:
                 part = view.select(games)
                 actions[games] = policy.act(part)

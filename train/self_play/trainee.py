@@ -283,7 +283,8 @@ class SelfPlay:
             who: Any = {role: str(self.folder / role), other: LEARN, f"{other}_algorithm": "ppo"}
             settings = replace(
                 self.settings,
-                task=replace(self.settings.task, opponent_policy="sampled"),  # as it was learned
+                # It plays as it was learned; who responds may do anything, masks or not.
+                task=replace(self.settings.task, opponent_policy="sampled", mask_bumps=False),
                 **who,
                 share_networks=False,
                 sampling="latest",

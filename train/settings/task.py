@@ -48,6 +48,9 @@ class TaskSettings:
     greedy (always the most probable action)."""
     start: str = "random"
     """random, or marks: the S and G of the maze (fixed goals)."""
+    mask_bumps: bool = False
+    """Forbid the learner moves into walls, as it learns and as it plays. Without the stay action
+    they are the only way to wait, which the best chasers and evaders do."""
 
     def __post_init__(self) -> None:
         check(
