@@ -116,6 +116,30 @@ def pairs_of_cells(task: Task, maze: Maze, agent: str | int) -> Games:
     return games
 
 
+def places_of_agents(task: Task) -> Games:
+    """Games that were never played: one for each place of all agents, in the one maze of the task.
+
+    Game number c counts the cells of the agents in the order of their seats, the last one's
+    fastest; all are active, and nothing else has happened. There are cells ** agents of them. For
+    policies that are functions of all cells, in games without goals.
+
+    Raises:
+        ValueError: several mazes, or goals.
+    """
+    if len(task.mazes) > 1 or task.num_goals:
+        raise ValueError(
+            f"task {task.name!r} has {len(task.mazes)} maze(s) and {task.num_goals} goal(s); "
+            "places of agents are numbered in one maze without goals"
+        )
+    size, agents = task.max_cells, task.num_agents
+    games = layout.empty_games(size**agents, agents, 0)
+    number = np.arange(size**agents)
+    for agent in reversed(range(agents)):
+        number, games.position[:, agent] = np.divmod(number, size)
+    games.active[:] = 1
+    return games
+
+
 class Policy(Protocol):
     """Whoever fills a seat: scripted, exact or learned."""
 
@@ -135,3 +159,19 @@ class TabularPolicy(Protocol):
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64, the exact distribution over actions."""
         ...
+
+
+@runtime_checkable
+class DistributionPolicy(Protocol):
+    """A policy that draws from a distribution known for any state of the games of a task.
+
+    A team that draws its actions together has `joint_distribution(task, games)` besides: [games,
+    joint actions] float64, the last member's action counting fastest.
+    """
+
+    def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
+        """[games, actions] float64, what it plays in `seat` of these games, played or not.
+
+        Raises:
+            ValueError: games for which it knows no distribution.
+        """

@@ -16,10 +16,27 @@ from scripted_agents.equilibrium import (
     solve_matrix_game,
 )
 from scripted_agents.evader import AStarEvader
-from scripted_agents.optimal import BestResponder, OptimalChaser, OptimalEvader, table_of
+from scripted_agents.optimal import (
+    BestResponder,
+    OptimalChaser,
+    OptimalEvader,
+    check_optimal,
+    table_of,
+    why_not_optimal,
+)
 from scripted_agents.runner import NearestGoalRunner, TourRunner
 from scripted_agents.scripted import RandomAgent
 from scripted_agents.table_policy import TablePolicy
+from scripted_agents.teams import (
+    TeamResponse,
+    best_team_response,
+    evaluate_team,
+    has_distributions,
+    mean_over_team_starts,
+    team_survival,
+    why_not_team_chase,
+    work_of,
+)
 from scripted_agents.tour import (
     Estimate,
     Tour,
@@ -43,14 +60,20 @@ __all__ = [
     "OptimalEvader",
     "RandomAgent",
     "TablePolicy",
+    "TeamResponse",
     "Tour",
     "TourRunner",
     "TurnBasedSolution",
     "best_response",
+    "best_team_response",
+    "check_optimal",
     "cop_number",
     "evaluate_exactly",
+    "evaluate_team",
     "expected_tour_length",
+    "has_distributions",
     "mean_over_starts",
+    "mean_over_team_starts",
     "num_states",
     "shortest_path",
     "shortest_tour",
@@ -58,6 +81,10 @@ __all__ = [
     "solve_in_turns",
     "solve_matrix_game",
     "table_of",
+    "team_survival",
     "tour_length",
     "tour_lengths",
+    "why_not_optimal",
+    "why_not_team_chase",
+    "work_of",
 ]

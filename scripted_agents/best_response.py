@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pursuit.masks import bump_masks
 from pursuit.maze import MAX_TABLE_CELLS, Maze
+from scripted_agents.memory import check_memory
 from scripted_agents.pair_kernels import (
     AT_ONCE,
     OTHER_FIRST,
@@ -232,6 +233,13 @@ def _check_settings(maze: Maze, horizon: int | None, discount: float, move_order
             f"{entries} entries; at most {MAX_ENTRIES} fit. Cut off rows and columns of blocked "
             "cells"
         )
+    # Both players' tables laid out, and the values of two steps.
+    grid = maze.height * maze.width
+    check_memory(
+        8 * maze.num_cells * (2 * 5 * grid + 2 * (grid + 2 * maze.width)),
+        f"{maze.name}, {maze.num_cells} cells",
+        "Use a smaller maze, or play episodes",
+    )
     if horizon is not None and horizon < 1:
         raise ValueError(f"horizon {horizon}; give at least 1 step, or None for no horizon")
     if not 0.0 < discount <= 1.0:

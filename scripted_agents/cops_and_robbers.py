@@ -6,17 +6,21 @@ the game of cops and robbers (Nowakowski and Winkler, 1983; Aigner and Fromme, 1
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.maze import Maze
-from scripted_agents.equilibrium import distinct_moves
+from scripted_agents.memory import check_memory
+from scripted_agents.places import distinct_moves
 from scripted_agents.turn_kernels import extend, join, trap
 
 MAX_BYTES = 4 * 10**9
 """Bound on the memory of a solution."""
+
+Report = Callable[[float, int], None]
 
 NEVER = 65535
 """Capture time where the evader escapes for ever."""
@@ -46,7 +50,12 @@ class TurnBasedSolution:
         return bool(self.chasers_win.all(axis=-1).any())
 
 
-def solve_in_turns(maze: Maze, num_chasers: int = 1, stay_action: bool = True) -> TurnBasedSolution:
+def solve_in_turns(
+    maze: Maze,
+    num_chasers: int = 1,
+    stay_action: bool = True,
+    report: Report = lambda share, num_chasers: None,
+) -> TurnBasedSolution:
     """Solve the chase in turns by retrograde analysis, the chasers to move first.
 
     Chasers may share a cell. An evader is caught by a chaser that moves onto it, and when it moves
@@ -57,6 +66,8 @@ def solve_in_turns(maze: Maze, num_chasers: int = 1, stay_action: bool = True) -
         num_chasers: 1 or more.
         stay_action: whether everybody may stay; as in the literature. Without it only a move into a
             wall is a way to stay.
+        report: told after every sweep the share of all places that the chasers are known to win,
+            and how many they are.
 
     Raises:
         ValueError: no chaser, or a game that does not fit into MAX_BYTES.
@@ -67,11 +78,12 @@ def solve_in_turns(maze: Maze, num_chasers: int = 1, stay_action: bool = True) -
     words = -(-maze.height * width // 64)
     teams = size**num_chasers
     needed = 3 * 8 * teams * words + teams * size
-    if needed > MAX_BYTES:
-        raise ValueError(
-            f"{maze.name}: {size} cells and {num_chasers} chaser(s) need {needed / 1e9:.3g} GB; at "
-            f"most {MAX_BYTES / 1e9:g} GB are used. Take a smaller maze or fewer chasers"
-        )
+    check_memory(
+        needed,
+        f"{maze.name} in turns, {size} cells and {num_chasers} chaser(s)",
+        "Take a smaller maze or fewer chasers",
+        MAX_BYTES,
+    )
     timed = needed + 2 * teams * size <= MAX_BYTES
     spots = maze.rows.astype(np.int64) * width + maze.columns
     own = np.arange(size)
@@ -98,6 +110,7 @@ def solve_in_turns(maze: Maze, num_chasers: int = 1, stay_action: bool = True) -
             one, other = other, one
         if not extend(winning, one, spots, times, min(time, NEVER - 1)):
             break
+        report(int(np.bitwise_count(winning).sum()) / (teams * size), num_chasers)
         time += 1
     shape = (size,) * (num_chasers + 1)
     wins = _members(winning, spots).reshape(shape)
@@ -106,7 +119,12 @@ def solve_in_turns(maze: Maze, num_chasers: int = 1, stay_action: bool = True) -
     )
 
 
-def cop_number(maze: Maze, stay_action: bool = True, most: int = 3) -> int | None:
+def cop_number(
+    maze: Maze,
+    stay_action: bool = True,
+    most: int = 3,
+    report: Report = lambda share, num_chasers: None,
+) -> int | None:
     """The least number of chasers that catch any evader, in turns, from places of their choice.
 
     None where more than `most` are needed. A maze is a planar graph: 3 always suffice where it is
@@ -116,7 +134,7 @@ def cop_number(maze: Maze, stay_action: bool = True, most: int = 3) -> int | Non
         ValueError: the answer does not fit into memory.
     """
     for chasers in range(1, most + 1):
-        if solve_in_turns(maze, chasers, stay_action).has_winning_start:
+        if solve_in_turns(maze, chasers, stay_action, report).has_winning_start:
             return chasers
     return None
 

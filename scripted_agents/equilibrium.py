@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.maze import Maze
 from scripted_agents.best_response import MoveOrder
-from scripted_agents.game_kernels import evaluate, shapley, solve_matrix
-
-TOLERANCE = 1e-10
-"""How exact the values are, relative to the largest."""
+from scripted_agents.game_kernels import solve_matrix
+from scripted_agents.memory import check_memory
+from scripted_agents.places import places_of
+from scripted_agents.shapley_iteration import (
+    Game,
+    Report,
+    silent,
+    solve_for_ever,
+    solve_steps,
+)
 
 MAX_BYTES = 3 * 10**9
 """Bound on the memory of a solution."""
-
-MAX_SWEEPS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +105,7 @@ def solve_chase(
     horizon: int | None = None,
     move_order: MoveOrder = "simultaneous",
     num_chasers: int = 1,
+    report: Report = silent,
 ) -> ChaseSolution:
     """Solve the chase of one evader by a team of chasers exactly, as a zero-sum stochastic game.
 
@@ -119,6 +124,8 @@ def solve_chase(
         move_order: "simultaneous", or "chasers_first": the chasers move first and the evader then,
             if it is not caught yet, but it has chosen its move before.
         num_chasers: size of the team; memory grows with cells ** (num_chasers + 1).
+        report: told how far it is, now and then: the share of the work in [0, 1], as far as that
+            can be said. A game that was solved before is not solved again, and reports nothing.
 
     Raises:
         ValueError: an argument outside these limits, or a game that does not fit into memory.
@@ -131,15 +138,14 @@ def solve_chase(
         raise ValueError(f"move_order {move_order!r}; choose 'simultaneous' or 'chasers_first'")
     if num_chasers < 1:
         raise ValueError(f"num_chasers {num_chasers}; at least 1")
-    actions = 5 if stay_action else 4
-    needed = 8 * maze.num_cells ** (num_chasers + 1) * (actions**num_chasers + actions + 3)
-    if needed > MAX_BYTES:
-        raise ValueError(
-            f"{maze.name}: {maze.num_cells} cells and {num_chasers} chaser(s) need "
-            f"{needed / 1e9:.3g} GB; at most {MAX_BYTES / 1e9:g} GB are used. Take a smaller maze "
-            "or fewer chasers"
-        )
+    check_memory(
+        bytes_to_solve(maze.num_cells, num_chasers, stay_action),
+        f"{maze.name}, {maze.num_cells} cells and {num_chasers} chaser(s)",
+        "Take a smaller maze or fewer chasers",
+        MAX_BYTES,
+    )
     return _solve(
+        _Quiet(report),
         maze,
         1.0 if horizon is not None else float(discount),
         stay_action,
@@ -149,8 +155,22 @@ def solve_chase(
     )
 
 
+class _Quiet:
+    """A report that makes no difference to what is kept: all of them are equal."""
+
+    def __init__(self, report: Report) -> None:
+        self.report = report
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Quiet)
+
+    def __hash__(self) -> int:
+        return 0
+
+
 @lru_cache(maxsize=8)
 def _solve(
+    report: _Quiet,
     maze: Maze,
     discount: float,
     stay_action: bool,
@@ -158,59 +178,24 @@ def _solve(
     chasers_first: bool,
     num_chasers: int,
 ) -> ChaseSolution:
-    size, actions = maze.num_cells, 5 if stay_action else 4
-    neighbors = np.ascontiguousarray(maze.neighbors[:, :actions])
-    teams = np.array(list(product(range(size), repeat=num_chasers)), dtype=np.int32)
-    chaser_policy = np.zeros((len(teams), size, actions**num_chasers))
-    evader_policy = np.zeros((len(teams), size, actions))
-    mixed = np.zeros((len(teams), size), dtype=bool)
-    policies = (discount, chasers_first, chaser_policy, evader_policy)
-    useful = distinct_moves(neighbors)
-
-    def sweep(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-        target = np.empty_like(values)
-        arrays = (values, target, teams, neighbors, useful, *policies, mixed)
-        return target, float(shapley(*arrays, 0, len(teams)))
-
-    values = np.zeros((len(teams), size))
-    sweeps = 0
-    if horizon is not None:
-        for _ in range(horizon):
-            values, change = sweep(values)
-            sweeps += 1
-            if change == 0.0:
-                break
+    places = places_of(maze, num_chasers, stay_action)
+    game = Game(places, discount, chasers_first, report.report)
+    if horizon is None:
+        values, sweeps = solve_for_ever(game)
     else:
-        # Shapley's map shrinks differences by the discount. Evaluating the two policies that it
-        # found is Newton's method: a few steps where it works, but it may also circle. So its
-        # result is kept only where the next change is smaller than without it.
-        plain, bound, jumped = values, np.inf, False
-        for sweeps in range(1, MAX_SWEEPS):  # noqa: B007 -- used below
-            following, change = sweep(values)
-            if jumped and change > discount * bound:
-                values, jumped = plain, False
-                continue
-            if change * discount / (1.0 - discount) <= TOLERANCE * max(1.0, following.max()):
-                values = following
-                break
-            plain, bound, jumped = following, change, True
-            values = following.copy()
-            evaluate(values, teams, neighbors, *policies, 0.01 * change, 1000)
-        else:
-            raise ValueError(
-                f"{maze.name}: no convergence within {MAX_SWEEPS} sweeps at discount {discount}; "
-                "take a smaller one, or a horizon"
-            )
-    shape = (size,) * (num_chasers + 1)
-    apart = (teams[:, :, None] != np.arange(size)).all(axis=1)
-    chaser_policy[~apart], evader_policy[~apart] = 1.0 / chaser_policy.shape[2], 1.0 / actions
+        values, sweeps = solve_steps(game, horizon)
+    game.spread(values)
+    shape, actions = places.shape, places.neighbors.shape[1]
+    chaser_policy, evader_policy = game.chaser_policy, game.evader_policy
+    chaser_policy[~places.apart] = 1.0 / chaser_policy.shape[2]
+    evader_policy[~places.apart] = 1.0 / actions
     evader_table = np.moveaxis(evader_policy.reshape(*shape, actions), num_chasers, 0)
     solution = ChaseSolution(
         maze,
         values.reshape(shape),
         chaser_policy.reshape(*shape, -1),
         np.ascontiguousarray(evader_table),
-        mixed.reshape(shape),
+        game.mixed.reshape(shape),
         discount,
         horizon,
         stay_action,
@@ -228,9 +213,12 @@ def _solve(
     return solution
 
 
-def distinct_moves(neighbors: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """[cells, actions] bool: False for an action that leads where an earlier one does."""
-    useful = np.ones(neighbors.shape, dtype=bool)
-    for action in range(1, neighbors.shape[1]):
-        useful[:, action] = (neighbors[:, :action] != neighbors[:, action : action + 1]).all(axis=1)
-    return useful
+def bytes_to_solve(cells: int, num_chasers: int, stay_action: bool) -> int:
+    """The memory that `solve_chase` needs, about: policies, values, and a sparse linear system."""
+    actions = 5 if stay_action else 4
+    # The policies, with copies while they are given to the teams in another order; arrays of
+    # values; the system of the sorted teams with its factors, some 800 bytes a row.
+    per_place = 8 * (2 * actions**num_chasers + 2 * actions + 8) + 800 // math.factorial(
+        num_chasers
+    )
+    return int(per_place * cells ** (num_chasers + 1))

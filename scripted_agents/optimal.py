@@ -10,11 +10,20 @@ from numpy.typing import NDArray
 
 from pursuit.maze import Maze
 from pursuit.policy import GameView, TabularPolicy
+from pursuit.rules.layout import Games
+from pursuit.task import Task
 from scripted_agents.best_response import MoveOrder, best_response
-from scripted_agents.equilibrium import solve_chase
+from scripted_agents.equilibrium import ChaseSolution, bytes_to_solve, solve_chase
+from scripted_agents.places import places_of
 from scripted_agents.table_policy import TablePolicy
+from scripted_agents.team_policy import TeamPolicy
+from scripted_agents.teams import why_not_team_chase
+from scripted_agents.tour import MAX_EXACT_GOALS
 
 Role = Literal["chaser", "evader"]
+
+MAX_TEAM_BYTES = 10**9
+"""Bound on the memory of the solution that a team plays."""
 
 
 class ExactAgent(ABC):
@@ -45,6 +54,7 @@ class ExactAgent(ABC):
         self.epsilon, self.discount = float(epsilon), discount
         self.move_order: MoveOrder = move_order
         self._players: dict[tuple[Maze, bool, str], TablePolicy] = {}
+        self._teams: dict[tuple[Maze, bool, str, int], TeamPolicy] = {}
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(epsilon={self.epsilon:g})"
@@ -52,6 +62,32 @@ class ExactAgent(ABC):
     @abstractmethod
     def solve(self, maze: Maze, stay_action: bool, move_order: MoveOrder) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64, without random moves."""
+
+    def solve_team(self, task: Task) -> NDArray[np.float64]:
+        """[teams, cells, joint actions] float64 of a chaser team, or [teams, cells, actions] of the
+        evader against one.
+
+        Raises:
+            ValueError: it is not known.
+        """
+        raise ValueError(
+            f"{self!r} plays one against one; task {task.name!r} has {task.num_chasers} chaser(s) "
+            f"and {task.num_evaders} evader(s). Take `best_team_response(...).policy`"
+        )
+
+    def team(self, task: Task) -> TeamPolicy:
+        """What it plays in a game of one evader and several chasers, solved once.
+
+        Raises:
+            ValueError: it is not known there.
+        """
+        key = (task.mazes[0], task.stay_action, task.move_order, task.num_chasers)
+        if key not in self._teams:
+            check_optimal(task, self.role)
+            table = self.solve_team(task)
+            places = places_of(task.mazes[0], task.num_chasers, task.stay_action)
+            self._teams[key] = TeamPolicy(task.mazes[0], places, self.role, table, self.epsilon)
+        return self._teams[key]
 
     def _player(self, maze: Maze, stay_action: bool, move_order: MoveOrder) -> TablePolicy:
         key = (maze, stay_action, move_order)
@@ -78,8 +114,34 @@ class ExactAgent(ABC):
             )
         if len(task.mazes) > 1:
             raise ValueError(f"{self!r} plays in one maze; this task has {len(task.mazes)}")
+        if not task.is_duel:
+            check_optimal(task, self.role)
+            return self.team(task).act(view)
         order: MoveOrder = task.move_order  # type: ignore[assignment]
         return self._player(task.mazes[0], task.stay_action, order).act(view)
+
+    def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
+        """[games, actions] float64, what it plays in a seat of these games.
+
+        Raises:
+            ValueError: as `act`.
+        """
+        if not task.is_duel:
+            check_optimal(task, self.role)
+            return self.team(task).distribution(task, games, seat)
+        table = self.table(task.mazes[0], task.stay_action, task.move_order)
+        return table[games.position[:, seat], games.position[:, 1 - seat]]
+
+    def joint_distribution(self, task: Task, games: Games) -> NDArray[np.float64]:
+        """[games, joint actions] float64: what a team of it plays, drawn together.
+
+        Raises:
+            ValueError: as `act`.
+        """
+        if not task.is_duel:
+            check_optimal(task, self.role)
+            return self.team(task).joint_distribution(task, games)
+        return self.distribution(task, games, task.seat(self.role))
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64, for the agent's own move order."""
@@ -89,8 +151,8 @@ class ExactAgent(ABC):
 class OptimalChaser(ExactAgent):
     """The chaser of an equilibrium of the discounted chase: no evader can make it pay more.
 
-    With several agents it plays as if it were alone with the first evader that is left, which is
-    then no longer optimal.
+    A team of them against one evader plays the equilibrium of the team as one player: all chasers
+    must be filled by it. Where that is not known (`check_optimal`) it refuses to play.
 
     Args:
         epsilon: share of random moves in [0, 1].
@@ -110,9 +172,16 @@ class OptimalChaser(ExactAgent):
         """Its policy in `solve_chase`."""
         return solve_chase(maze, self.discount, stay_action, None, move_order).chaser_policy
 
+    def solve_team(self, task: Task) -> NDArray[np.float64]:
+        """Its policy in `solve_chase` for the team."""
+        return _joint(_solution(task, self.discount).chaser_policy, task)
+
 
 class OptimalEvader(ExactAgent):
-    """The evader of an equilibrium of the discounted chase, as `OptimalChaser` is the chaser."""
+    """The evader of an equilibrium of the discounted chase, as `OptimalChaser` is the chaser.
+
+    Against several chasers it is that of the game against the team as one player.
+    """
 
     def __init__(
         self,
@@ -125,6 +194,10 @@ class OptimalEvader(ExactAgent):
     def solve(self, maze: Maze, stay_action: bool, move_order: MoveOrder) -> NDArray[np.float64]:
         """Its policy in `solve_chase`."""
         return solve_chase(maze, self.discount, stay_action, None, move_order).evader_policy
+
+    def solve_team(self, task: Task) -> NDArray[np.float64]:
+        """Its policy in `solve_chase` for the team."""
+        return _joint(np.moveaxis(_solution(task, self.discount).evader_policy, 0, -2), task)
 
 
 class BestResponder(ExactAgent):
@@ -167,6 +240,54 @@ class BestResponder(ExactAgent):
         table = table_of(self.opponent, maze, stay_action, move_order)
         arguments = (None, self.discount, stay_action, move_order)
         return best_response(self.role, maze, table, *arguments).policy
+
+
+def _solution(task: Task, discount: float) -> ChaseSolution:
+    order: MoveOrder = task.move_order  # type: ignore[assignment]
+    rest = (task.stay_action, None, order, task.num_chasers)
+    return solve_chase(task.mazes[0], discount, *rest)
+
+
+def _joint(policy: NDArray[np.float64], task: Task) -> NDArray[np.float64]:
+    """[teams, cells, ...] from [chaser cell, ..., evader cell, ...]."""
+    return policy.reshape(-1, task.max_cells, policy.shape[-1])
+
+
+def why_not_optimal(task: Task, role: str) -> str | None:
+    """Why the optimal agent of a role is not known in a task; None where it is.
+
+    Known for chasers, as a team that moves as one, and the evader of a chase of one evader without
+    goals, while the joint solution fits into MAX_TEAM_BYTES (half a minute on 9x9 with two
+    chasers); and for a runner alone, up to MAX_EXACT_GOALS goals.
+    """
+    if role == "runner":
+        if task.num_agents > 1:
+            return f"a runner among {task.num_agents} agents has no known optimum"
+        if task.num_goals > MAX_EXACT_GOALS:
+            return f"{task.num_goals} goals; tours are exact up to {MAX_EXACT_GOALS}"
+        return None
+    obstacle = why_not_team_chase(task)
+    if obstacle is not None:
+        return f"chases of one evader without goals in one maze are solved, not {obstacle}"
+    if task.is_duel:
+        return None
+    needed = bytes_to_solve(task.max_cells, task.num_chasers, task.stay_action)
+    if needed > MAX_TEAM_BYTES:
+        return (
+            f"{task.num_chasers} chasers on {task.max_cells} cells need {needed:,} bytes to be "
+            f"solved together; at most {MAX_TEAM_BYTES:,} are used"
+        )
+    return None
+
+
+def check_optimal(task: Task, role: str) -> None:
+    """ValueError saying why, where the optimal agent of a role is not known in a task."""
+    reason = why_not_optimal(task, role)
+    if reason is not None:
+        raise ValueError(
+            f"optimal {role} of task {task.name!r}: not known: {reason}. Take astar, or a smaller "
+            "game"
+        )
 
 
 def table_of(

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from pursuit.maze import MAX_TABLE_CELLS, Maze
 from pursuit.maze_arrays import MazeArrays, lay_out
 from pursuit.policy import GameView
+from pursuit.rules.layout import Games
+from pursuit.task import Task
 from scripted_agents import kernels
 
 
@@ -84,6 +86,29 @@ class Scripted:
             size = chosen.sum(axis=-1, keepdims=True)
             table += share * np.where(size == 0, nowhere, chosen / np.maximum(size, 1))
         return table
+
+    def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
+        """[games, actions] float64: the exact distribution in chases of one evader by a team.
+
+        Raises:
+            ValueError: other games, another role's seat, or several mazes.
+        """
+        role = task.seat_roles[seat]
+        own = getattr(self, "role", role)
+        if own != role or task.num_evaders != 1 or task.num_goals or len(task.mazes) > 1:
+            raise ValueError(
+                f"{self!r} in the seat of {task.agent_names[seat]} of task {task.name!r}: its "
+                "distribution is known in chases of one evader without goals, in one maze"
+            )
+        maze, cells = task.mazes[0], games.position
+        table = self.action_probabilities(maze, task.stay_action)
+        if role == "chaser":
+            other = cells[:, task.num_chasers]
+        else:  # of several the first that is nearest
+            chasers = cells[:, : task.num_chasers]
+            nearest = maze.distances[cells[:, seat, None], chasers].argmin(axis=1)
+            other = np.take_along_axis(chasers, nearest[:, None], axis=1)[:, 0]
+        return table[cells[:, seat], other]
 
     def _settings(self, stay_action: bool) -> tuple[float, int, int, bool]:
         """As the kernels take them."""

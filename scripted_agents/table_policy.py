@@ -7,6 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pursuit.maze import Maze
 from pursuit.policy import GameView
+from pursuit.rules.layout import Games
+from pursuit.task import Task
 from scripted_agents import kernels
 from scripted_agents.best_response import checked_table
 from scripted_agents.scripted import RandomAgent
@@ -69,6 +71,21 @@ class TablePolicy:
             actions,
         )
         return actions
+
+    def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
+        """[games, actions] float64: the row of each game, for its first active opponent.
+
+        Raises:
+            ValueError: other mazes, or another number of actions.
+        """
+        if task.mazes != (self.maze,):
+            raise ValueError(f"a table for {self.maze.name}, not for task {task.name!r}")
+        table = self.action_probabilities(self.maze, task.stay_action)
+        role = task.seat_roles[seat]
+        others = [other for other, theirs in enumerate(task.seat_roles) if theirs != role]
+        first = games.active[:, others].argmax(axis=1)
+        other = np.take_along_axis(games.position[:, others], first[:, None], axis=1)[:, 0]
+        return table[games.position[:, seat], other]
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: the table, mixed with random moves by epsilon.

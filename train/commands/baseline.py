@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from scripted_agents.tour import expected_tour_length, num_states
+from scripted_agents import why_not_team_chase
+from scripted_agents.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
 from train.commands.parse import parse
 from train.commands.scores import print_scores
 from train.runs.parts import contest_of
@@ -36,7 +37,12 @@ def baseline(arguments: Sequence[str]) -> None:
     if (task.num_agents, task.num_runners) == (1, 1):
         mean = expected_tour_length(maze, task.num_goals)
         how = "exact" if mean.exact else f"±{mean.ci95:.2f}, sampled"
-        print(f"mean optimal tour over all placements: {mean:.4f} ({how})")
+        if task.num_goals > MAX_EXACT_GOALS:
+            how = f"{how}; heuristic above {MAX_EXACT_GOALS} goals, an upper bound"
+            print(f"mean heuristic tour over all placements: {mean:.4f} ({how})")
+        else:
+            print(f"mean optimal tour over all placements: {mean:.4f} ({how})")
         print(f"distinct states: {num_states(maze.num_cells, task.num_goals):,}")
-    elif task.is_duel:
-        print(f"distinct states: {maze.num_cells * (maze.num_cells - 1):,}")
+    elif why_not_team_chase(task) is None:
+        cells, chasers = maze.num_cells, task.num_chasers
+        print(f"distinct states: {(cells - 1) ** chasers * cells:,}")

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from time import perf_counter
 from typing import Any, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from train.runs.loop import Run
+
+QUIET = 2.0
+"""Seconds of work that need no report."""
 
 
 class ProgressLines:
@@ -46,6 +50,32 @@ class ProgressLines:
             self.progress.console.print(line, highlight=False)
         else:
             print(line, flush=True)
+
+
+class Alive:
+    """Says on stderr that long work goes on, and how far it is; nothing of what is done in seconds.
+
+    On a terminal one line is written over again, elsewhere there is a line now and then.
+    """
+
+    def __init__(self) -> None:
+        self.began = self.told = perf_counter()
+        self.what, self.open = "", False
+
+    def __call__(self, what: str, share: float) -> None:
+        """Report what goes on, and its share that is done, in [0, 1]."""
+        now, live = perf_counter(), sys.stderr.isatty()
+        if what != self.what:
+            self.what, self.began, self.told = what, now, now
+        elif now - self.told >= (0.5 if live else 10.0) and now - self.began >= QUIET:
+            self.told, self.open = now, live
+            line = f"{what}: {100 * share:3.0f} %, {now - self.began:.0f} s"
+            print(
+                f"\r{line}" if live else line, end="" if live else "\n", file=sys.stderr, flush=True
+            )
+        if share >= 1.0 and self.open:
+            self.open = False
+            print(file=sys.stderr)
 
 
 class Watch(ProgressLines):

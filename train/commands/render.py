@@ -9,9 +9,11 @@ from typing import Annotated, Any
 
 import tyro
 
-from scripted_agents import TablePolicy, TourRunner
+from pursuit.policy import Policy
+from scripted_agents import TablePolicy, TourRunner, why_not_optimal
 from scripted_agents.environments import DEFAULTS
 from train.commands.parse import parse
+from train.evaluation.contest import GameContest
 from train.runs.opponents import load_policy
 from train.runs.parts import contest_of
 from train.runs.pictures import save_replay
@@ -48,12 +50,20 @@ def render(arguments: Sequence[str]) -> None:
         contest = contest_of(given.task, 2)
         policy = DEFAULTS[contest.role](0.0)
     if given.optimal:
-        best = contest.best_response()
-        check(
-            best is not None or contest.role == "runner",
-            "the optimum of this task is not known; leave out --optimal",
-        )
-        maze = contest.task.mazes[0]
-        policy = TourRunner() if best is None else TablePolicy(maze, best.policy)
+        policy = optimal_policy(contest)
     save_replay(given.out, contest, policy, given.episodes)
     print(f"{given.out}: {given.episodes} episode(s)")
+
+
+def optimal_policy(contest: GameContest) -> Policy:
+    """Who plays exactly best in a contest; ValueError where that is not known."""
+    best, among = contest.best_response(), contest.best_team_response()
+    if best is not None:
+        return TablePolicy(contest.task.mazes[0], best.policy)
+    if among is not None:
+        return among.policy
+    reason = why_not_optimal(contest.task, "runner")
+    if contest.role != "runner":
+        reason = "the best response to these agents in this task is not solved"
+    check(reason is None, f"optimal {contest.role}: {reason}; leave out --optimal")
+    return TourRunner()

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from train.commands.parse import budget_of, heard, parse
-from train.commands.progress import carry_out
+from train.commands.progress import Alive, carry_out
 from train.experiments.kinds import resume, start
 from train.experiments.sweep_report import reduction
 from train.runs.folder import SELF_PLAY
@@ -56,6 +56,7 @@ def self_play(arguments: Sequence[str]) -> None:
         f"self-play: {task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "
         f"{task.num_evaders} evader(s); opponents: {sampling}"
     )
+    run.trainee.tell = Alive()
     content = carry_out(run, given.episodes, "pursuit self-play")
     title = f"Self-play on {task.mazes[0].name} ({sampling})"
     draw_self_play(run.folder / "learning_curve.png", run.metrics.rows, title)
@@ -92,6 +93,7 @@ def show(run: Run, content: dict[str, Any]) -> None:
         )
     if "game_value" in found:
         print(f"value {found['value']:.3f}, of the game {found['game_value']:.3f}")
-    for name, steps in content.get("approximate_best_response", {}).items():
-        print(f"approximate best response {name.replace('_', ' the ')}: {steps:.2f} steps")
+    for kind in ("exact", "approximate"):
+        for name, steps in content.get(f"{kind}_best_response", {}).items():
+            print(f"{kind} best response {name.replace('_', ' the ')}: {steps:.2f} steps")
     print(f"results, curve and pool: {run.folder}")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pursuit.maze import Maze, load_maze
 from scripted_agents import ChaseSolution, cop_number, mean_over_starts, solve_chase
 from train.commands.parse import parse
+from train.commands.progress import Alive
 from train.figures import BLUE, ORANGE, pyplot, save
 from train.settings.checks import check
 
@@ -56,12 +57,22 @@ def solve(arguments: Sequence[str]) -> None:
     check(out.suffix == ".png", f"out={out}; give a .png file")
     began = perf_counter()
     order: Any = given.move_order
+    alive, solving = Alive(), f"solving {maze.name}"
     solution = solve_chase(
-        maze, given.discount, given.stay_action, given.horizon, order, given.num_chasers
+        maze,
+        given.discount,
+        given.stay_action,
+        given.horizon,
+        order,
+        given.num_chasers,
+        lambda share: alive(solving, share),
     )
+    alive(solving, 1.0)
     print(describe(solution, perf_counter() - began))
     try:
-        number = cop_number(maze)
+        number = cop_number(
+            maze, report=lambda done, chasers: alive(f"{chasers} chaser(s) in turns", done)
+        )
         told = "more than 3" if number is None else str(number)
     except ValueError as error:
         told = f"not known ({error})"

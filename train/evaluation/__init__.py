@@ -1,5 +1,9 @@
 """How well a policy plays, beside the exact references."""
 
-from train.evaluation.exploitability import Exploitability, exploitability
+from train.evaluation.exploitability import (
+    Exploitability,
+    exploitability,
+    team_exploitability,
+)
 
-__all__ = ["Exploitability", "exploitability"]
+__all__ = ["Exploitability", "exploitability", "team_exploitability"]

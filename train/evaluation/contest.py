@@ -1,9 +1,9 @@
 """Contests: how well a policy does, beside the references and the exact optimum.
 
 A run knows a `Contest` and nothing of what is played in it. `GameContest` is that of one agent in
-the games of a task: one chaser against one evader in one maze is evaluated exactly, by backward
-induction over all pairs of cells; everything else is played out from seeded starts that are the
-same for everybody.
+the games of a task: a chase of one evader in one maze is evaluated exactly, by backward induction
+over the cells of all agents, while it is small; everything else is played out from seeded starts
+that are the same for everybody.
 """
 
 from __future__ import annotations
@@ -22,15 +22,21 @@ from scripted_agents import (
     BestResponse,
     RandomAgent,
     TablePolicy,
+    TeamResponse,
     best_response,
+    best_team_response,
     evaluate_exactly,
+    evaluate_team,
     mean_over_starts,
+    mean_over_team_starts,
     tour_lengths,
 )
 from scripted_agents.environments import DEFAULTS
+from scripted_agents.tour import MAX_EXACT_GOALS
 from train.evaluation.games import (
     half_width,
     is_exact,
+    is_exact_team,
     play_out,
     table_in,
     won_by,
@@ -158,6 +164,10 @@ class GameContest:
             lambda games: won_by(games, seat),
         )
 
+    def _with(self, policy: Policy) -> dict[str, Policy]:
+        """Who fills which seat when `policy` fills this one."""
+        return {**self.opponents, self.task.agent_names[self.task.seat(self.agent)]: policy}
+
     def _opponent_table(self) -> NDArray[np.float64]:
         other = "evader" if self.role == "chaser" else "chaser"
         policy = self.opponents.get(f"{other}_0", self.opponents.get(other))
@@ -179,6 +189,9 @@ class GameContest:
             )
             mean = mean_over_starts(values, task.mazes[0], task.min_start_distance)
             ci95, exact = 0.0, True
+        elif is_exact_team(self.task, self._with(policy)):
+            team = evaluate_team(self.task, self._with(policy), self.task.max_steps)
+            mean, ci95, exact = mean_over_team_starts(team, self.task), 0.0, True
         return Score(name, mean, ci95, float(won.mean()), len(lengths), exact)
 
     def best_response(self, mask_bumps: bool = False) -> BestResponse | None:
@@ -203,16 +216,28 @@ class GameContest:
         _, won = self.play(TablePolicy(maze, best.policy))
         return Score(name, mean, 0.0, float(won.mean()), self.episodes, True)
 
+    def best_team_response(self) -> TeamResponse | None:
+        """What this agent does best among the others, in a team's chase; None where not solved."""
+        if not is_exact_team(self.task, self._with(RandomAgent())):
+            return None
+        name = self.task.agent_names[self.task.seat(self.agent)]
+        return best_team_response(self.task, name, self.opponents, self.task.max_steps)
+
     def optimal(self) -> Score | None:
         """The exact optimum on the same starts; None where it is not known.
 
-        Known for one chaser against one evader (the best response to the opponent) and for one
-        runner (the shortest tours, exact up to 18 goals).
+        Known for one agent of a chase of one evader (the best response to all others) and for one
+        runner (the shortest tours, up to MAX_EXACT_GOALS goals: beyond, tours are heuristic).
         """
         task, best = self.task, self.best_response()
+        among = self.best_team_response()
+        if among is not None:
+            _, won = self.play(among.policy)
+            mean = among.mean_over_starts
+            return Score("optimal", mean, 0.0, float(won.mean()), self.episodes, True)
         if best is not None:
             return self._score_of("optimal", best)
-        if (task.num_agents, task.num_runners) != (1, 1):
+        if (task.num_agents, task.num_runners) != (1, 1) or task.num_goals > MAX_EXACT_GOALS:
             return None
         simulator = self.starts()
         lengths = np.zeros(self.episodes, dtype=np.int64)

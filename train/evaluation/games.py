@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +10,15 @@ from numpy.typing import NDArray
 from pursuit.policy import Policy, TabularPolicy
 from pursuit.simulator import Simulator
 from pursuit.task import Task
-from scripted_agents import table_of
+from scripted_agents import has_distributions, table_of, why_not_team_chase, work_of
 
 MAX_EXACT_CELLS = 1024
 """Above this number of cells a duel is played out rather than solved (seconds, gigabytes)."""
+
+
+MAX_EXACT_WORK, MAX_FINAL_WORK = 2_000_000, 40_000_000
+"""Above this size (`work_of`) a team's chase is played out rather than solved, while it learns (5x5
+with two chasers is half of it: a second) and at the end (9x9 with two: half a minute)."""
 
 Mask = NDArray[np.bool_]
 
@@ -83,6 +88,23 @@ def is_exact(task: Task, *policies: Policy) -> bool:
         and task.max_cells <= MAX_EXACT_CELLS
         and task.start == "random"
         and all(isinstance(policy, TabularPolicy) for policy in policies)
+    )
+
+
+def is_exact_team(task: Task, policies: Mapping[str, Policy], most: int = MAX_EXACT_WORK) -> bool:
+    """Whether a chase of one evader by a team is small enough to be solved with these policies.
+
+    Args:
+        task: the game; a duel is none of a team.
+        policies: by agent name or role.
+        most: the size that is solved, in the units of `work_of`.
+    """
+    return (
+        not task.is_duel
+        and task.start == "random"
+        and why_not_team_chase(task) is None
+        and work_of(task) <= most
+        and has_distributions(task, policies)
     )
 
 

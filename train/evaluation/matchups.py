@@ -12,8 +12,21 @@ from numpy.typing import NDArray
 from pursuit.policy import Policy
 from pursuit.simulator import Simulator
 from pursuit.task import Task
-from scripted_agents import evaluate_exactly, mean_over_starts
-from train.evaluation.games import all_caught, half_width, is_exact, play_out, table_in
+from scripted_agents import (
+    evaluate_exactly,
+    mean_over_starts,
+    mean_over_team_starts,
+    team_survival,
+)
+from train.evaluation.games import (
+    MAX_FINAL_WORK,
+    all_caught,
+    half_width,
+    is_exact,
+    is_exact_team,
+    play_out,
+    table_in,
+)
 from train.settings.checks import EVALUATION_SEED
 
 
@@ -32,6 +45,12 @@ class Matchup:
     ci95: float
     caught: float
     games: int
+
+
+def can_solve(task: Task, chaser: Policy, evader: Policy, most: int = MAX_FINAL_WORK) -> bool:
+    """Whether `match` is exact."""
+    pair = {"chaser": chaser, "evader": evader}
+    return is_exact(task, chaser, evader) or is_exact_team(task, pair, most)
 
 
 def play_pair(
@@ -81,9 +100,25 @@ def discounted_steps(
 
 
 def match(
-    task: Task, chaser: Policy, evader: Policy, episodes: int = 1000, seed: int = EVALUATION_SEED
+    task: Task,
+    chaser: Policy,
+    evader: Policy,
+    episodes: int = 1000,
+    seed: int = EVALUATION_SEED,
+    most: int = MAX_FINAL_WORK,
 ) -> Matchup:
-    """Exact where `is_exact`; else the mean over `episodes` games."""
+    """Exact where it can be solved; else the mean over `episodes` games.
+
+    Args:
+        task: the game.
+        chaser, evader: who plays all seats of each role.
+        episodes, seed: of the games.
+        most: the size up to which a team's chase is solved (`is_exact_team`); 0 for never.
+    """
+    if most and is_exact_team(task, {"chaser": chaser, "evader": evader}, most):
+        team, alive = team_survival(task, {"chaser": chaser, "evader": evader}, task.max_steps)
+        late = mean_over_team_starts(alive, task)
+        return Matchup(mean_over_team_starts(team, task), 0.0, 1.0 - late, 0)
     if is_exact(task, chaser, evader):
         maze, horizon = task.mazes[0], task.max_steps
         own, other = (table_in(task, policy) for policy in (chaser, evader))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pursuit.maze import load_maze
-from scripted_agents.tour import expected_tour_length, num_states
+from scripted_agents.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
 from train.experiments.sweep import Sweep
 from train.files import write_text
 from train.settings.checks import check
@@ -22,7 +22,11 @@ def write_exact(plan: Sweep, out: Path) -> str:
     known = {"mazes", "goals"}
     check(set(plan.exact) <= known, f"[exact] has {sorted(plan.exact)}; it knows mazes and goals")
     heads = [f"states, {g} goal{'s' if g > 1 else ''}" for g in goals]
-    heads += [f"mean optimum, {g} goal{'s' if g > 1 else ''}" for g in goals]
+    heads += [
+        f"mean {'optimum' if g <= MAX_EXACT_GOALS else 'heuristic tour'}, {g} goal"
+        f"{'s' if g > 1 else ''}"
+        for g in goals
+    ]
     lines = [f"# {plan.title}", "", "| maze | cells | " + " | ".join(heads) + " |"]
     lines.append("|---|---|" + "---|" * len(heads))
     for name in mazes:

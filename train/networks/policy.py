@@ -16,9 +16,13 @@ from pursuit.maze import Maze
 from pursuit.maze_arrays import lay_out
 from pursuit.observations import Encoder
 from pursuit.policy import GameView, Policy, pairs_of_cells
+from pursuit.rules.layout import Games
 from pursuit.task import Task
 from train.networks.features import Features, features_of
 from train.networks.masks import masked
+
+GAMES_AT_ONCE = 65_536
+"""Games that a network is asked about in one pass: one-hot observations of all are too many."""
 
 
 class PolicyNetwork(Protocol):
@@ -187,6 +191,32 @@ class LearnedPolicy:
         scaled = draws[:, None] * cumulative[:, -1:]
         chosen = (scaled >= cumulative).sum(axis=-1).clip(max=view.task.num_actions - 1)
         return chosen.astype(np.int32)
+
+    def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
+        """[games, actions] float64: the network run on what `seat` observes in these games.
+
+        Raises:
+            ValueError: another role's seat, or games that look different from those of its
+                training.
+        """
+        encoder = Encoder(task, self.encoding)
+        role = task.seat_roles[seat]
+        if (
+            role != self.seat.role
+            or tuple(encoder.shape) != self._shape
+            or task.num_actions != self.task.num_actions
+        ):
+            raise ValueError(
+                f"a policy of the {self.seat.role} of task {self.task.name!r}, for observations of "
+                f"shape {self._shape}; the {role} of task {task.name!r} observes {encoder.shape}"
+            )
+        found = np.empty((len(games.steps), task.num_actions))
+        for first in range(0, len(found), GAMES_AT_ONCE):
+            some = slice(first, first + GAMES_AT_ONCE)
+            part = Games(*(array[some] for array in games))
+            observed = encoder.encode(part, slice(seat, seat + 1))[:, 0]
+            found[some] = self.probabilities(observed)
+        return found
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: the network run once on all pairs of cells.

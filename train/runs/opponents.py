@@ -7,6 +7,7 @@ from typing import Any
 
 from pursuit.policy import Policy
 from pursuit.task import Task
+from scripted_agents import check_optimal
 from scripted_agents.environments import SCRIPTED, default_policies, scripted_policy
 from train.algorithms.registry import entry
 from train.networks.policy import Seat
@@ -82,6 +83,8 @@ def opponents_of(
     policies = default_policies(task, epsilon, own=agent)
     if opponent in SCRIPTED:
         for other in set(task.seat_roles) - {agent.split("_")[0]}:
+            if opponent == "optimal":
+                check_optimal(task, other)
             rest: Any = (epsilon, task.move_order)
             policies[other] = scripted_policy(str(opponent), other, *rest)
     elif opponent is not None:

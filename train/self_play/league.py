@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from pursuit.policy import Policy
 from pursuit.task import Task
+from scripted_agents import check_optimal
 from scripted_agents.environments import SCRIPTED, scripted_policy
 from train.algorithms.registry import entry as algorithm_entry
-from train.evaluation.games import half_width, is_exact
-from train.evaluation.matchups import match, play_pair
+from train.evaluation.games import half_width
+from train.evaluation.matchups import can_solve, match, play_pair
 from train.runs.folder import CONFIG, SELF_PLAY, load_config
 from train.runs.opponents import check_fits, load_policy
 from train.runs.saved import load_settings
@@ -111,6 +112,8 @@ def enter(
         if name in SCRIPTED:
             rest: Any = (opponent_epsilon if name == "astar" else 0.0, task.move_order)
             for role in ROLES:
+                if name == "optimal":
+                    check_optimal(task, role)
                 entries.append(Entry(name, role, scripted_policy(name, role, *rest)))
     for role in ROLES:
         check(
@@ -133,7 +136,7 @@ def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> 
     for i, chaser in enumerate(sides["chaser"]):
         for j, evader in enumerate(sides["evader"]):
             lengths[i, j], _ = play_pair(task, chaser.policy, evader.policy, games, begun)
-            if is_exact(task, chaser.policy, evader.policy):
+            if can_solve(task, chaser.policy, evader.policy):
                 payoff[i, j] = match(task, chaser.policy, evader.policy).steps
             else:
                 payoff[i, j] = lengths[i, j].mean()

@@ -9,6 +9,7 @@ from typing import Any
 
 from pursuit.policy import Policy
 from pursuit.task import Task
+from scripted_agents import check_optimal
 from scripted_agents.environments import SCRIPTED, scripted_policy
 from train.algorithms.registry import Build, entry
 from train.networks.policy import Seat
@@ -103,6 +104,9 @@ def check_sides(settings: SelfPlaySettings, task: Task) -> None:
         "scored by steps, so a game that ends early must be what the chasers are paid for",
     )
     check(not task.num_runners, f"task {task.name!r} has runners; take chase or heist")
+    for role in ROLES:
+        if "optimal" in (getattr(settings, role), *settings.members):
+            check_optimal(task, role)
     for role in settings.learning:
         entry(settings.algorithm(role)).check_self_play(role, task.count(role))
 

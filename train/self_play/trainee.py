@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
@@ -10,11 +12,22 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pursuit.policy import Policy
-from scripted_agents import mean_over_starts
+from scripted_agents import best_team_response, why_not_optimal, work_of
 from scripted_agents.environments import SCRIPTED
-from train.evaluation.exploitability import exploitability, nash_conv
-from train.evaluation.games import is_exact, table_in
-from train.evaluation.matchups import discounted_steps, match
+from train.evaluation.exploitability import (
+    Exploitability,
+    exploitability,
+    nash_conv,
+    team_exploitability,
+)
+from train.evaluation.games import (
+    MAX_EXACT_WORK,
+    MAX_FINAL_WORK,
+    is_exact,
+    is_exact_team,
+    table_in,
+)
+from train.evaluation.matchups import can_solve, discounted_steps, match
 from train.runs.folder import CONFIG, MISFITS, SELF_PLAY, SIDE, misfit, save_checkpoint, save_config
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.threads import prepare_torch
@@ -33,6 +46,17 @@ PAIR_EPISODES = 200
 def other_role(role: str) -> str:
     """Of two."""
     return ROLES[1 - ROLES.index(role)]
+
+
+def exploited(found: Exploitability) -> dict[str, float]:
+    """The columns of an exact exploitability."""
+    return {
+        "nash_conv": found.nash_conv,
+        "chaser_exploitability": found.mean_chaser,
+        "evader_exploitability": found.mean_evader,
+        "value": found.mean_value,
+        "game_value": found.mean_game_value,
+    }
 
 
 class SelfPlay:
@@ -54,6 +78,7 @@ class SelfPlay:
         task, sides, pools: the game, who learns, and the opponents in each role.
         payoffs, mixtures: of the meta-game of double oracle; payoffs in discounted steps.
         taken: snapshots so far.
+        tell: told what long work at the end is at, and its share in [0, 1].
     """
 
     kind: ClassVar[str] = SELF_PLAY
@@ -76,6 +101,7 @@ class SelfPlay:
         self.pools = {role: self._pool(role) for role in ROLES}
         for role, side in self.sides.items():
             side.opponents.policy.pool = self.pools[other_role(role)]
+        self.tell: Callable[[str, float], None] = lambda what, share: None
         self.rng = np.random.default_rng(settings.seed)
         self.taken = 0
         self.payoffs: dict[tuple[str, str], float] = {}
@@ -84,7 +110,7 @@ class SelfPlay:
             self._load_state_dict(state)
         self._share_out()
         # What is measured depends on the game, not on who plays: every learned policy is a table.
-        exact = is_exact(self.task, *(self.policy(role) for role in ROLES))
+        exact = can_solve(self.task, self.policy("chaser"), self.policy("evader"), MAX_EXACT_WORK)
         column, unit = ("nash_conv", "discounted steps") if exact else ("steps", "steps")
         self.objective = Objective(column, unit)
 
@@ -187,10 +213,11 @@ class SelfPlay:
 
     # -- evaluation ------------------------------------------------------------------------------
 
-    def evaluate(self, episodes: int = 300) -> dict[str, float]:
+    def evaluate(self, episodes: int = 300, most: int = 0) -> dict[str, float]:
         """Exact exploitability where it can be had, and both sides against scripted agents.
 
-        Exploitability is in discounted steps, lengths are in steps.
+        Exploitability is in discounted steps, lengths are in steps: exact in a duel, and of a team
+        up to the size `most` (`match`).
         """
         for side in self.sides.values():
             side.env.finished_returns.clear()
@@ -202,27 +229,25 @@ class SelfPlay:
             tables = [table_in(task, policy) for policy in (chaser, evader)]
             rest: Any = (self.parts.discount, task.move_order)
             if maze.num_cells <= MAX_GAME_CELLS:
-                found = exploitability(maze, tables[0], tables[1], *rest)
-                row = {
-                    "nash_conv": found.nash_conv,
-                    "chaser_exploitability": found.mean_chaser,
-                    "evader_exploitability": found.mean_evader,
-                    "value": mean_over_starts(found.values, maze),
-                    "game_value": mean_over_starts(found.game_values, maze),
-                }
+                row = exploited(exploitability(maze, tables[0], tables[1], *rest))
             else:
                 row = {"nash_conv": nash_conv(maze, tables[0], tables[1], *rest)}
-        row["steps"] = match(task, chaser, evader, episodes).steps
+        elif is_exact_team(task, {"chaser": chaser, "evader": evader}):
+            row = exploited(team_exploitability(task, chaser, evader, self.parts.discount))
+        row["steps"] = match(task, chaser, evader, episodes, most=most).steps
         for name in self._scripted():
             for role in self.sides:
                 other = self.parts.scripted[name, other_role(role)]
                 one, two = (chaser, other) if role == "chaser" else (other, evader)
-                row[f"{role}_vs_{name}"] = match(task, one, two, episodes).steps
+                row[f"{role}_vs_{name}"] = match(task, one, two, episodes, most=most).steps
         return row
 
     def _scripted(self) -> tuple[str, ...]:
         """The scripted agents that stand beside the learned ones: optimal only where it is so."""
-        solved = self.task.is_duel and self.task.max_cells <= MAX_GAME_CELLS
+        task = self.task
+        solved = all(why_not_optimal(task, role) is None for role in ROLES) and (
+            task.max_cells <= MAX_GAME_CELLS if task.is_duel else work_of(task) <= MAX_EXACT_WORK
+        )
         return tuple(name for name in SCRIPTED if name != "optimal" or solved)
 
     def told(self, row: dict[str, float]) -> list[str]:
@@ -253,8 +278,8 @@ class SelfPlay:
         ]
 
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
-        """Exploitability, everybody against everybody, pools; where it is not exact, how well an
-        approximate best response to each side does."""
+        """Exploitability, everybody against everybody, pools; for teams how well a best response
+        to each side does, an exact one where the game fits, else an approximate one."""
         settings = self.settings
         content: dict[str, Any] = {
             "task": settings.task.task,
@@ -262,15 +287,34 @@ class SelfPlay:
             "algorithm": ", ".join(side.parts.algorithm.name for side in self.sides.values()),
             "sampling": settings.sampling,
             "seed": settings.seed,
-            "evaluation": self.evaluate(episodes),
+            "evaluation": self.evaluate(episodes, MAX_FINAL_WORK),
             "matches": self.matches(episodes),
             "pools": {role: pool.described() for role, pool in self.pools.items()},
             "mixtures": self.mixtures,
         }
         exact = "nash_conv" in content["evaluation"]
-        if not exact and settings.best_response_seconds and not interrupted:
+        pair = {role: self.policy(role) for role in ROLES}
+        if is_exact_team(self.task, pair, MAX_FINAL_WORK):
+            content["exact_best_response"] = self.exact_best_responses()
+        elif not exact and settings.best_response_seconds and not interrupted:
             content["approximate_best_response"] = self.approximate_best_responses(episodes)
         return content
+
+    def exact_best_responses(self) -> dict[str, float]:
+        """Mean steps of the exact best response to each learned side, the chasers as one player.
+
+        {"against_evader": steps, ...}.
+        """
+        found = {}
+        for number, role in enumerate(self.sides):
+            self.tell(f"exact best response against the {role}", number / len(self.sides))
+            other, policies = other_role(role), {role: self.policy(role)}
+            best = best_team_response(self.task, other, policies, self.task.max_steps)
+            found[f"against_{role}"] = best.mean_over_starts
+        return found
+
+    def _tell_of(self, role: str, run: Run, row: dict[str, float]) -> None:
+        self.tell(f"approximate best response against the {role}", run.progress)
 
     def approximate_best_responses(self, episodes: int) -> dict[str, float]:
         """Mean steps after a PPO was trained against each learned side, which stood still.
@@ -295,7 +339,7 @@ class SelfPlay:
             )
             with TemporaryDirectory() as folder:
                 run = make_self_play(settings, Path(folder))
-                run.train()
+                run.train(partial(self._tell_of, role))
                 if run.stopped:
                     raise KeyboardInterrupt
                 chaser, evader = (run.trainee.policy(side) for side in ROLES)

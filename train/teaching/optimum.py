@@ -12,6 +12,7 @@ from pursuit.policy import Policy, TabularPolicy
 from pursuit.simulator import Simulator
 from pursuit.task import Task
 from scripted_agents import best_response, tour_lengths
+from scripted_agents.tour import MAX_EXACT_GOALS
 from train.evaluation.games import MAX_EXACT_CELLS
 
 
@@ -46,7 +47,8 @@ class Optimum:
 def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optimum | None:
     """The exact optimum of a task; None where it is not known.
 
-    Known for one runner alone, and for one chaser against one evader whose policy is a table.
+    Known for one runner alone up to MAX_EXACT_GOALS goals (beyond, tours are heuristic), and for
+    one chaser against one evader whose policy is a table.
 
     Args:
         task: with all mazes of the training games.
@@ -54,7 +56,7 @@ def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optim
         opponents: the policy of every other role; they stay as they are.
     """
     if (task.num_agents, task.num_runners) == (1, 1):
-        return Optimum(None)
+        return Optimum(None) if task.num_goals <= MAX_EXACT_GOALS else None
     if not task.is_duel or task.max_cells > MAX_EXACT_CELLS:
         return None
     role = task.seat_roles[task.seat(agent)]
