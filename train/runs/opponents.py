@@ -10,7 +10,7 @@ from pursuit.task import Task
 from scripted_agents.environments import SCRIPTED, default_policies, scripted_policy
 from train.algorithms.registry import entry
 from train.networks.policy import Seat
-from train.runs.folder import MISFITS, load_checkpoint, misfit
+from train.runs.folder import MISFITS, load_checkpoint, misfit, part_of
 from train.runs.saved import load_settings
 from train.runs.tasks import agent_of, task_of
 from train.runs.third_party import load_stable_baselines
@@ -38,9 +38,10 @@ def load_policy(folder: Path, greedy: bool = True) -> Policy:
         settings.observation,
     )
     try:
-        return algorithm.load(settings.hyper, seat, state["trainee"]["learner"], greedy)
-    except MISFITS:
-        raise misfit(folder) from None
+        learner = part_of(state, "trainee", "learner")
+        return algorithm.load(settings.hyper, seat, learner, greedy)
+    except MISFITS as error:
+        raise misfit(folder, error) from None
 
 
 def load_sampled(folder: Path) -> Policy:
@@ -77,7 +78,13 @@ def opponents_of(task: Task, agent: str, opponent: str | None, epsilon: float) -
     """
     policies = default_policies(task, epsilon, own=agent)
     if opponent in SCRIPTED:
-        for other in set(task.seat_roles) - {agent.split("_")[0]}:
+        others = set(task.seat_roles) - {agent.split("_")[0]}
+        check(
+            bool(others),
+            f"opponent={opponent!r}, but task {task.name!r} has nobody of another role; leave it "
+            "out",
+        )
+        for other in others:
             rest: Any = (epsilon, task.move_order)
             policies[other] = scripted_policy(str(opponent), other, *rest)
     elif opponent is not None:
