@@ -193,8 +193,19 @@ class LevelReplay:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take it back."""
+        """Take it back; ValueError where it is that of something else."""
         check_state("level replay", state, set(self.state_dict()))
+        rows = {np.shape(state[name])[-1] for name in ("seeds", "scores", "played", "counts")}
+        seeds, cumulative = np.asarray(state["seeds"]), np.asarray(state["cumulative"])
+        if (
+            len(rows) > 1
+            or len(cumulative) > len(seeds)
+            or not ((seeds >= 0) & (seeds < MAX_SEED) & (seeds % 1 == 0)).all()
+        ):
+            raise ValueError(
+                "the levels of the checkpoint have not one seed, score and count each; restore it "
+                "from a copy"
+            )
         self.seeds, self.scores = np.array(state["seeds"]), np.array(state["scores"])
         self.played, self.counts = np.array(state["played"]), np.array(state["counts"])
         self._cumulative = np.array(state["cumulative"])

@@ -119,7 +119,7 @@ def test_control_c_saves_and_reports_and_the_run_goes_on(tmp_path: Path) -> None
     time.sleep(2.0)
     process.send_signal(signal.SIGINT)
     output, errors = process.communicate(timeout=60)
-    assert process.returncode == 0, errors
+    assert process.returncode == 130, errors
     assert "interrupted" in errors and "Traceback" not in errors
     assert "optimal" in output
     assert json.loads((folder / "results.json").read_text())["interrupted"]

@@ -152,7 +152,7 @@ def test_what_a_learner_cannot_do_it_says_at_once() -> None:
         ({"preset": "thesis-ddpg"}, "unknown preset"),
         ({"preset": "thesis-dqn", "algorithm": "ppo"}, "is for algorithm 'dqn'"),
         ({"algorithm": "dqn", "clip": 0.2}, "unknown setting 'clip'"),
-        ({"width": 1.5}, "of type int"),
+        ({"width": 1.5}, "a whole number is needed"),
     ):
         with pytest.raises(ValueError, match=message):
             settings_of(**{"seconds": 1, **flat})

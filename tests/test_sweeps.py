@@ -152,7 +152,7 @@ def test_a_random_search_is_drawn_once_and_in_its_ranges(tmp_path: Path) -> None
         ('["2x2", "3x3"]', '["2x2"]\nobservation = ["cells"]', "q_learning has a table"),
         ('["2x2", "3x3"]', '["9x9"]\nnum_goals = [5]', "fewer agents or goals"),
         ("num_games = 32", "num_games = 0", "num_games=0"),
-        ("num_games = 32", 'num_games = "many"', "of type int"),
+        ("num_games = 32", 'num_games = "many"', "a whole number is needed"),
         ("frames = 2000", "frames = 2000\nseconds = 3", "one of the two"),
         ('x = "maze"', 'y = "maze"', "unknown key 'y'"),
         ("[report]", "[full]\nseed = [1]\n[report]", "unknown key 'seed' in \\[full\\]"),

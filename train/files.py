@@ -6,11 +6,15 @@ import contextlib
 import csv
 import json
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from filelock import FileLock, Timeout
+
+LOCK = ".lock"
+_PART = re.compile(r"^\..*\.(?P<process>[0-9]+)\.part$")
 
 
 def write_beside(path: Path, write: Callable[[Path], object]) -> None:
@@ -26,8 +30,48 @@ def write_beside(path: Path, write: Callable[[Path], object]) -> None:
     try:
         write(beside)
         os.replace(beside, path)
+    except CannotWrite:
+        raise
+    except OSError as error:
+        raise cannot_write(path, error) from None
     finally:
-        beside.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            beside.unlink(missing_ok=True)
+
+
+class CannotWrite(OSError):
+    """A file could not be written; in words, and without the name of any temporary file."""
+
+
+def cannot_write(path: Path, error: Exception) -> CannotWrite:
+    """The error that says so of `path`, and why."""
+    reason = getattr(error, "strerror", None) or (str(error).splitlines() or [""])[0]
+    return CannotWrite(
+        f"{path}: cannot be written ({reason or type(error).__name__}); make room, or give a "
+        "folder that can be written. What was there before is kept"
+    )
+
+
+def is_leftover(path: Path) -> bool:
+    """Whether `path` is the beginning of a file that a process which is gone did not finish."""
+    named = _PART.match(path.name)
+    if named is None:
+        return False
+    try:
+        os.kill(int(named["process"]), 0)
+    except (ProcessLookupError, OverflowError):
+        return True
+    except PermissionError:  # somebody else's process: it lives
+        return False
+    return False
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Delete what processes that are gone did not finish, in `folder` and below."""
+    for path in folder.rglob(".*.part"):
+        if is_leftover(path):
+            with contextlib.suppress(OSError):
+                path.unlink()
 
 
 def write_text(path: Path, text: str) -> None:
@@ -48,11 +92,48 @@ def write_json(path: Path, content: Any) -> None:
 def read_json(path: Path) -> Any:
     """The JSON in `path`; ValueError naming the file where there is none."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        return json.loads(text, parse_constant=_number, parse_float=_number)
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
+    except (ValueError, RecursionError):  # the latter where it is nested without end
+        raise ValueError(f"{path}: damaged, not JSON; restore it from a copy") from None
+
+
+def _number(text: str) -> float:
+    number = float(text)
+    if abs(number) < float("inf"):
+        return number
+    raise ValueError(f"{text} is no number of JSON")
+
+
+def read_csv(path: Path) -> list[dict[str, str]]:
+    """The rows under the header of `path`, as texts.
+
+    Raises:
+        ValueError: it cannot be read, or a row has not as many cells as the header.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            heads, *rows = list(csv.reader(file, strict=True)) or [[]]
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
+    except (ValueError, csv.Error):
+        raise ValueError(f"{path}: damaged, not CSV; restore it from a copy") from None
+    if len(set(heads)) != len(heads) or any(len(row) != len(heads) for row in rows):
+        raise ValueError(
+            f"{path}: damaged, a row has not as many cells as the header has names; restore it "
+            "from a copy"
+        )
+    return [dict(zip(heads, row, strict=True)) for row in rows]
+
+
+def number_in(text: str, where: str) -> float:
+    """The number that a cell of a table holds; ValueError naming `where` it is for none."""
+    try:
+        return float(text)
     except ValueError:
-        raise ValueError(f"{path}: damaged, not JSON") from None
+        raise ValueError(f"{where}: {text[:40]!r} is no number; restore it from a copy") from None
 
 
 def write_csv(
@@ -70,13 +151,37 @@ def write_csv(
     write_beside(path, write)
 
 
+def hold(folder: Path, what: str, shared: bool = False) -> FileLock:
+    """Hold `folder`, which is made if need be, until the lock is released.
+
+    The system releases it when the process ends, however that ends; so does Python, when nobody has
+    the lock any more.
+
+    Args:
+        folder: to be held.
+        what: is done in it, for the message.
+        shared: within this process it may be held several times.
+
+    Raises:
+        ValueError: it is held already.
+        OSError: it cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / LOCK, is_singleton=shared)
+        lock.acquire(blocking=False)
+    except Timeout:
+        raise ValueError(f"{folder}: another {what} works on this folder; wait for it") from None
+    except OSError as error:
+        raise cannot_write(folder, error) from None
+    return lock
+
+
 @contextlib.contextmanager
 def only_one(folder: Path, what: str) -> Iterator[None]:
     """Holds `folder` for this process; ValueError naming `what` where another one works on it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    try:  # the system lets go of the lock when its process ends, however that ends
-        held = FileLock(folder / ".lock").acquire(blocking=False)
-    except Timeout:
-        raise ValueError(f"{folder}: another {what} works on this folder; wait for it") from None
-    with held:
+    lock = hold(folder, what)
+    try:
         yield
+    finally:
+        lock.release()

@@ -156,8 +156,8 @@ class Candidates:
                 self._hidden,
             )
             return
-        logits = self.logits(torch.from_numpy(observation))
-        logits = masked(logits, torch.from_numpy(allowed)).numpy()
+        found = self.logits(torch.from_numpy(observation))
+        logits = masked(found, torch.from_numpy(allowed)).numpy()
         uniform = np.empty(logits.shape)
         for action in range(logits.shape[1]):
             draw_uniform(streams, 0, uniform[:, action])

@@ -20,6 +20,7 @@ from train.networks.masks import masked
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
 from train.settings.algorithms import DQNSettings
+from train.tensors import Misfit, check_like, check_tensor
 
 logging.getLogger("torchrl").setLevel(logging.WARNING)  # it tells of every storage it makes
 
@@ -223,6 +224,7 @@ class DQN(NetworkLearner):
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take it all back."""
         super().load_state_dict(state)
+        self._check_replay(state)
         self.target.load_state_dict(state["target"])
         self.updates = state["updates"]
         count = len(state["replay"].get("action", ()))
@@ -237,6 +239,43 @@ class DQN(NetworkLearner):
             sampler._min_tree[indices] = saved["min"]
             if saved["largest"] is not None:
                 sampler._max_priority = (torch.tensor(saved["largest"]), None)
+
+    def _check_replay(self, state: dict[str, Any]) -> None:
+        """Raise Misfit unless what was saved of the buffer fits it; an empty one is not there."""
+        saved, where = state["replay"], "learner.replay"
+        if not saved:
+            return
+        seen = self.env.observation_spec["observation"]
+        observation = torch.zeros((0, *seen.shape[1:]), dtype=seen.dtype)
+        whole = torch.zeros(0, dtype=torch.int64)
+        form = {
+            "observation": observation,
+            "action": whole,
+            "reward": torch.zeros(0),
+            "next_observation": observation,
+            "terminated": torch.zeros(0, dtype=torch.bool),
+            "steps": whole,
+        }
+        check_like(saved, form, where)
+        seen_as = self.env.player.features
+        if seen_as.kind == "index":  # rows of a table: another number would be none
+            for name in ("observation", "next_observation"):
+                high = torch.from_numpy(seen_as.high)
+                if not ((saved[name] >= 0) & (saved[name] <= high)).all():
+                    raise Misfit(f"{where}.{name}: rows of the first layer needed")
+        counts = {len(column) for column in saved.values()}
+        actions, most = saved["action"], self.settings.buffer_size
+        if (
+            len(counts) > 1
+            or not 0 < counts.pop() <= most
+            or not 0 <= state["cursor"] < most
+            or not ((actions >= 0) & (actions < self.env.player.num_actions)).all()
+        ):
+            raise Misfit(f"{where}: as many rows in every column needed, of actions that there are")
+        if self.settings.prioritized:
+            for name in ("sum", "min"):
+                shape = (len(actions),)
+                check_tensor(state["priorities"][name], torch.float32, shape, f"{where}.{name}")
 
     def close(self) -> None:
         """Stop collecting."""

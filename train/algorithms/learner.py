@@ -16,6 +16,7 @@ from train.environments.hooks import EpisodeHook
 from train.networks.layers import Hidden
 from train.networks.policy import Player, PolicyNetwork
 from train.settings.algorithms import NetworkSettings
+from train.tensors import check_like
 
 
 class Games(Protocol):
@@ -35,6 +36,10 @@ class Games(Protocol):
     @property
     def player(self) -> Player:
         """Who learns."""
+
+    @property
+    def observation_spec(self) -> Any:
+        """TorchRL's spec of what is observed."""
 
     def reset(self) -> Any:
         """Begin all games anew; a TensorDict of what is observed."""
@@ -74,11 +79,16 @@ class Learner(Protocol):
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain values: what a resumed learner needs to go on exactly.
 
+        All tensors are finite: anything else is taken for the end of learning.
         The games and torch's random state are kept by the run.
         """
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from what `state_dict` gave; KeyError or RuntimeError where it does not fit."""
+        """Go on from what `state_dict` gave; Misfit where it does not fit.
+
+        It has been held against the form of a fresh `state_dict`, see `tensors.check_like`: what
+        is empty or None there is for the learner to check.
+        """
 
     def close(self) -> None:
         """Let go of whatever is held open."""
@@ -112,11 +122,12 @@ def network_loader(
 ) -> Callable[[Any, Player, dict[str, Any], bool], Policy]:
     """What makes a policy, on the CPU, of the state of a learner whose networks `network_of` makes.
 
-    It raises KeyError or RuntimeError for the state of other settings.
+    It raises Misfit for the state of other settings.
     """
 
     def load(settings: Any, player: Player, state: dict[str, Any], greedy: bool = True) -> Policy:
         network = network_of(settings, player, Build())
+        check_like(state.get("network"), network.state_dict(), "network")
         network.load_state_dict(state["network"])
         return player.policy(network, greedy)
 
@@ -180,12 +191,24 @@ class NetworkLearner:
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take them back."""
+        check_like(state, NetworkLearner.state_dict(self), "learner", more=True)
+        _check_moments(state["optimizer"]["state"], self.network)
         self.network.load_state_dict(state["network"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.frames = state["frames"]
 
     def close(self) -> None:
         """Nothing is held open."""
+
+
+def _check_moments(saved: dict[Any, Any], network: PolicyNetwork) -> None:
+    """Raise Misfit unless these are Adam's moments of a network; none before its first step."""
+    weights = [weight.detach() for weight in network.parameters()]
+    step = torch.zeros(())
+    for number, moments in saved.items():  # what no loss depends on has none
+        where = f"learner.optimizer.state.{number}"
+        one = weights[number] if number in range(len(weights)) else step
+        check_like(moments, {"step": step, "exp_avg": one, "exp_avg_sq": one}, where)
 
 
 def means(logged: list[dict[str, torch.Tensor]]) -> dict[str, float]:

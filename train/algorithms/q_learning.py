@@ -21,6 +21,7 @@ from train.algorithms.learner import Build
 from train.environments.simulator_env import SimulatorEnv
 from train.networks.policy import Seat
 from train.settings.algorithms import QLearningSettings
+from train.tensors import check_like, check_tensor
 
 MAX_STATES = 20_000_000
 """More make no table: with four actions these are 320 MB, and as much for the visits."""
@@ -374,9 +375,8 @@ class QLearning:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take them back; RuntimeError where the table has another shape."""
-        if state["q_values"].shape != self.q_values.shape:
-            raise RuntimeError("a table of another shape")
+        """Take them back; Misfit where the table has another shape."""
+        check_like(state, self.state_dict(), "learner")
         self.q_values[:] = state["q_values"].numpy()
         self.visits[:] = state["visits"].numpy().view(np.uint32)
         self._streams[:] = state["streams"].numpy().view(np.uint64)
@@ -397,9 +397,8 @@ def load(
     """The policy in what `QLearning.state_dict` gave.
 
     Raises:
-        RuntimeError: a table of another shape.
+        Misfit: a table of another shape.
     """
-    policy = QTablePolicy(seat.task, seat.agent, state["q_values"].numpy(), seat.mask_bumps)
-    if policy.q_values.shape != (policy.numbers.count, seat.num_actions):
-        raise RuntimeError("a table of another shape")
-    return policy
+    shape = (StateNumbers(seat.task).count, seat.num_actions)
+    check_tensor(state.get("q_values"), torch.float64, shape, "q_values")
+    return QTablePolicy(seat.task, seat.agent, state["q_values"].numpy(), seat.mask_bumps)

@@ -14,10 +14,11 @@ from pursuit.parallel_env import scene_of
 from pursuit.rendering import scene_to_text
 from pursuit.simulator import Simulator
 from train.commands.parse import parse
-from train.runs.folder import load_checkpoint
+from train.runs.folder import MISFITS, load_checkpoint, misfit, part_of
 from train.runs.parts import parts_of
 from train.runs.saved import load_settings
 from train.settings.checks import check
+from train.teaching.teacher import load_curriculum
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,11 @@ def levels(arguments: Sequence[str]) -> None:
             f"{given.run}: curriculum {settings.curriculum!r} keeps no levels; level-replay and "
             "learnability do"
         )
-    state = load_checkpoint(given.run)["trainee"]["teacher"]["curriculum"]
-    curriculum.load_state_dict({k: getattr(v, "numpy", lambda v=v: v)() for k, v in state.items()})
+    try:
+        state = part_of(load_checkpoint(given.run), "trainee", "teacher", "curriculum")
+        load_curriculum(curriculum, state)
+    except MISFITS as error:
+        raise misfit(given.run, error) from None
     for seed, score, wins, plays in curriculum.best(given.count):
         simulator = Simulator(parts.task, 1, auto_restart=False)
         simulator.seed_starts(None, seed)

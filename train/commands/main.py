@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -10,6 +11,7 @@ from typing import Any
 
 import pursuit
 from train.commands.parse import fail
+from train.runs.interruption import Diverged, Signals
 
 # A table of our own rather than tyro's subcommands: those want every form at hand, and so every
 # module, with torch, before `pursuit maze --help` can answer.
@@ -31,8 +33,36 @@ COMMANDS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a subcommand; errors are one line on stderr and exit status 2."""
+    """Run a subcommand; errors are one line on stderr and exit status 2.
+
+    Other statuses: 1 where training diverged or runs of a sweep failed, 130 after Ctrl-C, 143 after
+    SIGTERM, and 141 where whoever read the output has seen enough.
+    """
     given = list(sys.argv[1:] if arguments is None else arguments)
+    with Signals() as signals:
+        try:
+            try:
+                obey(given)
+            finally:
+                sys.stdout.flush()  # a pipe that is closed shows here, not at Python's end
+        except BrokenPipeError:  # `head`, say
+            with contextlib.suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            sys.exit(141)
+        except Diverged as error:
+            fail(str(error), 1)
+        except (ValueError, OSError, ImportError) as error:
+            fail(in_words(error))
+        except MemoryError:
+            fail("this machine has not enough memory for that; take less of it")
+        except KeyboardInterrupt:
+            if sys.stderr.isatty():
+                print(file=sys.stderr)  # after the terminal's ^C
+            sys.exit(signals.status or 130)
+
+
+def obey(given: list[str]) -> None:
+    """Run the subcommand that the arguments name, or tell what there is."""
     if not given or given[0] in ("-h", "--help"):
         print(usage())
         return
@@ -42,16 +72,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     name, rest = given[0], given[1:]
     if name not in COMMANDS:
         fail(f"unknown command {name!r}; one of {', '.join(COMMANDS)}")
-    try:
-        command(name)(rest)
-    except BrokenPipeError:  # whoever read the output, `head` say, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(141)
-    except (ValueError, OSError, ImportError) as error:
-        fail(str(error))
-    except KeyboardInterrupt:
-        print(file=sys.stderr)
-        sys.exit(130)
+    command(name)(rest)
+
+
+def in_words(error: Exception) -> str:
+    """What to say of an error; one of the system without its number."""
+    if isinstance(error, OSError) and error.strerror and error.errno is not None:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return str(error)
 
 
 def usage() -> str:

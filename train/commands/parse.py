@@ -15,10 +15,10 @@ import tyro
 Form = TypeVar("Form")
 
 
-def fail(message: str) -> NoReturn:
-    """One line on stderr, exit status 2."""
+def fail(message: str, status: int = 2) -> NoReturn:
+    """One line on stderr, and this exit status."""
     print(f"pursuit: error: {' '.join(message.split())}", file=sys.stderr)
-    sys.exit(2)
+    sys.exit(status)
 
 
 @contextlib.contextmanager
@@ -64,10 +64,27 @@ def parse(
     except SystemExit as exit_:
         if not exit_.code:
             raise
-        text = re.sub(r"\x1b\[[0-9;]*m|[─╭╮╰╯│]+|-{5,}", " ", boxed.getvalue())
-        text = " ".join(text.split("For full helptext")[0].split())
-        text = re.sub(
-            r"^(Value error|Parsing error|Unrecognized options|Required options)\s*", "", text
-        )
-        text = re.sub(r"Error parsing \S+: ", "", text)
-        raise ValueError(f"{text} (see pursuit {prog} --help)") from None
+        raise ValueError(f"{in_words(boxed.getvalue())} (see pursuit {prog} --help)") from None
+
+
+def in_words(boxed: str) -> str:
+    """tyro's box of an error as one line, without Python's types."""
+    text = re.sub(r"\x1b\[[0-9;]*m|[─╭╮╰╯│]+|-{5,}", " ", boxed)
+    text = " ".join(text.split("For full helptext")[0].split())
+    text = re.sub(
+        r"^(Value error|Parsing error|Unrecognized options|Required options|Missing argument)\s*",
+        "",
+        text,
+    )
+    text = re.sub(r"Error parsing \S+: ", "", text)
+    number = re.search(
+        r"(invalid literal for int\(\) with base 10|could not convert string to float): (?P<value>"
+        r"'[^']*')",
+        text,
+    )
+    option = re.search(r"Argument helptext: (?P<name>\S+)", text)
+    if number and option:
+        kind = "a whole number" if number[1].startswith("invalid") else "a number"
+        return f"{option['name']} {number['value']}: {kind} is needed"
+    text = text.split(" Argument helptext:")[0]
+    return re.sub(r"\{None\}\|\S+ ?|<class '\w+'>", "", text)

@@ -10,6 +10,8 @@ from typing import Any, Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from train.experiments.kinds import is_complete
+from train.runs.folder import load_results
 from train.runs.loop import Run
 
 QUIET = 2.0
@@ -99,15 +101,25 @@ class Watch(ProgressLines):
 def carry_out(run: Run, episodes: int, again: str) -> dict[str, Any]:
     """Train as far as the budget goes, or Ctrl-C lets it; evaluate, and give the results.
 
+    What was done before is not done again: a run that is complete has its results already.
+
     Args:
         run: begun, or to go on with.
         episodes: of the final evaluation.
         again: the command that goes on with it.
     """
-    print(f"folder: {run.folder}")
+    print(f"folder: {run.folder}", flush=True)
+    if is_complete(run.folder):
+        return load_results(run.folder)
     if run.progress < 1.0:
         with Watch() as watch:
             run.train(watch)
     if run.stopped:
         print(f"interrupted; go on with: {again} --resume {run.folder}", file=sys.stderr)
     return run.results(episodes)
+
+
+def leave(run: Run) -> None:
+    """End the command: after a signal, with the exit status that says so."""
+    if run.exit_status:
+        sys.exit(run.exit_status)

@@ -13,10 +13,10 @@ from rich.console import Console
 from rich.table import Table
 
 from train.commands.parse import budget_of, heard, parse
-from train.commands.progress import Alive, carry_out
+from train.commands.progress import Alive, carry_out, leave
 from train.experiments.kinds import resume, start
 from train.experiments.sweep_report import reduction
-from train.runs.folder import SELF_PLAY
+from train.runs.folder import CURVE, SELF_PLAY
 from train.runs.loop import Run
 from train.self_play.pictures import draw_self_play
 from train.settings.checks import check
@@ -59,8 +59,9 @@ def self_play(arguments: Sequence[str]) -> None:
     run.trainee.tell = Alive()
     content = carry_out(run, given.episodes, "pursuit self-play")
     title = f"Self-play on {task.mazes[0].name} ({sampling})"
-    draw_self_play(run.folder / "learning_curve.png", run.metrics.rows, title)
+    draw_self_play(run.folder / CURVE, run.metrics.rows, title)
     show(run, content)
+    leave(run)
 
 
 def show(run: Run, content: dict[str, Any]) -> None:
@@ -84,14 +85,14 @@ def show(run: Run, content: dict[str, Any]) -> None:
         ]
         table.add_row(chaser, *cells)
     Console(width=None if sys.stdout.isatty() else 100).print(table)
-    if "nash_conv" in found:
-        start, end = content["at_start"]["nash_conv"], found["nash_conv"]
+    start, end = content.get("at_start", {}).get("nash_conv"), found.get("nash_conv")
+    if start is not None and end is not None:
         less = f"{reduction(start, end):.1f} % less"
         print(
             f"\nNashConv {start:.3f} -> {end:.3f} discounted steps, {less} (exact; 0 is an "
             "equilibrium)"
         )
-    if "game_value" in found:
+    if "game_value" in found and "value" in found:
         print(f"value {found['value']:.3f}, of the game {found['game_value']:.3f}")
     for kind in ("exact", "approximate"):
         for name, steps in content.get(f"{kind}_best_response", {}).items():

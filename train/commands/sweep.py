@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -61,10 +60,11 @@ def sweep(arguments: Sequence[str]) -> None:
 def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
     """Do the runs of `plan` as the options say, watch them, and report.
 
-    Exits with 1 where runs failed, and with 130 after Ctrl-C; `again` says how to go on.
+    Exits with 1 where runs failed; `again` says how to go on.
 
     Raises:
         ValueError: options that make no sense.
+        KeyboardInterrupt: it was interrupted; what was learned is saved.
     """
     check(given.executor in ("local", "ray"), f"unknown executor {given.executor!r}; local or ray")
     check(given.workers >= 0, f"workers={given.workers}; at least 0")
@@ -84,8 +84,6 @@ def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
         print(write_exact(plan, out))
     if not plan.runs:
         return
-    for number in (signal.SIGINT, signal.SIGTERM):  # a background job begins with Ctrl-C ignored
-        signal.signal(number, signal.default_int_handler)
     watch = SweepWatch(plan, given.workers or os.cpu_count() or 1)
     print(f"{plan.title}: {len(plan.runs)} runs into {out}")
     try:
@@ -95,7 +93,7 @@ def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
             statuses = run_on_ray(plan, out, given.address, watch)
     except KeyboardInterrupt:
         print(f"\ninterrupted; checkpoints are saved. Go on with: {again}", file=sys.stderr)
-        sys.exit(130)
+        raise
     counts = {status: list(statuses.values()).count(status) for status in statuses.values()}
     print(", ".join(f"{number} {status}" for status, number in sorted(counts.items())))
     if "complete" in counts:

@@ -13,11 +13,11 @@ from typing import Any, Generic, TypeVar
 import tyro
 
 from train.commands.parse import budget_of, heard, parse
-from train.commands.progress import carry_out
+from train.commands.progress import carry_out, leave
 from train.commands.scores import print_scores
 from train.evaluation.contest import Score
 from train.experiments.kinds import resume, start
-from train.runs.folder import RUN
+from train.runs.folder import CURVE, REPLAY, RUN
 from train.runs.loop import Run
 from train.runs.parts import setting_of
 from train.runs.pictures import draw_learning_curve, save_replay
@@ -79,6 +79,7 @@ def train(arguments: Sequence[str]) -> None:
     if trainee.teacher is not None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
     show(run, carry_out(run, given.episodes, "pursuit train"))
+    leave(run)
 
 
 def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
@@ -119,14 +120,14 @@ def show(run: Run, content: dict[str, Any]) -> None:
     if teacher is not None:
         title += f"; {teacher.name}"
     draw_learning_curve(
-        run.folder / "learning_curve.png",
+        run.folder / CURVE,
         run.metrics.rows,
         content["scores"],
         title,
         teacher.rows if teacher is not None else None,
         teacher.describes if teacher is not None else "",
     )
-    save_replay(run.folder / "replay.gif", contest, trainee.policy)
+    save_replay(run.folder / REPLAY, contest, trainee.policy)
     evaluation = content["evaluation"]
     if evaluation["optimality_gap"] is not None:
         how = "exactly" if evaluation["exact"] else "on the same starts"

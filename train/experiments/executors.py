@@ -13,6 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from train.experiments.address import check_answers
 from train.experiments.kinds import open_run
 from train.experiments.sweep import ERROR, PROGRESS, STOPPED, Sweep, SweepRun, prepare, status_of
 from train.files import only_one, write_bytes, write_text
@@ -133,7 +134,7 @@ def work_elsewhere(files: dict[str, bytes], episodes: int) -> dict[str, bytes]:
         return {
             str(path.relative_to(folder)): path.read_bytes()
             for path in folder.rglob("*")
-            if path.is_file()
+            if path.is_file() and not path.name.startswith(".")  # a lock, or half of a file
         }
 
 
@@ -169,6 +170,7 @@ def run_on_ray(sweep: Sweep, out: Path, address: str | None, told: Told) -> dict
     Returns:
         The status of every run by name.
     """
+    check_answers(address)
     ray = import_ray()
     with only_one(out, "sweep"):
         folders = dict((run.name, folder) for run, folder in prepare(sweep, out))

@@ -7,17 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from train.files import read_json
+from train.files import hold, remove_leftovers
 from train.runs.by_name import settings_of
 from train.runs.folder import (
     CHECKPOINT,
+    CONFIG,
+    CURVE,
+    REPLAY,
     RESULTS,
     RUN,
     SELF_PLAY,
     check_new,
     load_checkpoint,
     load_config,
-    new_folder,
+    load_results,
     save_config,
 )
 from train.runs.loop import Run
@@ -44,39 +47,45 @@ class Kind:
         check: ValueError for settings that cannot run.
         make: the run of settings in a folder, from its beginning (None) or from a checkpoint.
         again: the command that goes on with one.
+        pictures: what that command draws of the results.
     """
 
     settings_of: Callable[..., Any]
-    from_plain: Callable[[dict[str, Any]], Any]
+    from_plain: Callable[[dict[str, Any], str], Any]
     check: Callable[[Any], object]
     make: Callable[[Any, Path, dict[str, Any] | None], Run]
     again: str
+    pictures: tuple[str, ...]
 
 
 KINDS = {
-    RUN: Kind(settings_of, from_plain, parts_of, make_run, "pursuit train"),
+    RUN: Kind(settings_of, from_plain, parts_of, make_run, "pursuit train", (CURVE, REPLAY)),
     SELF_PLAY: Kind(
         self_play_settings_of,
         self_play_from_plain,
         self_play_parts,
         make_self_play,
         "pursuit self-play",
+        (CURVE,),
     ),
 }
 
 
 def start(kind: str, settings: Any, path: Path) -> Run:
-    """A new run in a new folder: its settings are on disk before anything is learned.
+    """A new run in a new folder, held: its settings are on disk before anything is learned.
 
     Raises:
         ValueError: settings that cannot run here (no folder is made then), or a folder that holds
-            something.
+            something, or that another process has begun to fill.
     """
     check_new(path)
     KINDS[kind].check(settings)
-    folder = new_folder(path)
-    run = KINDS[kind].make(settings, folder, None)
-    write_config(kind, settings, folder)
+    lock = hold(path, "run", shared=True)
+    check_new(path)
+    remove_leftovers(path)
+    run = KINDS[kind].make(settings, path, None)
+    run.lock = lock
+    write_config(kind, settings, path)
     return run
 
 
@@ -92,24 +101,36 @@ def read_settings(folder: Path) -> tuple[str, Any]:
         kind in KINDS,
         f"{folder}: one side of self-play, which trains with the other; give {folder.parent}",
     )
-    return kind, KINDS[kind].from_plain(plain)
+    return kind, KINDS[kind].from_plain(plain, str(folder / CONFIG))
 
 
 def open_run(folder: Path) -> Run:
-    """The run in a folder where it was left: at its checkpoint, or at the beginning without one."""
+    """The run in a folder, held, where it was left: at its checkpoint, or without one at the start.
+
+    Raises:
+        ValueError: no run there, a damaged one, or one that another process works on.
+    """
     kind, settings = read_settings(folder)
+    lock = hold(folder, "run", shared=True)
+    remove_leftovers(folder)
     begun = (folder / CHECKPOINT).exists()
-    return KINDS[kind].make(settings, folder, load_checkpoint(folder) if begun else None)
+    run = KINDS[kind].make(settings, folder, load_checkpoint(folder) if begun else None)
+    run.lock = lock
+    return run
 
 
 def is_complete(folder: Path) -> bool:
     """Whether the budget of a run is spent and its results are written."""
-    results = folder / RESULTS
-    return results.exists() and not read_json(results).get("interrupted")
+    return (folder / RESULTS).exists() and not load_results(folder)["interrupted"]
+
+
+def is_drawn(folder: Path, kind: str) -> bool:
+    """Whether the pictures of its results are there."""
+    return all((folder / name).exists() for name in KINDS[kind].pictures)
 
 
 def resume(folder: Path, kind: str) -> Run:
-    """Go on with the run in `folder`; one that has only its results to write does that.
+    """Go on with the run in `folder`; one that has only its results or pictures to write does that.
 
     Raises:
         ValueError: no run there, a damaged one, one of another kind, or complete.
@@ -122,7 +143,7 @@ def resume(folder: Path, kind: str) -> Run:
         f"{folder}`",
     )
     check(
-        not is_complete(folder),
+        not is_complete(folder) or not is_drawn(folder, kind),
         f"{folder}: complete; its budget is spent. See {folder / RESULTS}",
     )
     return open_run(folder)

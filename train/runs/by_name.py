@@ -51,6 +51,14 @@ def settings_of(**flat: Any) -> TrainSettings[Any]:
     return settings
 
 
+WORDS = {
+    "tuple": "a list of texts",
+    "bool": "true or false",
+    "int": "a whole number",
+    "float": "a number",
+    "str": "a text",
+}
+"""The types of settings, as messages call them; the first that fits."""
 INNER = frozenset({"task", "hyper", "lessons"})
 
 
@@ -98,7 +106,7 @@ def typed(form: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
             fits = any(word in kind and type(value) is known for word, known in kinds.items())
         check(
             fits or ("None" in kind and value is None),
-            f"{name}={value!r}; it is of type {kind.replace(' | None', '')}",
+            f"{name}={value!r}; {next(w for t, w in WORDS.items() if t in kind)} is needed",
         )
         result[name] = value
     return result

@@ -1,24 +1,21 @@
 """The folder of a run, of whatever kind.
 
 `config.json`, `metrics.csv`, `results.json`, `checkpoint.pt`, `learning_curve.png`, `replay.gif`,
-TensorBoard events.
+TensorBoard events; `.lock` while a process works on it.
 """
 
 from __future__ import annotations
 
-import csv
-import pickle
-import zipfile
-from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from pursuit.maze import Maze, library_names
-from train.files import read_json, write_beside, write_csv, write_json
+from train.files import LOCK, is_leftover, read_json, write_csv, write_json
+from train.runs import forms
+from train.schemas import read_as
 from train.settings.checks import check
+from train.tensors import Misfit, read_tensors, write_tensors
 
 CONFIG, METRICS, RESULTS, CHECKPOINT = (
     "config.json",
@@ -26,7 +23,8 @@ CONFIG, METRICS, RESULTS, CHECKPOINT = (
     "results.json",
     "checkpoint.pt",
 )
-FORMAT = 4
+CURVE, REPLAY = "learning_curve.png", "replay.gif"
+FORMAT = 5
 """Of `config.json` and `checkpoint.pt`; raised whenever older ones can no longer be read."""
 
 RUN, SIDE, SELF_PLAY = "single", "side", "self-play"
@@ -34,14 +32,17 @@ RUN, SIDE, SELF_PLAY = "single", "side", "self-play"
 
 
 def check_new(path: Path) -> None:
-    """ValueError where a run cannot begin in a folder: a file, or one that holds anything."""
+    """ValueError where a run cannot begin in a folder: a file, or one that holds anything.
+
+    What a process left that ended before it wrote `config.json` is nothing.
+    """
     if path.is_file():
         raise ValueError(f"{path}: a file; give a new folder")
     if (path / CONFIG).exists():
         raise ValueError(
             f"{path}: holds a run already; give another folder, or go on with it by --resume {path}"
         )
-    if path.exists() and any(path.iterdir()):
+    if path.exists() and any(p.name != LOCK and not is_leftover(p) for p in path.iterdir()):
         raise ValueError(f"{path}: not empty; give a new folder")
 
 
@@ -68,31 +69,31 @@ def load_config(folder: Path) -> tuple[str, dict[str, Any]]:
     if not path.exists():
         raise ValueError(f"{folder}: no run here ({CONFIG} is missing)")
     plain = read_json(path)
-    check(
-        isinstance(plain, dict) and isinstance(plain.get("task"), dict),
-        f"{path}: damaged, not the settings of a run",
-    )
+    check(isinstance(plain, dict), f"{path}: damaged, not the settings of a run; {forms.RESTORE}")
     check(
         plain.pop("format", None) == FORMAT,
         f"{folder}: written by another version of pursuit (format {FORMAT} needed); use that "
         "version, or a new folder",
     )
-    kind, text = plain.pop("kind", None), plain.pop("maze_text", None)
-    check(isinstance(kind, str), f"{path}: damaged, a run of kind {kind!r}")
-    if isinstance(text, str) and plain["task"].get("maze") not in library_names():
-        plain["task"]["maze"] = text
-    return kind, plain
+    found = read_as(forms.Config, plain, path, forms.RESTORE)
+    del plain["kind"], plain["maze_text"]
+    if found.task.get("maze") not in library_names():
+        plain["task"]["maze"] = found.maze_text
+    return found.kind, plain
+
+
+def load_results(folder: Path) -> dict[str, Any]:
+    """What `results.json` holds; ValueError where it is missing or damaged."""
+    return forms.read_results(folder / RESULTS, RUN)
 
 
 def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
     """Write `checkpoint.pt`: tensors and plain values only."""
-    write_beside(
-        folder / CHECKPOINT, lambda beside: torch.save({"format": FORMAT, **state}, beside)
-    )
+    write_tensors(folder / CHECKPOINT, {"format": FORMAT, **state})
 
 
 def load_checkpoint(folder: Path) -> dict[str, Any]:
-    """Read `checkpoint.pt` without running any code that it may hold (`weights_only=True`).
+    """Read `checkpoint.pt` without running any code that it may hold.
 
     Raises:
         ValueError: missing, damaged, holding more than tensors and plain values, or of another
@@ -100,35 +101,37 @@ def load_checkpoint(folder: Path) -> dict[str, Any]:
     """
     path = folder / CHECKPOINT
     if not path.exists():
-        raise ValueError(f"{path}: no checkpoint; the run was stopped before its first one")
-    try:
-        state = torch.load(path, map_location="cpu", weights_only=True)
-    except (
-        OSError,
-        RuntimeError,
-        EOFError,
-        ValueError,
-        KeyError,
-        pickle.UnpicklingError,
-        zipfile.BadZipFile,
-    ):
         raise ValueError(
-            f"{path}: damaged, or no checkpoint of tensors and plain values; restore it from a copy"
-        ) from None
+            f"{path}: no checkpoint; the run was stopped before its first one. Begin it with "
+            f"--resume {folder}"
+        )
+    state = read_tensors(path)
     if not isinstance(state, dict) or state.get("format") != FORMAT:
         raise ValueError(f"{path}: written by another version of pursuit (format {FORMAT} needed)")
     return state
 
 
-MISFITS = (KeyError, RuntimeError, TypeError, AttributeError)
-"""What loading the checkpoint of other settings leads to."""
+def part_of(state: dict[str, Any], *names: str) -> dict[str, Any]:
+    """The table of these names in a checkpoint, one within the other; Misfit if there is none."""
+    found: Any = state
+    for number, name in enumerate(names, start=1):
+        found = found.get(name)
+        if not isinstance(found, dict):
+            raise Misfit(f"{'.'.join(names[:number])}: a table needed, there is none")
+    return dict(found)
 
 
-def misfit(folder: Path) -> ValueError:
+MISFITS = (ValueError, KeyError, IndexError, RuntimeError, TypeError, AttributeError, OverflowError)
+"""What loading the checkpoint of other settings leads to: Misfit, or whatever a learner that is not
+ours makes of it."""
+
+
+def misfit(folder: Path, error: Exception) -> ValueError:
     """The error that says so."""
+    how = f" ({error})" if isinstance(error, ValueError) else ""
     return ValueError(
-        f"{folder}: the checkpoint does not fit the settings in {CONFIG}; one of the two is from "
-        "another run"
+        f"{folder / CHECKPOINT}: does not fit the settings in {CONFIG}{how}; one of the two is "
+        "from another run, or damaged: restore it from a copy"
     )
 
 
@@ -138,13 +141,15 @@ class MetricsFile:
     Args:
         folder: of the run.
         up_to_frames: rows beyond are dropped (they will be made again); None starts anew.
+        column: that every row has, what the run is judged by.
     """
 
-    def __init__(self, folder: Path, up_to_frames: int | None = None) -> None:
+    def __init__(self, folder: Path, up_to_frames: int | None = None, column: str = "") -> None:
         self.path = folder / METRICS
         self.rows: list[dict[str, float]] = []
         if up_to_frames is not None and self.path.exists():
-            self.rows = [row for row in read_metrics(folder) if row["frames"] <= up_to_frames]
+            rows = read_metrics(folder, *([column] if column else []))
+            self.rows = [row for row in rows if row["frames"] <= up_to_frames]
 
     def add(self, row: dict[str, float]) -> None:
         """Append a row and write the file anew, atomically."""
@@ -152,8 +157,10 @@ class MetricsFile:
         write_csv(self.path, self.rows)
 
 
-def read_metrics(folder: Path) -> list[dict[str, float]]:
-    """The rows of `metrics.csv`; cells without a number are left out."""
-    with (folder / METRICS).open(newline="", encoding="utf-8") as file:
-        rows: Iterable[dict[str, str]] = csv.DictReader(file)
-        return [{name: float(text) for name, text in row.items() if text} for row in rows]
+def read_metrics(folder: Path, *columns: str) -> list[dict[str, float]]:
+    """The rows of `metrics.csv`; cells without a number are left out.
+
+    Raises:
+        ValueError: it cannot be read, or has other columns than "frames", "seconds" and `columns`.
+    """
+    return forms.read_numbers(folder / METRICS, ("frames", "seconds", *columns))

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a wish to stop, so that what was learned is saved first."""
+"""What ends training before its budget: Ctrl-C and SIGTERM, once all is saved, and divergence."""
 
 from __future__ import annotations
 
@@ -8,14 +8,34 @@ from types import FrameType
 from typing import Any
 
 
-class Interruption:
-    """While it is entered, the first signal sets `asked`; a second one is a KeyboardInterrupt."""
+class Stopped(KeyboardInterrupt):
+    """A signal that ends the work at once.
+
+    Attributes:
+        status: the exit status that says so: 130 for Ctrl-C, 143 for SIGTERM.
+    """
+
+    def __init__(self, number: int = signal.SIGINT) -> None:
+        super().__init__()
+        self.status = 128 + number
+
+
+class Diverged(ArithmeticError):
+    """Learning has led to numbers that are not finite; says when and how, and what is kept."""
+
+
+class Signals:
+    """While it is entered, Ctrl-C and SIGTERM are handled by `handle`: here, they end the work.
+
+    Attributes:
+        status: the exit status that tells of the last signal; 0 before the first one.
+    """
 
     def __init__(self) -> None:
-        self.asked = False
+        self.status = 0
         self._previous: dict[int, Any] = {}
 
-    def __enter__(self) -> Interruption:
+    def __enter__(self) -> Any:
         if current_thread() is main_thread():  # Python handles signals nowhere else
             for number in (int(signal.SIGINT), int(signal.SIGTERM)):
                 self._previous[number] = signal.signal(number, self._note)
@@ -26,6 +46,23 @@ class Interruption:
             signal.signal(number, handler)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
+        self.status = 128 + number
+        self.handle(number)
+
+    def handle(self, number: int) -> None:
+        """End the work at once."""
+        raise Stopped(number)
+
+
+class Interruption(Signals):
+    """While it is entered, the first signal sets `asked`; a second one ends the work at once."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked = False
+
+    def handle(self, number: int) -> None:
+        """Note it, or end the work."""
         if self.asked:
-            raise KeyboardInterrupt
+            raise Stopped(number)
         self.asked = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
@@ -15,11 +15,12 @@ import torch
 from torchrl.record.loggers import TensorboardLogger
 
 import pursuit
-from train.files import write_json
+from train.files import cannot_write, write_json
 from train.machine import commit, processor
-from train.runs.folder import RESULTS, MetricsFile, save_checkpoint
-from train.runs.interruption import Interruption
+from train.runs.folder import CHECKPOINT, CURVE, REPLAY, RESULTS, MetricsFile, save_checkpoint
+from train.runs.interruption import Diverged, Interruption
 from train.runs.threads import ThreadChoice, random_states, set_random_states
+from train.tensors import Misfit, check_like, first_not_finite
 
 EVALUATIONS = 20
 """How often a run is evaluated, and its checkpoint saved, over its budget."""
@@ -79,6 +80,9 @@ class Trainee(Protocol):
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain values: what a resumed one needs to go on exactly."""
 
+    def learned(self) -> dict[str, Any]:
+        """The part of `state_dict` that is learned; a number in it that is not finite is an end."""
+
     def save_beside(self, folder: Path) -> None:
         """Write what it keeps in the folder besides the checkpoint, which has just been saved."""
 
@@ -121,6 +125,8 @@ class Run:
         seconds: training time so far, without evaluations.
         metrics: the evaluations so far.
         stopped: whether it was interrupted before its budget was spent.
+        exit_status: 0, or what tells of the signal that interrupted it.
+        lock: holds the folder for this run, where somebody took it.
     """
 
     def __init__(
@@ -128,11 +134,19 @@ class Run:
     ) -> None:
         # Any: a caller who made the trainee knows more of it than the loop does.
         self.trainee, self.folder, self.budget, self.stopped = trainee, folder, budget, False
-        self.seconds, self.evaluations = 0.0, 0
+        self.seconds, self.evaluations, self.exit_status = 0.0, 0, 0
+        self.lock: Any = None
+        self._saved_frames = 0
         if state is not None:
+            own = {**self._own_state(), "cuda_rng": []}  # of however many GPUs there were
+            check_like({name: state.get(name) for name in own}, own)
+            if not 0 <= state["evaluations"] <= EVALUATIONS or state["seconds"] < 0:
+                raise Misfit("evaluations, seconds: numbers from 0 on needed")
             self.seconds, self.evaluations = state["seconds"], state["evaluations"]
             set_random_states(state)
-        self.metrics = MetricsFile(folder, None if state is None else trainee.frames)
+            self._saved_frames = trainee.frames
+        column = trainee.objective.column
+        self.metrics = MetricsFile(folder, None if state is None else trainee.frames, column)
 
     @property
     def progress(self) -> float:
@@ -144,6 +158,9 @@ class Run:
 
         Args:
             report: called with every row of `metrics.csv`, and with {} after every rollout.
+
+        Raises:
+            Diverged: there is nothing to be learned any more; the last checkpoint is kept.
         """
         trainee, cores = self.trainee, os.cpu_count() or 1
         board = TensorboardLogger("tensorboard", str(self.folder))
@@ -161,12 +178,14 @@ class Run:
                 if choice is not None:
                     choice.choose()
                 began = perf_counter()
-                figures = trainee.iterate(self)
+                with self._watched():
+                    figures = trainee.iterate(self)
                 spent = perf_counter() - began
                 self.seconds += spent
                 if choice is not None:
                     choice.learn(spent)
-                self.stopped = interruption.asked
+                self._check_figures(figures)
+                self.stopped, self.exit_status = interruption.asked, interruption.status
                 report(self, {})
                 if self.progress * EVALUATIONS >= self.evaluations + 1 or self.stopped:
                     # Counted by progress, not by time, so that a resumed run evaluates alike.
@@ -176,35 +195,74 @@ class Run:
     def _record(self, figures: dict[str, float], board: Any, report: Report) -> None:
         """Evaluate, and keep everything on disk."""
         frames = self.trainee.frames
-        row = {
-            "frames": float(frames),
-            "seconds": self.seconds,
-            "frames_per_second": frames / max(self.seconds, 1e-9),
-            **self.trainee.evaluate(),
-            **figures,
-        }
+        with self._watched():
+            row = {
+                "frames": float(frames),
+                "seconds": self.seconds,
+                "frames_per_second": frames / max(self.seconds, 1e-9),
+                **self.trainee.evaluate(),
+                **figures,
+            }
+        self._check_learned()
         self.metrics.add(row)
         self.save()
-        for name, value in row.items():
-            board.log_scalar(name, value, step=frames)
+        try:
+            for name, value in row.items():
+                board.log_scalar(name, value, step=frames)
+        except OSError as error:
+            raise cannot_write(self.folder / "tensorboard", error) from None
         report(self, row)
+
+    @contextlib.contextmanager
+    def _watched(self) -> Iterator[None]:
+        """Libraries complain of numbers that are not finite in their words: say it in ours."""
+        try:
+            yield
+        except (ValueError, ArithmeticError):
+            self._check_learned()
+            raise
+
+    def _check_learned(self) -> None:
+        where = first_not_finite(self.trainee.learned())
+        if where is not None:
+            raise self._diverged(f"{where} is not finite")
+
+    def _check_figures(self, figures: dict[str, float]) -> None:
+        for name, value in figures.items():
+            if not abs(value) < float("inf"):
+                raise self._diverged(f"{name} is {value:g}")
+
+    def _diverged(self, how: str) -> Diverged:
+        kept = f"its checkpoint of {self._saved_frames:,} frames is kept"
+        has = (self.folder / CHECKPOINT).exists()
+        return Diverged(
+            f"{self.folder}: training diverged in frame {self.trainee.frames:,}, after "
+            f"{self.seconds:.1f} s: {how}; {kept if has else 'it has no checkpoint yet'}. Take a "
+            "lower learning_rate"
+        )
+
+    def _own_state(self) -> dict[str, Any]:
+        """What the run itself needs to go on, beside its trainee."""
+        return {
+            "seconds": self.seconds,
+            "evaluations": self.evaluations,
+            **random_states(),
+        }
 
     def save(self) -> None:
         """Write the checkpoint: whatever a resumed run needs to go on exactly."""
-        save_checkpoint(
-            self.folder,
-            {
-                "trainee": self.trainee.state_dict(),
-                "seconds": self.seconds,
-                "evaluations": self.evaluations,
-                **random_states(),
-            },
-        )
+        save_checkpoint(self.folder, {"trainee": self.trainee.state_dict(), **self._own_state()})
+        self._saved_frames = self.trainee.frames
         self.trainee.save_beside(self.folder)
 
     def results(self, episodes: int = 1000) -> dict[str, Any]:
-        """Evaluate what was learned beside the references, and write `results.json`."""
+        """Evaluate what was learned beside the references, and write `results.json`.
+
+        The pictures of earlier results are deleted: who finds none makes those of these.
+        """
         objective, trainee = self.trainee.objective, self.trainee
+        if (self.folder / CHECKPOINT).exists():  # the last save may have been cut short
+            trainee.save_beside(self.folder)
         content = {
             "kind": trainee.kind,
             **trainee.results(self.stopped, episodes),
@@ -218,6 +276,8 @@ class Run:
         }
         if trainee.evaluates_first and self.metrics.rows:
             content["at_start"] = self.metrics.rows[0]
+        for name in (CURVE, REPLAY):
+            (self.folder / name).unlink(missing_ok=True)
         write_json(self.folder / RESULTS, content)
         return content
 

@@ -11,7 +11,7 @@ from scripted_agents import check_optimal
 from scripted_agents.environments import SCRIPTED, default_policies, scripted_policy
 from train.algorithms.registry import entry
 from train.networks.policy import Seat
-from train.runs.folder import MISFITS, load_checkpoint, misfit
+from train.runs.folder import MISFITS, load_checkpoint, misfit, part_of
 from train.runs.saved import load_settings
 from train.runs.tasks import agent_of, task_of
 from train.runs.third_party import load_stable_baselines
@@ -40,9 +40,10 @@ def load_policy(folder: Path, greedy: bool = True) -> Policy:
         settings.task.mask_bumps,
     )
     try:
-        return algorithm.load(settings.hyper, seat, state["trainee"]["learner"], greedy)
-    except MISFITS:
-        raise misfit(folder) from None
+        learner = part_of(state, "trainee", "learner")
+        return algorithm.load(settings.hyper, seat, learner, greedy)
+    except MISFITS as error:
+        raise misfit(folder, error) from None
 
 
 def load_opponent(path: Path, played: str = "sampled") -> Policy:
@@ -82,7 +83,13 @@ def opponents_of(
     """
     policies = default_policies(task, epsilon, own=agent)
     if opponent in SCRIPTED:
-        for other in set(task.seat_roles) - {agent.split("_")[0]}:
+        roles = set(task.seat_roles) - {agent.split("_")[0]}
+        check(
+            bool(roles),
+            f"opponent={opponent!r}, but task {task.name!r} has nobody of another role; leave it "
+            "out",
+        )
+        for other in roles:
             if opponent == "optimal":
                 check_optimal(task, other)
             rest: Any = (epsilon, task.move_order)

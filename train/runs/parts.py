@@ -16,6 +16,7 @@ from train.algorithms.registry import Algorithm, Build, entry
 from train.evaluation.contest import GameContest
 from train.networks.policy import Seat
 from train.runs.opponents import opponents_of
+from train.runs.sizes import check_memory
 from train.runs.tasks import agent_of, task_of
 from train.runs.threads import uses_bfloat16
 from train.settings.algorithms import Hyperparameters, PPOSettings
@@ -88,6 +89,7 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
         task if plan is None else plan.task, agent, settings.observation, settings.task.mask_bumps
     )
     algorithm.check_player(settings.hyper, seat)
+    check_memory(settings.hyper, seat)
     bfloat16 = uses_bfloat16(settings.precision, settings.device)
     build = Build(settings.device, bfloat16, settings.first_layer, settings.seed)
     return Parts(task, opponents, plan, seat, algorithm, settings.hyper, build)

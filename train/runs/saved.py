@@ -2,44 +2,68 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, get_type_hints
+
+import msgspec
 
 from train.algorithms.registry import entry
-from train.runs.folder import RUN, SIDE, load_config
+from train.runs.folder import CONFIG, RUN, SIDE, load_config
+from train.runs.forms import RESTORE
+from train.schemas import read_as
 from train.settings.checks import check
-from train.settings.curricula import CURRICULA
+from train.settings.curricula import curriculum_form
 from train.settings.run import TrainSettings
 from train.settings.task import TaskSettings
 
-Form = TypeVar("Form")
+
+def read_own(form: type[Any], plain: Mapping[str, Any], where: str, inner: set[str]) -> Any:
+    """The fields of the dataclass `form` but for those in `inner`, as attributes, checked.
+
+    Raises:
+        ValueError: a field missing, unknown or of another type.
+    """
+    hints = get_type_hints(form)
+    own = [(field.name, hints[field.name]) for field in fields(form) if field.name not in inner]
+    shape = msgspec.defstruct(form.__name__, own, forbid_unknown_fields=True, kw_only=True)
+    content = {name: value for name, value in plain.items() if name not in inner}
+    return read_as(shape, content, where, RESTORE)
 
 
-def read_plain(make: Callable[[], Form]) -> Form:
-    """What `make` makes of plain values; ValueError where names are missing or unknown."""
-    try:
-        return make()
-    except (TypeError, KeyError) as error:
-        raise ValueError(f"these are not the settings of a run: {error}") from None
+def read_part(form: type[Any], plain: Mapping[str, Any], name: str, where: str) -> Any:
+    """The dataclass `form` from the part `name` of plain values; ValueError where it is none."""
+    check(name in plain, f"{where}: field {name!r} is missing; {RESTORE}")
+    part = plain[name]
+    missing = [f.name for f in fields(form) if isinstance(part, dict) and f.name not in part]
+    check(not missing, f"{where}: field {name}.{'.'.join(missing[:1])} is missing; {RESTORE}")
+    return read_as(form, part, f"{where}: {name}", RESTORE)
 
 
-def from_plain(plain: Mapping[str, Any]) -> TrainSettings[Any]:
-    """Settings from the plain values of `config.json`.
+def from_plain(plain: Mapping[str, Any], where: str) -> TrainSettings[Any]:
+    """Settings from the plain values of `config.json`, which is at `where`.
 
     Raises:
         ValueError: missing or unknown settings, or values that are not allowed.
     """
-    return read_plain(
-        lambda: TrainSettings(
-            **{
-                **plain,
-                "task": TaskSettings(**plain["task"]),
-                "hyper": entry(plain["algorithm"]).settings(**plain["hyper"]),
-                "lessons": CURRICULA[plain["curriculum"]](**plain["lessons"]),
-            }
+    own = read_own(TrainSettings, plain, where, {"task", "hyper", "lessons"})
+    try:
+        forms: tuple[type[Any], ...] = (
+            TaskSettings,
+            entry(own.algorithm).settings,
+            curriculum_form(own.curriculum),
         )
-    )
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+    parts = {
+        name: read_part(form, plain, name, where)
+        for name, form in zip(("task", "hyper", "lessons"), forms, strict=True)
+    }
+    try:
+        return TrainSettings(**parts, **msgspec.structs.asdict(own))
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}; {RESTORE}") from None
 
 
 def load_settings(folder: Path) -> TrainSettings[Any]:
@@ -54,4 +78,4 @@ def load_settings(folder: Path) -> TrainSettings[Any]:
         f"{folder}: a run of kind {kind!r}, with a policy for each side; give {folder / 'chaser'} "
         f"or {folder / 'evader'}",
     )
-    return from_plain(plain)
+    return from_plain(plain, str(folder / CONFIG))

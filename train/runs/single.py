@@ -13,7 +13,7 @@ from pursuit.simulator import Simulator, SimulatorState
 from pursuit.single_agent import fill_seats
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import Score, optimality_gap
-from train.runs.folder import MISFITS, RUN, misfit
+from train.runs.folder import MISFITS, RUN, misfit, part_of
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.parts import Parts, parts_of
 from train.runs.threads import prepare_torch
@@ -21,6 +21,7 @@ from train.settings.checks import check
 from train.settings.run import TrainSettings
 from train.teaching.log import write_log
 from train.teaching.teacher import Teacher
+from train.tensors import Misfit, check_like
 
 EPISODES = 500
 """Of the evaluations while it learns."""
@@ -35,7 +36,7 @@ class SingleAgent:
         state: what `state_dict` gave; None begins.
 
     Raises:
-        KeyError, RuntimeError, TypeError, AttributeError: a state of other settings.
+        One of `MISFITS`: a state of other settings.
 
     Attributes:
         parts, simulator, env, learner, teacher: what it is made of; no teacher without curriculum.
@@ -56,13 +57,14 @@ class SingleAgent:
         self.teacher = None if parts.plan is None else Teacher(parts.plan, self.simulator, seat)
         self.env = SimulatorEnv(self.simulator, parts.seat, policies, self.teacher)
         if state is not None:  # before there is a collector, which begins with what it finds
-            self.simulator.set_state(games_from(state["simulator"]))
+            put_games(self.simulator, state.get("simulator"), "trainee.simulator")
             if self.teacher is not None:
                 self.teacher.load_state_dict(state["teacher"])
             self.env.resume = True
         self.learner = parts.algorithm.build(parts.hyper, self.env, parts.build)
         self.policy = self.learner.policy(greedy=evaluate == "greedy")
         if state is not None:
+            check_like(state.get("learner"), self.learner.state_dict(), "trainee.learner")
             self.learner.load_state_dict(state["learner"])
         self.contest = parts.contest(EPISODES)
         self.optimum = self.contest.optimal()
@@ -132,6 +134,10 @@ class SingleAgent:
             "simulator": plain_games(self.simulator),
         }
 
+    def learned(self) -> dict[str, Any]:
+        """What the learner keeps."""
+        return {"learner": self.learner.state_dict()}
+
     def save_beside(self, folder: Path) -> None:
         """Write `curriculum.csv`."""
         if self.teacher is not None:
@@ -170,10 +176,34 @@ def plain_games(simulator: Simulator) -> dict[str, torch.Tensor]:
     }
 
 
-def games_from(saved: dict[str, torch.Tensor]) -> SimulatorState:
-    """What `plain_games` gave."""
+def put_games(simulator: Simulator, saved: Any, where: str) -> None:
+    """Put what `plain_games` gave of such games into `simulator`.
+
+    Raises:
+        Misfit: it is something else, or a game in it is none that can be played on.
+    """
+    check_like(saved, plain_games(simulator), where)
     arrays = {name: tensor.numpy() for name, tensor in saved.items()}
-    return SimulatorState(**{**arrays, "streams": arrays["streams"].view(np.uint64)})
+    state = SimulatorState(**{**arrays, "streams": arrays["streams"].view(np.uint64)})
+    # Kernels check no bounds, so what they are given must be right; `set_state` checks the cells.
+    task, most = simulator.task, 2**31 - 1
+    limits = {
+        "positions": (0, most),
+        "active": (0, 1),
+        "goals": (-1, most),
+        "steps": (0, task.max_steps),
+        "maze_index": (0, len(task.mazes) - 1),
+        "next_maze": (-1, len(task.mazes) - 1),
+        "next_num_goals": (-1, task.num_goals),
+    }
+    for name, (least, largest) in limits.items():
+        numbers = getattr(state, name)
+        if ((numbers < least) | (numbers > largest)).any():
+            raise Misfit(f"{where}.{name}: numbers from {least} to {largest} needed")
+    try:
+        simulator.set_state(state)
+    except ValueError as error:
+        raise Misfit(f"{where}: {error}") from None
 
 
 def make_run(
@@ -194,6 +224,7 @@ def make_run(
     if state is None:
         return Run(SingleAgent(parts, settings.evaluate), folder, budget)
     try:
-        return Run(SingleAgent(parts, settings.evaluate, state["trainee"]), folder, budget, state)
+        trainee = SingleAgent(parts, settings.evaluate, part_of(state, "trainee"))
+        return Run(trainee, folder, budget, state)
     except MISFITS as error:
-        raise misfit(folder) from error
+        raise misfit(folder, error) from error

@@ -12,17 +12,19 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from gymnasium.spaces import Discrete
 
 from pursuit.simulator import Simulator
 from train.files import read_json, write_json
 from train.networks.policy import LearnedPolicy, Seat
+from train.runs.forms import RESTORE, Description
 from train.runs.tasks import agent_of, task_of
+from train.schemas import read_as
 from train.settings.checks import check
 from train.settings.task import TaskSettings
-
-ALGORITHMS = ("ppo", "a2c", "dqn")
+from train.tensors import Misfit, check_like, loaded
 
 
 class StableBaselinesNetwork(torch.nn.Module):
@@ -97,36 +99,72 @@ def load_stable_baselines(path: Path, greedy: bool | None = True) -> LearnedPoli
         f"{path}: its description {description_of(path).name} is not beside it; save models with "
         "train.runs.third_party.save_stable_baselines",
     )
-    described = read_json(description_of(path))
-    try:
-        task, encoding = TaskSettings(**described["task"]), described["observation"]
-        algorithm, net_arch = described["algorithm"], described["net_arch"]
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"{description_of(path)}: damaged, no description: {error}") from None
-    check(algorithm in ALGORITHMS, f"{path}: algorithm {algorithm!r}; ppo, a2c or dqn")
+    where = description_of(path)
+    described = read_as(Description, read_json(where), where, RESTORE)
+    task = read_as(TaskSettings, described.task, f"{where}: task", RESTORE)
+    algorithm, encoding = described.algorithm, described.observation
     greedy = algorithm == "dqn" if greedy is None else greedy
     check(
         greedy or algorithm != "dqn",
         f"{path}: dqn learns no distribution over actions; take the greedy policy",
     )
     built = task_of(task)
-    form = DQNPolicy if algorithm == "dqn" else ActorCriticPolicy
-    policy = form(
-        Simulator(built).encoder(encoding).space,
-        Discrete(built.num_actions),
-        lambda _: 0.0,
-        net_arch=net_arch,
+    space = Simulator(built).encoder(encoding).space
+    weights = _weights_in(path)
+    check(
+        _least_weights(described, int(np.prod(space.shape))) <= weights_in_all(weights),
+        f"{path}: its weights are not of the network that {where.name} describes; {RESTORE}",
     )
+    form = DQNPolicy if algorithm == "dqn" else ActorCriticPolicy
     try:
-        with zipfile.ZipFile(path) as file:
-            weights = torch.load(
-                io.BytesIO(file.read("policy.pth")), map_location="cpu", weights_only=True
-            )
-        policy.load_state_dict(weights)
-    except Exception as error:  # whatever a damaged zip or pickle raises
-        raise ValueError(
-            f"{path}: damaged, or weights of another network ({type(error).__name__})"
-        ) from None
+        policy = form(
+            space, Discrete(built.num_actions), lambda _: 0.0, net_arch=described.net_arch
+        )
+        check_like(weights, policy.state_dict(), "policy.pth")
+    except (Misfit, TypeError) as error:
+        raise ValueError(f"{path}: does not fit {where.name} ({error}); {RESTORE}") from None
+    policy.load_state_dict(weights)
     policy.set_training_mode(False)
     seat = Seat(built, agent_of(task, built), encoding, task.mask_bumps)
     return LearnedPolicy(StableBaselinesNetwork(policy), seat, greedy)
+
+
+def _weights_in(path: Path) -> dict[str, Any]:
+    """The weights in the zip of a model.
+
+    Raises:
+        ValueError: it is damaged, or there are none.
+    """
+    try:
+        with zipfile.ZipFile(path) as file:
+            part = file.getinfo("policy.pth")
+            check(part.file_size <= path.stat().st_size, "compressed")
+            content = io.BytesIO(file.read(part))  # which compares its checksum
+    except Exception:  # zipfile raises whatever the bytes lead it to
+        raise ValueError(f"{path}: damaged, or no saved model; {RESTORE}") from None
+    weights = loaded(content, path)
+    fits = isinstance(weights, dict) and all(isinstance(w, torch.Tensor) for w in weights.values())
+    check(fits, f"{path}: damaged, its weights are no tensors by name; {RESTORE}")
+    return dict(weights)
+
+
+def weights_in_all(weights: dict[str, torch.Tensor]) -> int:
+    """How many numbers there are."""
+    return sum(tensor.numel() for tensor in weights.values())
+
+
+def _least_weights(described: Description, inputs: int) -> int:
+    """How many weights the layers of a description have at least, found without making them.
+
+    Raises:
+        ValueError: a layer without units.
+    """
+    given = described.net_arch
+    layers = list(given.values()) if isinstance(given, dict) else [given or []]
+    for sizes in layers:
+        check(all(size >= 1 for size in sizes), f"net_arch={given}; layers of at least 1 unit")
+    return sum(
+        before * after
+        for sizes in layers
+        for before, after in zip([inputs, *sizes], sizes, strict=False)
+    )

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from pursuit.policy import Policy
 from pursuit.task import Task
 from scripted_agents import check_optimal
@@ -14,9 +16,11 @@ from scripted_agents.environments import SCRIPTED, scripted_policy
 from train.algorithms.registry import Build, entry
 from train.networks.policy import Seat
 from train.runs.by_name import check_names, picked, typed
+from train.runs.forms import RESTORE
 from train.runs.opponents import check_fits, load_opponent
 from train.runs.parts import setting_of
-from train.runs.saved import read_plain
+from train.runs.saved import read_own, read_part
+from train.runs.sizes import check_memory
 from train.runs.tasks import task_of
 from train.runs.threads import uses_bfloat16
 from train.self_play.side import SideParts
@@ -79,8 +83,10 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     sides = {}
     for role in settings.learning:
         own = side_settings(settings, role)
+        seat = Seat(task, role, own.observation, own.task.mask_bumps)
+        check_memory(own.hyper, seat)
         sides[role] = SideParts(
-            Seat(task, role, own.observation, own.task.mask_bumps),
+            seat,
             entry(own.algorithm),
             own.hyper,
             Build(own.device, uses_bfloat16(own.precision, own.device), own.first_layer, own.seed),
@@ -167,15 +173,12 @@ def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
     return settings
 
 
-def self_play_from_plain(plain: Mapping[str, Any]) -> SelfPlaySettings:
+def self_play_from_plain(plain: Mapping[str, Any], where: str) -> SelfPlaySettings:
     """From the plain values of `config.json`; ValueError where those are something else."""
-    return read_plain(
-        lambda: SelfPlaySettings(
-            **{
-                **plain,
-                "task": TaskSettings(**plain["task"]),
-                "hyper": PPOSettings(**plain["hyper"]),
-                "members": tuple(plain["members"]),
-            }
-        )
-    )
+    own = read_own(SelfPlaySettings, plain, where, {"task", "hyper"})
+    task = read_part(TaskSettings, plain, "task", where)
+    hyper = read_part(PPOSettings, plain, "hyper", where)
+    try:
+        return SelfPlaySettings(task=task, hyper=hyper, **msgspec.structs.asdict(own))
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}; {RESTORE}") from None

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from pursuit.policy import GameView, Policy
 from scripted_agents import solve_matrix_game
-from train.files import write_beside
 from train.networks.policy import LearnedPolicy
+from train.runs.folder import MISFITS
 from train.settings.checks import check
+from train.tensors import Misfit, check_like, read_tensors, write_tensors
 
 LATEST = "latest"
 """The name of the opponent as it is now; it is no snapshot, and always there."""
@@ -124,7 +124,7 @@ class OpponentPool:
     def write(self, name: str, state: dict[str, Any]) -> None:
         """Save a snapshot in the folder."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        write_beside(self.folder / f"{name}.pt", lambda beside: torch.save(state, beside))
+        write_tensors(self.folder / f"{name}.pt", state)
 
     def clean(self) -> None:
         """Delete the files of snapshots that were dropped (once a checkpoint does without them)."""
@@ -155,20 +155,25 @@ class OpponentPool:
         """Take it back. A snapshot that is missing or damaged is left out, with a warning.
 
         Raises:
-            KeyError: other scripted members than those of this pool.
+            Misfit: other scripted members than those of this pool.
         """
         scripted = {member.name: member for member in self.members}
         members = []
-        for entry in state["members"]:
+        rows, like = state["members"], {"name": "", "scripted": True, "score": 0.5, "games": 0.0}
+        for entry in rows:
+            check_like(entry, like, "pool")
             name = entry["name"]
             if entry["scripted"]:
+                if name not in scripted:
+                    raise Misfit(f"pool: a scripted member {name!r} needed, there is none")
                 member = scripted[name]
             else:
-                path = self.folder / f"{name}.pt"
+                path = self.folder / f"{Path(name).name}.pt"
                 try:
-                    saved = torch.load(path, map_location="cpu", weights_only=True)
+                    saved = read_tensors(path)
+                    check_like(saved, {"network": {}}, "snapshot", more=True)
                     member = Member(name, self._load(saved), False)
-                except Exception as error:  # whatever a damaged file leads to
+                except MISFITS as error:
                     reason = (str(error) or type(error).__name__).splitlines()[0]
                     warnings.warn(
                         f"{path}: damaged or missing snapshot, left out of the pool ({reason})",

@@ -16,9 +16,10 @@ from train.algorithms.registry import Algorithm, Build
 from train.environments.hooks import EpisodeHook
 from train.environments.team_env import TeamEnv
 from train.networks.policy import Seat
-from train.runs.single import games_from, plain_games
+from train.runs.single import plain_games, put_games
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
+from train.tensors import check_like
 
 
 class Opponents(EpisodeHook):
@@ -123,7 +124,9 @@ class Side:
             scale=parts.scale,
         )
         if state is not None:  # before there is a collector, which begins with what it finds
-            self.simulator.set_state(games_from(state["simulator"]))
+            put_games(self.simulator, state.get("simulator"), f"trainee.sides.{role}.simulator")
+            own = {name: state.get(name) for name in self._own_state()}
+            check_like(own, self._own_state(), f"trainee.sides.{role}")
             self.opponents.policy.opponents[:] = state["opponents"].numpy()
             self.opponents.rng.bit_generator.state = state["rng"]
             self.env.idle[:] = state["idle"].numpy()
@@ -153,6 +156,12 @@ class Side:
         return {
             "learner": self.learner.state_dict(),
             "simulator": plain_games(self.simulator),
+            **self._own_state(),
+        }
+
+    def _own_state(self) -> dict[str, Any]:
+        """Who plays in which game, and who is drawn next."""
+        return {
             "opponents": torch.from_numpy(self.opponents.policy.opponents.copy()),
             "idle": torch.from_numpy(self.env.idle.copy()),
             "rng": self.opponents.rng.bit_generator.state,

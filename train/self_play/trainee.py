@@ -28,7 +28,16 @@ from train.evaluation.games import (
     table_in,
 )
 from train.evaluation.matchups import can_solve, discounted_steps, match
-from train.runs.folder import CONFIG, MISFITS, SELF_PLAY, SIDE, misfit, save_checkpoint, save_config
+from train.runs.folder import (
+    CONFIG,
+    MISFITS,
+    SELF_PLAY,
+    SIDE,
+    misfit,
+    part_of,
+    save_checkpoint,
+    save_config,
+)
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.threads import prepare_torch
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
@@ -36,6 +45,7 @@ from train.self_play.pool import LATEST, OpponentPool, nash_mixtures, weights
 from train.self_play.side import Side, share_trunk
 from train.settings.checks import evaluation_seed
 from train.settings.self_play import LEARN, ROLES, SelfPlaySettings
+from train.tensors import check_like
 
 MAX_GAME_CELLS = 256
 """Above this number of cells the value of the game is not solved in every run (minutes)."""
@@ -72,7 +82,7 @@ class SelfPlay:
         state: what `state_dict` gave; None begins.
 
     Raises:
-        KeyError, RuntimeError, TypeError, AttributeError: a state of other settings.
+        One of `MISFITS`: a state of other settings.
 
     Attributes:
         task, sides, pools: the game, who learns, and the opponents in each role.
@@ -93,7 +103,9 @@ class SelfPlay:
     ) -> None:
         self.settings, self.parts, self.folder, self.task = settings, parts, folder, parts.task
         self.sides = {
-            role: Side(own, ROLES.index(role), state["sides"][role] if state else None)
+            role: Side(
+                own, ROLES.index(role), part_of(state, "sides", role) if state is not None else None
+            )
             for role, own in parts.sides.items()
         }
         if settings.share_networks:
@@ -360,10 +372,20 @@ class SelfPlay:
             "mixtures": self.mixtures,
         }
 
+    def learned(self) -> dict[str, Any]:
+        """What the learners keep."""
+        return {role: side.learner.state_dict() for role, side in self.sides.items()}
+
     def _load_state_dict(self, state: dict[str, Any]) -> None:
+        check_like(state, self.state_dict() | {"pools": {}, "mixtures": {}}, "trainee")
         for role, side in self.sides.items():
             side.learner.load_state_dict(state["sides"][role]["learner"])
+        for row in state["payoffs"]:
+            check_like(row, ["", "", 0.0], "trainee.payoffs")
+        check_like(state["mixtures"], _mixtures_like(state["mixtures"]), "trainee.mixtures")
         for role, pool in self.pools.items():
+            like = {"members": [], "offered": 0}
+            check_like(state["pools"].get(role), like, f"trainee.pools.{role}")
             before = [entry["name"] for entry in state["pools"][role]["members"]]
             pool.load_state_dict(state["pools"][role])
             self._keep_opponents(role, before)
@@ -388,6 +410,12 @@ class SelfPlay:
             side.learner.close()
 
 
+def _mixtures_like(saved: dict[str, Any]) -> dict[str, Any]:
+    """The form of mixtures: none yet, or a share for every name of both roles."""
+    names = [dict.fromkeys(saved.get(role) or {}, 0.0) for role in ROLES]
+    return dict(zip(ROLES, names, strict=True)) if saved else {}
+
+
 def make_self_play(
     settings: SelfPlaySettings, folder: Path, state: dict[str, Any] | None = None
 ) -> Run:
@@ -399,10 +427,10 @@ def make_self_play(
     prepare_torch(settings.threads, settings.seed)
     parts = self_play_parts(settings)
     budget = Budget(settings.seconds, settings.frames, settings.threads)
+    if state is None:
+        return Run(SelfPlay(settings, parts, folder), folder, budget)
     try:
-        trainee = SelfPlay(settings, parts, folder, None if state is None else state["trainee"])
+        trainee = SelfPlay(settings, parts, folder, part_of(state, "trainee"))
         return Run(trainee, folder, budget, state)
     except MISFITS as error:
-        if state is None:
-            raise
-        raise misfit(folder) from error
+        raise misfit(folder, error) from error

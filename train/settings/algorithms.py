@@ -50,7 +50,7 @@ class Hyperparameters:
         for name in (field.name for field in fields(self)):
             value = getattr(self, name)
             if name in self.COUNTS:
-                check(value >= 1, f"{name}={value}; it is at least 1")
+                check(1 <= value < 2**63, f"{name}={value}; it is at least 1, and below 2**63")
             elif name in self.POSITIVE:
                 check(0 < value < float("inf"), f"{name}={value}; it is above 0")
             elif name in self.SHARES:

@@ -18,13 +18,14 @@ def check_choice(what: str, value: object, choices: Iterable[str]) -> None:
 
 
 def check_budget(seconds: float | None, frames: int | None) -> None:
-    """ValueError unless exactly one of the two is given, above 0 and finite."""
+    """ValueError unless exactly one of the two is given, above 0 and finite, frames in 63 bits."""
     check(
         (seconds is None) != (frames is None),
         f"seconds={seconds} and frames={frames}; give one of the two as the budget",
     )
     for name, value in (("seconds", seconds), ("frames", frames)):
         check(value is None or 0 < value < float("inf"), f"{name}={value}; it is above 0")
+    check(frames is None or frames < 2**63, f"frames={frames}; below 2**63")
 
 
 EVALUATION_SEED = 2**62

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from curricula import Change, Progress
-from train.files import write_csv
+from train.files import number_in, read_csv, write_csv
+from train.settings.checks import check
 
 LOG = "curriculum.csv"
+NUMBERS = ("frames", "episodes", "seconds", "progress", "mean", "low", "high")
+REASON = "reason"
 
 
 def row_of(change: Change, progress: Progress) -> dict[str, Any]:
@@ -29,17 +31,23 @@ def row_of(change: Change, progress: Progress) -> dict[str, Any]:
 
 def write_log(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
     """Write `curriculum.csv`."""
-    names = ("frames", "episodes", "seconds", "progress", "mean", "low", "high", "reason")
-    write_csv(folder / LOG, rows, names)
+    write_csv(folder / LOG, rows, (*NUMBERS, REASON))
 
 
 def read_log(folder: Path) -> list[dict[str, Any]]:
-    """The rows of `curriculum.csv`; none where a run has no curriculum."""
+    """The rows of `curriculum.csv`; none where a run has no curriculum.
+
+    Raises:
+        ValueError: it cannot be read, or has other columns.
+    """
     path = folder / LOG
     if not path.exists():
         return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return [
-            {name: text if name == "reason" else float(text) for name, text in row.items()}
-            for row in csv.DictReader(file)
-        ]
+    rows: list[dict[str, Any]] = []
+    for number, texts in enumerate(read_csv(path), start=1):
+        missing = [name for name in (*NUMBERS, REASON) if name not in texts]
+        check(not missing, f"{path}: no column {missing[:1]}; restore it from a copy")
+        where = f"{path}: row {number}, column"
+        numbers = {name: number_in(texts[name], f"{where} {name}") for name in NUMBERS}
+        rows.append({**numbers, REASON: texts[REASON]})
+    return rows

@@ -8,13 +8,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from curricula import Outcomes, Progress
+from curricula import Curriculum, Outcomes, Progress
 from pursuit.simulator import Simulator
 from train.environments.hooks import EpisodeHook
 from train.evaluation.games import won_by
 from train.settings.checks import check
-from train.teaching.log import row_of
+from train.teaching.log import NUMBERS, REASON, row_of
 from train.teaching.plan import Plan
+from train.tensors import Misfit, check_like, check_tensor
 
 LEVELS = "levels"
 
@@ -148,13 +149,9 @@ class Teacher(EpisodeHook):
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain values: what a resumed run needs to go on exactly."""
         names = ("playing", "optima", "error_sums", "error_counts")
-        curriculum = {
-            name: torch.from_numpy(value.copy()) if isinstance(value, np.ndarray) else value
-            for name, value in self.curriculum.state_dict().items()
-        }
         return {
             "name": self.name,
-            "curriculum": curriculum,
+            "curriculum": _plain_curriculum(self.curriculum),
             "arrays": {name: torch.from_numpy(getattr(self, name).copy()) for name in names},
             "episodes": self.episodes,
             "rows": [dict(row) for row in self.rows],
@@ -171,17 +168,15 @@ class Teacher(EpisodeHook):
         Raises:
             ValueError: the checkpoint of another curriculum.
         """
+        if not isinstance(state, dict) or not isinstance(state.get("name"), str):
+            raise Misfit("trainee.teacher: a table with a name needed, there is none")
         check(
             state["name"] == self.name,
             f"the checkpoint is of curriculum {state['name']!r}, and the settings say "
             f"{self.name!r}; resume with the settings that it was made with",
         )
-        self.curriculum.load_state_dict(
-            {
-                name: value.numpy() if isinstance(value, torch.Tensor) else value
-                for name, value in state["curriculum"].items()
-            }
-        )
+        _check_form(state, self.state_dict())
+        load_curriculum(self.curriculum, state["curriculum"])
         for name, tensor in state["arrays"].items():
             getattr(self, name)[:] = tensor.numpy()
         self.episodes = state["episodes"]
@@ -191,6 +186,48 @@ class Teacher(EpisodeHook):
         self._won = [tensor.numpy() for tensor in state["won"]]
         self._outcomes = [tuple(part.numpy() for part in parts) for parts in state["outcomes"]]
         self._errors = [tensor.numpy() for tensor in state["errors"]]
+
+
+def _plain_curriculum(curriculum: Curriculum) -> dict[str, Any]:
+    """Its state, arrays as tensors."""
+    return {
+        name: torch.from_numpy(value.copy()) if isinstance(value, np.ndarray) else value
+        for name, value in curriculum.state_dict().items()
+    }
+
+
+def load_curriculum(curriculum: Curriculum, state: dict[str, Any]) -> None:
+    """Have a curriculum go on from the "curriculum" of a teacher's state.
+
+    Raises:
+        ValueError: the state of another curriculum.
+    """
+    check_like(state, _plain_curriculum(curriculum), "trainee.teacher.curriculum")
+    curriculum.load_state_dict(
+        {
+            name: value.numpy() if isinstance(value, torch.Tensor) else value
+            for name, value in state.items()
+        }
+    )
+
+
+def _check_form(state: dict[str, Any], fresh: dict[str, Any]) -> None:
+    """Raise Misfit unless a state has the form of a fresh one, and its lists their own."""
+    where = "trainee.teacher"
+    check_like(state, fresh, where)
+    number, truth, whole = torch.float64, torch.bool, torch.int64
+    for name, kind in (("played", number), ("won", truth), ("errors", number)):
+        for item in state[name]:
+            check_tensor(item, kind, (0,), f"{where}.{name}", finite=False)
+    for parts in state["outcomes"]:
+        check_like(parts, [None] * 5, f"{where}.outcomes")
+        for part, kind in zip(parts, (number, truth, number, whole, number), strict=True):
+            check_tensor(part, kind, (0,), f"{where}.outcomes", finite=False)
+    form = dict.fromkeys(NUMBERS, None) | {REASON: ""}
+    for row in state["rows"]:
+        check_like(row, form, f"{where}.rows")
+        for name in NUMBERS:
+            check_like(float(row[name]), 0.0, f"{where}.rows.{name}")
 
 
 def _plain(state: Any) -> Any:

@@ -1,0 +1,135 @@
+"""The forms of the files of a run: what each must hold, whoever wrote it.
+
+Names beyond these are left to whoever reads them: later versions may add some.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from train.evaluation.contest import Score
+from train.files import number_in, read_csv, read_json
+from train.schemas import read_as
+from train.settings.checks import check
+
+RESTORE = "restore it from a copy"
+AGAIN = "delete it and resume the run, which writes it anew"
+
+
+class Config(msgspec.Struct, kw_only=True):
+    """`config.json`, but for the settings beside the task."""
+
+    kind: str
+    task: dict[str, Any]
+    maze_text: str
+
+
+class Objective(msgspec.Struct):
+    """What runs are judged by."""
+
+    column: str
+    unit: str
+    less_is_better: bool
+
+
+class Evaluation(msgspec.Struct):
+    """The final evaluation of one agent."""
+
+    episodes: int
+    exact: bool
+    mean_steps: float
+    ci95: float
+    success_rate: float
+    optimal_steps: float | None
+    optimality_gap: float | None
+
+
+class Match(msgspec.Struct):
+    """Two players of self-play against each other."""
+
+    chaser: str
+    evader: str
+    steps: float
+    ci95: float
+    games: int
+
+
+class Machine(msgspec.Struct):
+    """What a run ran on."""
+
+    processor: str
+
+
+class Results(msgspec.Struct, kw_only=True):
+    """`results.json` of every kind."""
+
+    kind: str
+    task: str
+    maze: str
+    algorithm: str
+    seed: int
+    evaluation: dict[str, float | bool | None]
+    objective: Objective
+    frames: int
+    seconds: float
+    frames_per_second: float
+    interrupted: bool
+    versions: dict[str, str | None]
+    machine: Machine
+    scores: list[Score] = []
+    matches: list[Match] = []
+    at_start: dict[str, float] = {}
+    approximate_best_response: dict[str, float] = {}
+
+
+class Description(msgspec.Struct):
+    """What lies beside the model of another library."""
+
+    algorithm: Literal["ppo", "a2c", "dqn"]
+    task: dict[str, Any]
+    observation: str
+    net_arch: list[int] | dict[Literal["pi", "vf"], list[int]] | None = None
+
+
+def read_results(path: Path, alone: str) -> dict[str, Any]:
+    """`results.json`, checked; `alone` is the kind of runs of one agent.
+
+    Raises:
+        ValueError: it cannot be read, or has another form.
+    """
+    content = read_json(path)
+    found = read_as(Results, content, path, AGAIN)
+    if found.kind == alone:
+        read_as(Evaluation, content["evaluation"], f"{path}: evaluation", AGAIN)
+    column = found.objective.column
+    check(
+        type(found.evaluation.get(column)) in (int, float),
+        f"{path}: evaluation has no number {column!r}, which its objective names; {AGAIN}",
+    )
+    lists = ("scores", "matches", "at_start", "approximate_best_response")
+    return {**content, **{name: msgspec.to_builtins(getattr(found, name)) for name in lists}}
+
+
+def read_numbers(path: Path, names: tuple[str, ...]) -> list[dict[str, float]]:
+    """The rows of a CSV file of numbers, which has columns of these names; empty cells left out.
+
+    Raises:
+        ValueError: it cannot be read, or has another form.
+    """
+    rows = []
+    for number, texts in enumerate(read_csv(path), start=1):
+        row: dict[str, float] = {}
+        for name, text in texts.items():
+            if text:
+                row[name] = number_in(text, f"{path}: row {number}, column {name}")
+        for name in names:
+            check(name in row, f"{path}: row {number} has no {name!r}; {RESTORE}")
+            check(
+                abs(row[name]) < float("inf"),
+                f"{path}: row {number} has {name}={row[name]}; {RESTORE}",
+            )
+        rows.append(row)
+    return rows

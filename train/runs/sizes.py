@@ -1,0 +1,60 @@
+"""What a run needs of memory, at least: said before anything of it is taken."""
+
+from __future__ import annotations
+
+from math import prod
+from typing import Any
+
+from train.machine import memory
+from train.networks.policy import Seat
+from train.settings.algorithms import Hyperparameters
+
+UNITS = ("bytes", "KB", "MB", "GB", "TB", "PB", "EB")
+
+
+def bytes_of(hyper: Hyperparameters, seat: Seat) -> dict[str, int]:
+    """What a learner in this seat takes at least, in bytes, by the setting that it grows with."""
+    given: dict[str, Any] = vars(hyper)
+    observation = 4 * prod(seat.features.shape)
+    game = 100 * seat.task.num_agents + 20 * seat.task.num_goals + observation
+    frame = 2 * observation + 40
+    needs = {
+        "num_games": hyper.num_games * game,
+        "rollout_steps": hyper.num_games * given.get("rollout_steps", 0) * frame,
+        "buffer_size": given.get("buffer_size", 0) * frame,
+    }
+    if "width" in given:
+        width = given["width"]
+        inputs = seat.features.num_rows or prod(seat.features.shape)
+        if seat.features.kind == "planes":  # convolutions come before it
+            inputs = 1
+        weights = width * (inputs + width + seat.num_actions)
+        # Of each weight the gradient and Adam's two moments, or the candidates' own.
+        needs["width"] = 4 * weights * 4
+        needs["population"] = 2 * 4 * weights * given.get("population", 0)
+    return needs
+
+
+def check_memory(hyper: Hyperparameters, seat: Seat) -> None:
+    """Refuse what is beyond the memory of this machine.
+
+    Raises:
+        ValueError: naming the bytes, and the setting that asks for most of them.
+    """
+    needs = bytes_of(hyper, seat)
+    total, there = sum(needs.values()), memory()
+    if total > there:
+        most = max(needs, key=lambda name: needs[name])
+        raise ValueError(
+            f"{most}={getattr(hyper, most)}: this run would take at least {in_units(total)} of "
+            f"memory, and this machine has {in_units(there)}; lower {most}"
+        )
+
+
+def in_units(size: int) -> str:
+    """A number of bytes, in the unit that suits it."""
+    power = 0
+    while size >= 1000 ** (power + 1) and power < len(UNITS) - 1:
+        power += 1
+    scaled = size / 1000**power if size < 10**30 else float("inf")
+    return f"{scaled:,.3g} {UNITS[power]}" if scaled < 1000 else f"{scaled:,.0f} {UNITS[power]}"
