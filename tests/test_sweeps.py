@@ -19,9 +19,10 @@ from scipy.stats import trim_mean
 from train.commands.main import main
 from train.commands.sweep import SweepWatch
 from train.experiments.executors import progress_of, run_locally
+from train.experiments.identity import fingerprint
 from train.experiments.report import report
 from train.experiments.statistics import bootstrap_interval, interquartile_mean
-from train.experiments.sweep import fingerprint, load_sweep, prepare, shipped, status_of
+from train.experiments.sweep import load_sweep, prepare, shipped, status_of
 from train.experiments.sweep_report import markdown, summary
 from train.experiments.tables import CURVES, RUNS, collect
 from train.files import only_one
@@ -101,7 +102,7 @@ def test_two_names_of_equal_settings_are_refused_and_none_vanishes(tmp_path: Pat
 def test_the_fingerprint_knows_every_setting_and_the_maze_itself(tmp_path: Path) -> None:
     base = load_sweep(write(tmp_path / "tiny.toml")).runs[0]
     maze = tmp_path / "own.txt"
-    prints = {fingerprint(base.kind, base.settings)}
+    prints = {fingerprint(base.kind, base.settings, 20, {})}
     changes = ("stay_action = true", "gamma = 0.5", f'maze = "{maze}"', f'maze = "{maze}" # again')
     for number, line in enumerate(changes):
         middle = "+ + +" if number == 3 else "+-+ +"  # the same file name, another maze in it
@@ -110,8 +111,9 @@ def test_the_fingerprint_knows_every_setting_and_the_maze_itself(tmp_path: Path)
         if "maze" in line:
             text = text.replace('maze = ["2x2", "3x3"]\n', "")
         run = load_sweep(write(tmp_path / "other.toml", text)).runs[0]
-        prints.add(fingerprint(run.kind, run.settings))
-    assert len(prints) == 5
+        prints.add(fingerprint(run.kind, run.settings, 20, {}))
+    prints.add(fingerprint(base.kind, base.settings, 21, {}))
+    assert len(prints) == 6
 
 
 def test_versions_lie_over_the_common_part(tmp_path: Path) -> None:

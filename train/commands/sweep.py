@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -16,8 +17,13 @@ from train.commands.parse import parse
 from train.experiments.exact import write_exact
 from train.experiments.executors import run_locally, run_on_ray
 from train.experiments.report import report
-from train.experiments.sweep import Sweep, load_sweep, shipped
+from train.experiments.sweep import Sweep, load_sweep, shipped, status_of
 from train.settings.checks import check
+
+DONE = ("complete", "stopped")
+"""Runs that are not done when a sweep is run again."""
+ENDED = (*DONE, "failed")
+"""Runs that a sweep has no more to do with."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +47,10 @@ class SweepCommand:
     """Local processes at a time; 0 is one for each core."""
     address: str | None = None
     """Of the Ray cluster ("auto": that of this machine); one is started here if left out."""
+    again: bool = False
+    """Go on, too, with the runs that a scheduler stopped early."""
     dry_run: bool = False
-    """Check the file and name the runs, but do none."""
+    """Check the file and list the runs: how far each is, what varies, its folder; but do none."""
 
 
 def sweep(arguments: Sequence[str]) -> None:
@@ -75,34 +83,56 @@ def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
     stem = Path(str(given.file)).stem
     out = given.out or Path("sweeps") / (f"{stem}-{given.version}" if given.version else stem)
     if given.dry_run:
-        for run in plan.runs:
-            print(run.name)
-        print(f"{len(plan.runs)} runs into {out}; nothing was done")
+        list_runs(plan, out)
         return
+    check(not out.is_file(), f"{out}: a file; give a folder")
     out.mkdir(parents=True, exist_ok=True)
-    if plan.exact:
-        print(write_exact(plan, out))
+    if plan.exact is not None:
+        print(write_exact(plan.title, plan.exact, out))
     if not plan.runs:
         return
     watch = SweepWatch(plan, given.workers or os.cpu_count() or 1)
     print(f"{plan.title}: {len(plan.runs)} runs into {out}")
     try:
         if given.executor == "local":
-            statuses = run_locally(plan, out, given.workers or os.cpu_count() or 1, watch)
+            workers = given.workers or os.cpu_count() or 1
+            statuses = run_locally(plan, out, workers, watch, given.again)
         else:
-            statuses = run_on_ray(plan, out, given.address, watch)
+            statuses = run_on_ray(plan, out, given.address, watch, given.again)
     except KeyboardInterrupt:
-        print(f"\ninterrupted; checkpoints are saved. Go on with: {again}", file=sys.stderr)
+        now = counts(status_of(out / "runs" / run.name) for run in plan.runs)
+        print(
+            f"\ninterrupted; {now} (what was interrupted goes on from its last checkpoint). "
+            f"Go on with: {again}",
+            file=sys.stderr,
+        )
         raise
-    counts = {status: list(statuses.values()).count(status) for status in statuses.values()}
-    print(", ".join(f"{number} {status}" for status, number in sorted(counts.items())))
-    if "complete" in counts:
+    print(counts(statuses.values()))
+    if "complete" in statuses.values():
         print(f"report: {report(out) / 'report.md'}")
-    failed = [name for name, status in statuses.items() if status not in ("complete", "stopped")]
-    if failed:
-        for name in failed:
-            print(f"{statuses[name]}: {out / 'runs' / name / 'error.txt'}", file=sys.stderr)
+    left = {name: status for name, status in statuses.items() if status not in DONE}
+    for name, status in left.items():
+        folder = out / "runs" / name
+        where = folder / "error.txt" if status == "failed" else f"{folder}; go on with: {again}"
+        print(f"{status}: {where}", file=sys.stderr)
+    if left:
         sys.exit(1)
+
+
+def counts(statuses: Iterable[str]) -> str:
+    """How many runs there are of each status, in words."""
+    found = sorted(Counter(statuses).items())
+    return ", ".join(f"{number} {status}" for status, number in found)
+
+
+def list_runs(plan: Sweep, out: Path) -> None:
+    """Print every run: how far it is, what varies, its folder."""
+    folders = [out / "runs" / run.name for run in plan.runs]
+    statuses = [status_of(folder) for folder in folders]
+    for run, folder, status in zip(plan.runs, folders, statuses, strict=True):
+        what = " ".join(f"{n}={v}" for n, v in (run.label | {"seed": run.settings.seed}).items())
+        print(f"{status:<12}{what}  {folder}")
+    print(f"{len(folders)} runs into {out} ({counts(statuses) or 'none'}); nothing was done")
 
 
 class SweepWatch:
@@ -118,15 +148,15 @@ class SweepWatch:
     def __call__(self, statuses: dict[str, str], progress: dict[str, float]) -> None:
         """Print what is new."""
         if self.done_before is None:
-            self.done_before = {name for name, s in statuses.items() if s == "complete"}
+            self.done_before = {name for name, s in statuses.items() if s in DONE}
             if self.done_before:
-                print(f"{len(self.done_before)} complete already")
-        told = ("complete", "failed", "interrupted")
+                print(f"{counts(statuses[name] for name in self.done_before)} already")
+        told = (*ENDED, "interrupted")
         for name, status in statuses.items():
             new = status != self.before.get(name) and name not in self.done_before
             if new and status in told:
                 print(("\r" if self.live else "") + f"{status:<12}{name}", flush=True)
-        ended = sum(status in ("complete", "failed") for status in statuses.values())
+        ended = sum(status in ENDED for status in statuses.values())
         now = time.monotonic()
         if statuses != self.before or now - self.told > (1 if self.live else 30):
             self.told, self.before = now, dict(statuses)
@@ -144,7 +174,7 @@ class SweepWatch:
         shares = {
             name: 1.0 - progress.get(name, 0.0)
             for name, status in statuses.items()
-            if status not in ("complete", "failed")
+            if status not in ENDED
         }
         budgets = [self.budgets[name] for name in shares]
         if all(budget is not None for budget in budgets):

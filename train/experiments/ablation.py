@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from pathlib import Path
 
-from train.experiments.sweep import Sweep, choose_version, multiply_out, read_file
+from train.experiments.forms import AblationFile, SweepFile
+from train.experiments.sweep import Sweep, choose_version, multiply_out, read_file, read_form
 from train.runs.folder import RUN
 from train.runs.parts import contest_of
 from train.settings.checks import check
@@ -39,11 +40,11 @@ def load_ablation(name: str, version: str | None = None) -> Sweep:
             whatever makes a sweep impossible.
     """
     path, content = read_file(name, ABLATIONS, "ablation")
+    check("variants" not in content, f"{path}: [[variants]] are called [[arms]] in an ablation")
+    file = read_form(AblationFile, content, path)
     try:
-        check("variants" not in content, "[[variants]] are called [[arms]] in an ablation")
-        content["variants"] = arms = content.pop("arms", [])
-        check(isinstance(arms, list) and len(arms) > 1, "give at least two [[arms]], with names")
-        control = content.pop("control", None)
+        arms, control = file.arms or [], file.control
+        check(len(arms) > 1, "give at least two [[arms]], with names")
         names = [arm.get("name") for arm in arms]
         check(control in names, f"control={control!r} is none of the arms {names}; name one")
         for arm in arms:
@@ -53,22 +54,26 @@ def load_ablation(name: str, version: str | None = None) -> Sweep:
                 f"arm {arm.get('name')!r} sets {', '.join(own)}; arms have equal budgets and the "
                 "same task and seeds: set it for all, in [settings]",
             )
-        chosen = choose_version(content, version)
+        shared = {n: getattr(file, n) for n in AblationFile.__struct_fields__}
+        del shared["arms"], shared["control"]
+        chosen = choose_version(SweepFile(**shared, variants=arms), version)
         for arm in arms:
-            if "curriculum" not in chosen.get("settings", {}):
+            if "curriculum" not in (chosen.settings or {}):
                 arm.setdefault("curriculum", "none")
-        sweep = multiply_out(chosen, path.stem)
-        x = sweep.report["x"]
+        grid, hints = list(chosen.grid or {}), chosen.report
         check(
-            x in (None, *content.get("grid", {})),
-            f"x={x!r} in [report] is none of the [grid] {list(content.get('grid', {}))}",
+            hints is None or hints.group is None,
+            "group in [report]: the curves of an ablation are its arms; leave it out",
         )
+        x = None if hints is None else hints.x
+        check(x in (None, *grid), f"x={x!r} in [report] is none of the [grid] {grid}")
         check(
-            len(content.get("grid", {})) <= 1 and (x is not None or not content.get("grid")),
+            len(grid) <= 1 and (x is not None or not grid),
             "an ablation has at most one thing in its [grid], named as x in [report]: arms are "
             "compared within each of its values",
         )
-        check(not sweep.exact, "an ablation has no [exact]")
+        sweep = multiply_out(chosen, path.stem)
+        check(sweep.exact is None, "an ablation has no [exact]")
         check(
             all(run.kind == RUN for run in sweep.runs),
             "an ablation compares runs of one agent by their gap to the optimum; compare "

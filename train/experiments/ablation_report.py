@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train.experiments.ablation_figures import Curve, draw_arms, draw_final
+from train.experiments.forms import HINTS, read_hints
 from train.experiments.statistics import (
     Interval,
     first_below,
@@ -19,9 +20,8 @@ from train.experiments.statistics import (
     probability_of_improvement,
     stratified_interval,
 )
-from train.experiments.sweep import HINTS
 from train.experiments.tables import collect
-from train.files import read_json, write_csv, write_text
+from train.files import write_csv, write_text
 from train.settings.checks import check
 
 THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
@@ -71,33 +71,35 @@ def ablation_report(out: Path) -> Path:
         ValueError: no ablation in `out`, or no arm has a complete run.
     """
     runs, evaluations = collect(out)
-    hints = read_json(out / HINTS)
+    hints = read_hints(out)
+    control = hints.control
+    if control is None or (hints.x is not None and hints.x not in runs.columns):
+        raise ValueError(f"{out / HINTS}: not that of an ablation; run `pursuit ablate` again")
     by_run: dict[str, list[dict[str, Any]]] = {}
     for entry in evaluations.to_dicts():
         by_run.setdefault(entry["run"], []).append(entry)
     everything = runs.to_dicts()
-    x = hints.get("x")
-    arms: dict[str, list[Curve]] = {name: [] for name in hints["arms"]}
+    x = hints.x
+    arms: dict[str, list[Curve]] = {name: [] for name in hints.arms}
     complete = [row for row in everything if row["status"] == "complete"]
     check(bool(complete), f"{out}: no run is complete yet; `pursuit ablate` goes on with it")
     for row in complete:
         row["_x"] = row[x] if x else ""
         arms.setdefault(row["variant"], []).append(curve_of(row, by_run[row["run"]]))
     arms = {name: curves for name, curves in arms.items() if curves}
-    control = hints["control"]
     table = [summary(name, curves, arms.get(control, [])) for name, curves in arms.items()]
     folder = out / "report"
     folder.mkdir(exist_ok=True)
     figures = ["final.png"]
-    draw_final(folder / "final.png", table, control, hints["title"])
+    draw_final(folder / "final.png", table, control, hints.title)
     for task in dict.fromkeys(curve.task for curves in arms.values() for curve in curves):
         name = f"arms{'-' + task if task else ''}.png".replace("/", "_")
         here = {arm: [c for c in curves if c.task == task] for arm, curves in arms.items()}
-        title = hints["title"] + (f" ({task})" if task else "")
+        title = hints.title + (f" ({task})" if task else "")
         draw_arms(folder / name, {a: c for a, c in here.items() if c}, control, title)
         figures.append(name)
     write_csv(folder / "table.csv", table)
-    text = markdown(hints["title"], table, control, complete, everything, figures)
+    text = markdown(hints.title, table, control, complete, everything, figures)
     write_text(folder / "report.md", text)
     return folder
 

@@ -6,28 +6,24 @@ from pathlib import Path
 
 from pursuit.maze import load_maze
 from scripted_agents.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
-from train.experiments.sweep import Sweep
+from train.experiments.forms import Exact
 from train.files import write_text
-from train.settings.checks import check
 
 
-def write_exact(plan: Sweep, out: Path) -> str:
+def write_exact(title: str, exact: Exact, out: Path) -> str:
     """The table of states and mean optimal tours that needs no learning.
 
     Returns:
         The table as Markdown, which is in `out/exact.md` too.
     """
-    mazes, goals = plan.exact.get("mazes", []), plan.exact.get("goals", [])
-    check(bool(mazes) and bool(goals), "[exact] needs mazes and goals, with one value at least")
-    known = {"mazes", "goals"}
-    check(set(plan.exact) <= known, f"[exact] has {sorted(plan.exact)}; it knows mazes and goals")
+    mazes, goals = exact.mazes, exact.goals
     heads = [f"states, {g} goal{'s' if g > 1 else ''}" for g in goals]
     heads += [
         f"mean {'optimum' if g <= MAX_EXACT_GOALS else 'heuristic tour'}, {g} goal"
         f"{'s' if g > 1 else ''}"
         for g in goals
     ]
-    lines = [f"# {plan.title}", "", "| maze | cells | " + " | ".join(heads) + " |"]
+    lines = [f"# {title}", "", "| maze | cells | " + " | ".join(heads) + " |"]
     lines.append("|---|---|" + "---|" * len(heads))
     for name in mazes:
         maze = load_maze(name)

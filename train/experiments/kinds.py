@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ from train.self_play.parts import (
 )
 from train.self_play.trainee import make_self_play
 from train.settings.checks import check
+from train.teaching.mazes import as_text, names_in
 
 
 @dataclass(frozen=True)
@@ -90,8 +91,20 @@ def start(kind: str, settings: Any, path: Path) -> Run:
 
 
 def write_config(kind: str, settings: Any, folder: Path) -> None:
-    """Write `config.json`."""
-    save_config(folder, kind, settings, task_of(settings.task).mazes[0])
+    """Write `config.json`; the mazes of a curriculum that were files stand in it as their texts."""
+    plain = replace(with_mazes(settings), task=settings.task)
+    save_config(folder, kind, plain, task_of(settings.task).mazes[0])
+
+
+def with_mazes(settings: Any) -> Any:
+    """The same settings with the texts of all mazes that were files, which they need no more."""
+    task = replace(settings.task, maze=as_text(settings.task.maze))
+    lessons = getattr(settings, "lessons", None)
+    given = getattr(lessons, "curriculum_mazes", None)
+    if lessons is None or given is None:
+        return replace(settings, task=task)
+    texts = ",".join(map(as_text, names_in(given)))
+    return replace(settings, task=task, lessons=replace(lessons, curriculum_mazes=texts))
 
 
 def read_settings(folder: Path) -> tuple[str, Any]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from train.experiments.ablation_report import ablation_report
-from train.experiments.sweep import HINTS
+from train.experiments.forms import read_hints
 from train.experiments.sweep_report import sweep_report
-from train.files import read_json
 
 
 def report(out: Path) -> Path:
@@ -19,5 +18,5 @@ def report(out: Path) -> Path:
     Raises:
         ValueError: neither a sweep nor an ablation in `out`, or none of its runs has results.
     """
-    hints = read_json(out / HINTS) if (out / HINTS).exists() else {}
-    return ablation_report(out) if "control" in hints else sweep_report(out)
+    ablation = read_hints(out).control is not None
+    return ablation_report(out) if ablation else sweep_report(out)

@@ -2,33 +2,58 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
+import math
 import re
-import sys
 import tomllib
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-import numpy as np
+import msgspec
 
-from train.experiments.kinds import KINDS, is_complete, open_run, read_settings, write_config
-from train.files import write_json, write_text
+from pursuit.maze import load_maze
+from train.experiments.forms import (
+    HINTS,
+    LABEL,
+    REMEDY,
+    VERSIONS,
+    Exact,
+    ReportHints,
+    SweepFile,
+    Version,
+    check_keys,
+    check_seeds,
+    check_table,
+)
+from train.experiments.identity import (
+    INPUTS,
+    Input,
+    copy_of,
+    fingerprint,
+    frozen_mazes,
+    inputs_of,
+    with_policies,
+)
+from train.experiments.kinds import KINDS, is_complete, read_settings, write_config
+from train.experiments.search import draw_samples
+from train.files import write_json
 from train.runs.folder import CHECKPOINT, CONFIG, RUN
-from train.runs.loop import Run
-from train.runs.tasks import task_of
+from train.schemas import read_as
 from train.settings.checks import check
 
 EXPERIMENTS = Path(__file__).with_name("files")
-VERSIONS = ("short", "full")
-KEYS = frozenset(
-    ("title", "kind", "settings", "grid", "variants", "seeds", "search", "report", "exact")
-) | {"episodes"}
-OVERRIDES = frozenset({"settings", "grid", "seeds", "episodes", "search", "exact"})
-HINTS, LABEL = "sweep.json", "run.json"
 ERROR, PROGRESS, STOPPED = "error.txt", "progress.txt", "stopped_early.json"
+MAX_RUNS = 100_000
+"""Of one sweep: beyond, a typing error is likelier than a machine to run them on."""
+MEASURED = {"seconds": "budget_seconds", "frames": "budget_frames"}
+"""Settings whose names mean what was measured in the table of runs, and what they are there."""
+
+Told = Callable[[dict[str, str], dict[str, float]], None]
+"""Called now and then with the status of every run by name, and the progress of those running."""
+
+FileForm = TypeVar("FileForm", bound=msgspec.Struct)
 
 
 @dataclass(frozen=True)
@@ -38,14 +63,18 @@ class SweepRun:
     Attributes:
         name: of its folder: readable, with a fingerprint of the complete settings at the end.
         kind: of run, one of `KINDS`.
-        settings: all of them.
+        settings: all of them; mazes that were files are texts.
         label: what the sweep file says of this run: the names that vary, and `variant`.
+        given: what reports call mazes and opponents that were files: as the sweep file does.
+        inputs: the policies that it reads, by the setting's name.
     """
 
     name: str
     kind: str
     settings: Any
     label: dict[str, Any]
+    given: dict[str, Any] = field(default_factory=dict)
+    inputs: dict[str, Input] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -57,7 +86,7 @@ class Sweep:
         runs: all combinations, in the order of the file.
         episodes: of each final evaluation.
         report: hints for `train.experiments.report`: "x", "group".
-        exact: tables that need no learning: "mazes" and "goals".
+        exact: a table that needs no learning.
         scheduler: "asha" stops the worst early, on Ray; None runs everything to its end.
     """
 
@@ -65,7 +94,7 @@ class Sweep:
     runs: tuple[SweepRun, ...]
     episodes: int
     report: dict[str, Any]
-    exact: dict[str, Any]
+    exact: Exact | None
     scheduler: str | None
 
 
@@ -82,12 +111,13 @@ def load_sweep(name: str, version: str | None = None) -> Sweep:
         version: "short" or "full", where the file has both; short if left out.
 
     Raises:
-        ValueError: no such file, no TOML, an unknown key, an empty list, a version that the file
-            does not have, or a combination that cannot run.
+        ValueError: no such file, no TOML, an unknown key, a value of another type, an empty list, a
+            version that the file does not have, or a combination that cannot run.
     """
     path, content = read_file(name, EXPERIMENTS, "sweep")
+    file = read_form(SweepFile, content, path)
     try:
-        return multiply_out(choose_version(content, version), path.stem)
+        return multiply_out(choose_version(file, version), path.stem)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -104,178 +134,173 @@ def read_file(name: str, folder: Path, kind: str) -> tuple[Path, dict[str, Any]]
     check(path.is_file(), f"{name}: no such {kind} file; shipped are {', '.join(names)}")
     try:
         return path, tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: not TOML: {error}") from None
 
 
-def choose_version(content: dict[str, Any], version: str | None) -> dict[str, Any]:
-    """The content with the chosen version laid over it."""
-    for name in content:
-        check(
-            name in KEYS or name in VERSIONS,
-            f"unknown key {name!r}; one of {', '.join(sorted({*KEYS, *VERSIONS}))}",
-        )
+def read_form(form: type[FileForm], content: dict[str, Any], path: Path) -> FileForm:
+    """The content of a file in its form; ValueError naming file, field and remedy."""
+    try:
+        check_keys(content, form, "")
+        inner: dict[str, type[msgspec.Struct]] = {"report": ReportHints, "exact": Exact}
+        inner |= dict.fromkeys(VERSIONS, Version)
+        for name, table in content.items():
+            if name in inner and isinstance(table, dict):
+                check_keys(table, inner[name], f" in [{name}]")
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return read_as(form, content, path, REMEDY)
+
+
+def choose_version(file: SweepFile, version: str | None) -> SweepFile:
+    """The file with the chosen version laid over it."""
     check(version in (None, *VERSIONS), f"unknown version {version!r}; short or full")
-    has = [name for name in VERSIONS if name in content]
+    has = [name for name in VERSIONS if getattr(file, name) is not None]
     check(version is None or version in has, f"no version {version!r}; it has {has or 'none'}")
-    result = {name: value for name, value in content.items() if name not in VERSIONS}
     chosen = version or (has[0] if has else None)
-    for name, value in content.get(chosen, {}).items() if chosen else ():
-        check(
-            name in OVERRIDES,
-            f"unknown key {name!r} in [{chosen}]; one of {', '.join(sorted(OVERRIDES))}",
-        )
-        before = result.get(name)
+    over: dict[str, Any] = dict.fromkeys(VERSIONS)
+    for name in Version.__struct_fields__ if chosen else ():
+        value, before = getattr(getattr(file, str(chosen)), name), getattr(file, name)
         both = isinstance(value, dict) and isinstance(before, dict)
-        result[name] = {**before, **value} if both else value  # type: ignore[dict-item]
-    return result
+        if value is not None:
+            over[name] = {**before, **value} if both else value
+    return msgspec.structs.replace(file, **over)
 
 
-def multiply_out(content: dict[str, Any], stem: str) -> Sweep:
+def multiply_out(file: SweepFile, stem: str) -> Sweep:
     """All combinations as checked settings."""
-    kind = content.get("kind", RUN)
+    kind = RUN if file.kind is None else file.kind
     check(kind in KINDS, f"unknown kind {kind!r}; one of {', '.join(KINDS)}")
-    common = _table(content, "settings")
-    grid = _table(content, "grid")
-    search = dict(_table(content, "search"))
-    variants = content.get("variants", [{}])
-    seeds = content.get("seeds", [0])
-    for name, values in (*grid.items(), ("seeds", seeds), ("variants", variants)):
-        check(isinstance(values, list), f"{name}={values!r}; give a list of values")
-        check(bool(values), f"{name} is an empty list; give at least one value")
-    names = [variant.get("name") for variant in variants]
-    check(
-        variants == [{}] or (None not in names and len(set(names)) == len(names)),
-        f"variants need a name each, all different; these are {names}",
-    )
+    common, grid, search = file.settings or {}, file.grid or {}, dict(file.search or {})
+    variants, seeds = file.variants, [0] if file.seeds is None else file.seeds
+    check_table(common, "[settings]")
+    check_table(grid, "[grid]", values=True)
+    check_seeds(seeds)
+    check_variants(variants)
     scheduler = search.pop("scheduler", None)
     check(scheduler in (None, "asha"), f"unknown scheduler {scheduler!r}; asha")
-    drawn = draw_samples(search)
-    varying = {*grid, *(name for variant in variants for name in variant), *drawn[0]} - {"name"}
-    has_runs = bool(common or grid or variants != [{}])
+    count = math.prod(map(len, grid.values())) * len(variants or [{}]) * len(seeds)
+    check(count <= MAX_RUNS, f"{count:,} runs; a sweep has at most {MAX_RUNS:,}: leave some out")
+    drawn = draw_samples(search, MAX_RUNS // count)
+    sources = [grid, drawn[0], {name: 0 for variant in variants or () for name in variant}]
+    for one, two in itertools.combinations(sources, 2):
+        for name in one.keys() & two.keys():
+            raise ValueError(
+                f"{name!r} is set by two of grid, search and variants; leave it to one"
+            )
+    has_runs = bool(common or grid or variants)
     runs: dict[str, SweepRun] = {}
     for values in itertools.product(*grid.values()) if has_runs else ():
-        for variant, sample, seed in itertools.product(variants, drawn, seeds):
+        for variant, sample, seed in itertools.product(variants or [{}], drawn, seeds):
             label = dict(zip(grid, values, strict=True)) | variant | sample
-            flat = common | {k: v for k, v in label.items() if k != "name"} | {"seed": seed}
-            for name in variant.keys() & {*grid, *sample}:
-                raise ValueError(f"{name!r} is set by a variant and by the grid or search; by one")
-            try:
-                settings = KINDS[kind].settings_of(**{"threads": 1, **flat})
-            except ValueError as error:
-                told = ", ".join(f"{k}={v!r}" for k, v in (label | {"seed": seed}).items())
-                raise ValueError(f"the combination {told} cannot run: {error}") from None
-            if "name" in label:
-                label["variant"] = label.pop("name")
-            run = SweepRun(run_name(kind, settings, label), kind, settings, label)
+            run = run_of(kind, common, label, seed, episodes_of(file))
             same = runs.setdefault(run.name.rsplit("-", 1)[1], run)
-            check(  # a combination that is named twice runs once, under its one name
+            check(  # a combination named twice runs once
                 same.label == run.label,
-                f"{_told(same.label)} and {_told(run.label)} have equal settings, so they would be "
-                "one run; leave one out, or tell them apart",
+                f"{told(same.label)} and {told(run.label)} have equal settings: they are one run; "
+                "change one of them, or leave it out",
             )
-    exact = _table(content, "exact")
-    check(has_runs or bool(exact), "nothing to do; give [settings] and [grid], or [exact]")
-    episodes = content.get("episodes", 1000)
-    check(type(episodes) is int and episodes >= 2, f"episodes={episodes!r}; at least 2")
-    report = _report_hints(content, sorted(varying))
+    check(has_runs or file.exact is not None, "nothing to do; give [settings] and [grid]")
+    for name in file.exact.mazes if file.exact else ():
+        load_maze(name)
     return Sweep(
-        content.get("title", stem),
+        stem if file.title is None else file.title,
         tuple(runs.values()),
-        episodes,
-        report,
-        exact,
+        episodes_of(file),
+        report_hints(file, tuple(runs.values()), [*grid, *drawn[0]]),
+        file.exact,
         scheduler,
     )
 
 
-def _told(label: dict[str, Any]) -> str:
+def episodes_of(file: SweepFile) -> int:
+    """Of each final evaluation; ValueError for too few to tell an interval."""
+    episodes = 1000 if file.episodes is None else file.episodes
+    check(episodes >= 2, f"episodes={episodes!r}; at least 2")
+    return episodes
+
+
+def check_variants(variants: list[dict[str, Any]] | None) -> None:
+    """ValueError unless variants are tables of settings with a name each."""
+    if variants is None:
+        return
+    check(bool(variants), "variants is an empty list; give at least one")
+    names = [variant.get("name") for variant in variants]
+    check(
+        all(isinstance(name, str) for name in names) and len(set(map(str, names))) == len(names),
+        f"variants need a name each, all different; these are {names}",
+    )
+    for variant in variants:
+        check_table({k: v for k, v in variant.items() if k != "name"}, repr(variant["name"]))
+
+
+def run_of(
+    kind: str, common: Mapping[str, Any], label: dict[str, Any], seed: int, episodes: int
+) -> SweepRun:
+    """One combination, checked and named."""
+    varying = {name: value for name, value in label.items() if name != "name"}
+    try:
+        asked = KINDS[kind].settings_of(**{"threads": 1, **common, **varying, "seed": seed})
+        settings, given = frozen_mazes(asked)
+        inputs = inputs_of(settings)
+    except ValueError as error:
+        which = told(label | {"seed": seed})
+        raise ValueError(f"the combination {which} cannot run: {error}") from None
+    if "name" in label:
+        varying["variant"] = label["name"]
+    print_ = fingerprint(kind, settings, episodes, inputs)
+    name = run_name(kind, varying, seed, print_)
+    return SweepRun(name, kind, settings, varying, given, inputs)
+
+
+def told(label: Mapping[str, Any]) -> str:
+    """What varies, in one line."""
     return ", ".join(f"{name}={value!r}" for name, value in label.items())
 
 
-def _table(content: dict[str, Any], name: str) -> dict[str, Any]:
-    value = content.get(name, {})
-    check(isinstance(value, dict), f"[{name}] is {value!r}; give a table of names and values")
-    return dict(value)
+def flat_settings(settings: Any) -> dict[str, Any]:
+    """Settings by their names, without the levels that they lie in; budgets as `MEASURED` says."""
+    plain = asdict(settings)
+    flat = {"variant": None, "kind": None} | plain.pop("task")
+    for name in ("hyper", "lessons"):
+        plain |= {k: v for k, v in plain.pop(name, {}).items() if k not in plain}
+    flat |= plain
+    return {MEASURED.get(name, name): value for name, value in flat.items()}
 
 
-def _report_hints(content: dict[str, Any], varying: list[str]) -> dict[str, Any]:
-    """What goes on the axis and what is a curve of its own; `variant` where there are variants."""
-    hints = _table(content, "report")
-    for name in hints:
-        check(name in ("x", "group"), f"unknown key {name!r} in [report]; x or group")
-    x = hints.get("x")
-    group = hints.get("group")
-    if group is None:
-        group = ["variant"] if content.get("variants") else [n for n in varying if n != x]
-    check(isinstance(group, list), f"group={group!r}; give a list of names")
-    return {"x": x, "group": group}
-
-
-def draw_samples(search: dict[str, Any]) -> list[dict[str, Any]]:
-    """The samples of a random search, drawn once: the same whoever runs them.
-
-    Args:
-        search: "samples" and "seed", and for every searched setting {low, high, scale="log" or
-            "linear", whole=false} or {choices=[...]}.
-
-    Returns:
-        One dict for each sample; [{}] where there is no search.
+def report_hints(file: SweepFile, runs: tuple[SweepRun, ...], varying: list[str]) -> dict[str, Any]:
+    """What goes on the axis and what is a curve of its own; `variant` where there are variants.
 
     Raises:
-        ValueError: something else, or an empty range.
+        ValueError: a name that no run has.
     """
-    if not search:
-        return [{}]
-    given = dict(search)
-    samples, seed = given.pop("samples", 10), given.pop("seed", 0)
-    check(type(samples) is int and samples >= 1, f"samples={samples!r}; a number of at least 1")
-    check(bool(given), "[search] names no setting; give learning_rate = {low=1e-4, high=1e-2}, say")
-    generator = np.random.default_rng(seed)
-    for name, spec in given.items():
-        known = ({"choices"}, {"low", "high"}, {"low", "high", "scale"}, {"low", "high", "whole"})
+    hints = file.report or ReportHints()
+    within = {name for variant in file.variants or () for name in variant} - {"name"}
+    varying = sorted({*varying, *within})
+    known = {name for run in runs for name in (*flat_settings(run.settings), *run.label)}
+    if not file.variants:
+        known.discard("variant")
+
+    def column(name: str) -> str:
+        column = MEASURED.get(name, name)
         check(
-            isinstance(spec, dict) and set(spec) - {"whole", "scale"} in known[:2],
-            f"search of {name}={spec!r}; give {{low=, high=, scale='log'}} or {{choices=[]}}",
+            column in known,
+            f"{name!r} in [report] is no setting of these runs; what varies is "
+            f"{', '.join(['variant'] * bool(file.variants) + varying) or 'nothing'}",
         )
-        if "choices" in spec:
-            check(bool(spec["choices"]), f"choices of {name} is an empty list")
-        else:
-            check(spec["low"] < spec["high"], f"search of {name}: low is not below high")
-            check(
-                spec.get("scale") != "log" or spec["low"] > 0,
-                f"search of {name}: log needs low > 0",
-            )
-    drawn = []
-    for _ in range(samples):
-        sample: dict[str, Any] = {}
-        for name, spec in given.items():
-            if "choices" in spec:
-                sample[name] = spec["choices"][int(generator.integers(len(spec["choices"])))]
-                continue
-            low, high = spec["low"], spec["high"]
-            if spec.get("scale", "linear") == "log":
-                value = float(np.exp(generator.uniform(np.log(low), np.log(high))))
-            else:
-                value = float(generator.uniform(low, high))
-            sample[name] = round(value) if spec.get("whole") else float(f"{value:.4g}")
-        drawn.append(sample)
-    return drawn
+        return column
+
+    x, group = hints.x, hints.group
+    if group is None:
+        group = ["variant"] if file.variants else [name for name in varying if name != x]
+    return {"x": None if x is None else column(x), "group": [column(name) for name in group]}
 
 
-def fingerprint(kind: str, settings: Any) -> str:
-    """Ten hexadecimal digits of everything that decides the outcome of a run."""
-    maze = task_of(settings.task).mazes[0]
-    plain = {"kind": kind, **asdict(settings), "maze_text": maze.to_text()}
-    text = json.dumps(plain, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:10]
-
-
-def run_name(kind: str, settings: Any, label: dict[str, Any]) -> str:
+def run_name(kind: str, label: Mapping[str, Any], seed: int, print_: str) -> str:
     """A readable folder name that no other settings have."""
     parts = [str(value) for value in label.values()] or [kind]
-    text = "-".join([*parts, f"seed{settings.seed}"])
-    return re.sub(r"[^A-Za-z0-9_.+-]+", "_", text)[:80] + "-" + fingerprint(kind, settings)
+    text = "-".join([*parts, f"seed{seed}"])
+    return re.sub(r"[^A-Za-z0-9_.+-]+", "_", text)[:80] + "-" + print_
 
 
 def prepare(sweep: Sweep, out: Path) -> list[tuple[SweepRun, Path]]:
@@ -289,20 +314,25 @@ def prepare(sweep: Sweep, out: Path) -> list[tuple[SweepRun, Path]]:
     """
     check(not out.is_file(), f"{out}: a file; give a folder")
     there = [path.name for path in out.iterdir()] if out.is_dir() else []
-    if set(there) - {".lock", "exact.md"} and "runs" not in there:
+    if set(there) - {".lock", "exact.md", INPUTS} and "runs" not in there:
         raise ValueError(f"{out}: not empty, and no sweep; give a new folder")
     folders = [(run, out / "runs" / run.name) for run in sweep.runs]
+    before = {}
     for run, folder in folders:
         if (folder / CONFIG).exists():
+            kind, before[run.name] = read_settings(folder)
+            print_ = fingerprint(kind, before[run.name], sweep.episodes, run.inputs)
             check(
-                fingerprint(*read_settings(folder)) == fingerprint(run.kind, run.settings),
+                run.name.endswith(print_),
                 f"{folder}: holds a run of other settings than its name says; remove that folder",
             )
     for run, folder in folders:
         folder.mkdir(parents=True, exist_ok=True)
-        if not (folder / CONFIG).exists():
-            write_config(run.kind, run.settings, folder)
-        write_json(folder / LABEL, run.label)
+        copies = {name: str(copy_of(given, out)) for name, given in run.inputs.items()}
+        settings = with_policies(run.settings, copies)
+        if before.get(run.name) != settings:  # new, or the folder of the sweep was moved
+            write_config(run.kind, settings, folder)
+        write_json(folder / LABEL, {**run.given, **run.label})
     names = [run.name for run in sweep.runs]
     write_json(out / HINTS, {"title": sweep.title, **sweep.report, "runs": names})
     return folders
@@ -319,19 +349,7 @@ def status_of(folder: Path) -> str:
     return "interrupted" if (folder / CHECKPOINT).exists() else "new"
 
 
-def perform(folder: Path, episodes: int) -> None:
-    """Do the run in `folder`, or go on with it, to its results; in a process of its own."""
-    run = open_run(folder)
-
-    def report(run: Run, row: dict[str, float]) -> None:
-        if row:
-            write_text(folder / PROGRESS, str(run.progress))
-
-    if run.progress < 1.0:
-        run.train(report)
-    if not run.stopped:
-        run.results(episodes)
-
-
-if __name__ == "__main__":
-    perform(Path(sys.argv[1]), int(sys.argv[2]))
+def to_do(folders: Mapping[str, Path], again: bool) -> list[str]:
+    """The runs that have not ended, by name: what a scheduler stopped counts only with `again`."""
+    ended = ("complete",) if again else ("complete", "stopped")
+    return [name for name, folder in folders.items() if status_of(folder) not in ended]

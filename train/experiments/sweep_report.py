@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from train.experiments.forms import read_hints
 from train.experiments.measures import GAP, STEPS, measure_of, size_of
 from train.experiments.statistics import bootstrap_interval, interquartile_mean
-from train.experiments.sweep import HINTS
 from train.experiments.sweep_figures import draw_curves, draw_final
 from train.experiments.tables import collect
 from train.figures import PALETTE
-from train.files import read_json, write_csv, write_text
+from train.files import write_csv, write_text
 from train.settings.checks import check
 
 REFERENCES = {
@@ -36,12 +36,12 @@ def sweep_report(out: Path) -> Path:
     Raises:
         ValueError: no sweep in `out`, or none of its runs has results.
     """
-    hints = read_json(out / HINTS) if (out / HINTS).exists() else {}
+    hints = read_hints(out)
     runs, curves = collect(out)
     rows = [row for row in runs.to_dicts() if row["status"] == "complete"]
     check(bool(rows), f"{out}: no run is complete yet; `pursuit sweep` goes on with it")
-    x = hints.get("x") if hints.get("x") in runs.columns else None
-    group = [name for name in hints.get("group", []) if name in runs.columns]
+    x = hints.x if hints.x in runs.columns else None
+    group = [name for name in hints.group if name in runs.columns]
     for row in rows:
         row["_group"] = ", ".join(_word(name, row[name]) for name in group or ["algorithm"])
         row["_x"] = row[x] if x else ""
@@ -52,7 +52,7 @@ def sweep_report(out: Path) -> Path:
         by_run.setdefault(row["run"], []).append(row)
     folder = out / "report"
     folder.mkdir(exist_ok=True)
-    title = hints.get("title", out.name)
+    title = hints.title
     figures = []
     for unit in ("seconds", "frames"):
         name = f"learning_curves_{unit}.png"

@@ -2,22 +2,60 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
+from train.experiments.forms import read_hints, read_label
 from train.experiments.kinds import read_settings
-from train.experiments.sweep import ERROR, HINTS, LABEL, status_of
+from train.experiments.sweep import ERROR, MEASURED, flat_settings, status_of
 from train.files import read_json, write_beside
 from train.runs.folder import CONFIG, METRICS, RESULTS, RUN, read_metrics
 from train.runs.tasks import task_of
+from train.schemas import read_as
 from train.settings.checks import check
+from train.settings.self_play import ROLES
 
 if TYPE_CHECKING:
     import polars
 
 KINDS = {"random": "random_steps", "learned": "greedy_steps", "learned, sampled": "sampled_steps"}
 RUNS, CURVES = "results.parquet", "curves.parquet"
+
+
+class Steps(msgspec.Struct):
+    """What somebody needs in the task."""
+
+    name: str
+    mean_steps: float | None
+
+
+class Judged(msgspec.Struct):
+    """What a run is judged by."""
+
+    column: str
+    unit: str
+
+
+class Machine(msgspec.Struct):
+    """What it ran on."""
+
+    processor: str
+
+
+class Outcome(msgspec.Struct):
+    """What a table takes of `results.json`."""
+
+    frames: int
+    seconds: float
+    frames_per_second: float
+    evaluation: dict[str, bool | int | float | str | None]
+    objective: Judged
+    versions: dict[str, str | None]
+    machine: Machine
+    scores: list[Steps] = msgspec.field(default_factory=list)
+    at_start: dict[str, float | None] = msgspec.field(default_factory=dict)
 
 
 def collect(out: Path) -> tuple[polars.DataFrame, polars.DataFrame]:
@@ -36,9 +74,9 @@ def collect(out: Path) -> tuple[polars.DataFrame, polars.DataFrame]:
     import polars
 
     folders = sorted(path.parent for path in out.glob(f"runs/*/{CONFIG}"))
-    hints = read_json(out / HINTS) if (out / HINTS).exists() else {}
-    if "runs" in hints:  # not those of a plan before this one
-        folders = [folder for folder in folders if folder.name in hints["runs"]]
+    named = read_hints(out).runs
+    if named is not None:  # not those of a plan before this one
+        folders = [folder for folder in folders if folder.name in named]
     check(bool(folders), f"{out}: no runs of a sweep here; `pursuit sweep FILE --out {out}` first")
     runs = polars.DataFrame([row_of(folder) for folder in folders], infer_schema_length=None)
     rows = [
@@ -56,36 +94,48 @@ def collect(out: Path) -> tuple[polars.DataFrame, polars.DataFrame]:
 def row_of(folder: Path) -> dict[str, Any]:
     """One run as a flat row."""
     kind, settings = read_settings(folder)
-    plain = asdict(settings)
-    task = plain.pop("task")
-    task["maze"] = task_of(settings.task).mazes[0].name
-    task["role"] = settings.task.agent if kind == RUN else "both"
-    for name in ("hyper", "lessons"):
-        plain |= {k: v for k, v in plain.pop(name, {}).items() if k not in plain}
-    if "members" in plain:
-        plain["members"] = " ".join(plain["members"])
-    label = read_json(folder / LABEL) if (folder / LABEL).exists() else {}
+    flat, label = flat_settings(settings), read_label(folder)
     row: dict[str, Any] = {"run": folder.name, "kind": kind, "status": status_of(folder)}
-    row |= {"variant": label.get("variant"), **task, **plain}
-    # What a sweep names is kept as it says it, so that reports can group by `preset`, say.
-    row |= {name: value for name, value in label.items() if name not in row}
-    row["budget_seconds"], row["budget_frames"] = row.pop("seconds"), row.pop("frames")
+    row |= {name: value for name, value in flat.items() if name not in row}
+    row["variant"] = label.get("variant")
+    row["maze"] = task_of(settings.task).mazes[0].name
+    row["role"] = settings.task.agent if kind == RUN else "both"
+    if "members" in row:
+        row["members"] = " ".join(row["members"])
+    # What a sweep names is kept as it says it, so that reports can group by `preset`, say; and
+    # files by the names that they were given.
+    files = ("maze", "curriculum_mazes", "opponent", *ROLES)
+    measured = {MEASURED.get(name, name): value for name, value in label.items()}
+    row |= {n: value for n, value in measured.items() if n not in row or n in files}
     if (folder / RESULTS).exists():
-        results = read_json(folder / RESULTS)
-        row |= {name: results[name] for name in ("frames", "seconds", "frames_per_second")}
-        row |= results["evaluation"]
-        row |= {f"{name}_at_start": value for name, value in results.get("at_start", {}).items()}
-        for score in results.get("scores", ()):
-            if score["name"] in KINDS:
-                row[KINDS[score["name"]]] = score["mean_steps"]
-            elif not score["name"].startswith(("learned", "optimal")):
-                row["scripted"], row["scripted_steps"] = score["name"], score["mean_steps"]
-        row["objective"], row["unit"] = (results["objective"][name] for name in ("column", "unit"))
-        row |= {f"{name}_version": value for name, value in results["versions"].items()}
+        found = read_outcome(folder)
+        row |= {n: getattr(found, n) for n in ("frames", "seconds", "frames_per_second")}
+        row |= found.evaluation
+        row |= {f"{name}_at_start": value for name, value in found.at_start.items()}
+        for score in found.scores:
+            if score.name in KINDS:
+                row[KINDS[score.name]] = score.mean_steps
+            elif not score.name.startswith(("learned", "optimal")):
+                row["scripted"], row["scripted_steps"] = score.name, score.mean_steps
+        row["objective"], row["unit"] = found.objective.column, found.objective.unit
+        row |= {f"{name}_version": value for name, value in found.versions.items()}
         row["commit"] = row.pop("commit_version", None)
-        row["machine"] = results["machine"]["processor"]
+        row["machine"] = found.machine.processor
     elif (folder / METRICS).exists() and (rows := read_metrics(folder)):
         row |= rows[-1]
-    error = folder / ERROR
-    row["error"] = error.read_text().splitlines()[0] if error.exists() else None
+    row["error"] = error_of(folder)
     return row
+
+
+def read_outcome(folder: Path) -> Outcome:
+    """What a table takes of `results.json`; ValueError where it is none."""
+    remedy = "restore it from a copy, or remove that folder and run the sweep again"
+    return read_as(Outcome, read_json(folder / RESULTS), folder / RESULTS, remedy)
+
+
+def error_of(folder: Path) -> str | None:
+    """The first line of `error.txt`, where there is one."""
+    path = folder / ERROR
+    if not path.is_file():
+        return None
+    return next(iter(path.read_text(encoding="utf-8", errors="replace").splitlines()), "unknown")

@@ -4,12 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from pursuit.maze import Maze, load_maze
+from pursuit.maze import Maze, library_names, load_maze
 from pursuit.task import Task
 from train.settings.checks import check
 
 OPENED = 8
 """Mazes of the axis `loops`, from no inner wall to all of them."""
+
+
+def names_in(given: str) -> list[str]:
+    """The names, files or texts of mazes in `curriculum_mazes`; ValueError where there are none."""
+    names = [name.strip() for name in given.split(",") if name.strip()]
+    check(bool(names), f"curriculum_mazes={given!r}; give names or files, with commas")
+    return names
+
+
+def named_maze(name: str) -> Maze:
+    """A maze by its name, its file, or its text."""
+    return Maze.from_text(name) if "\n" in name else load_maze(name)
+
+
+def as_text(name: str) -> str:
+    """The name of a shipped maze as it is, any other maze as its text: it needs no file."""
+    return name if name in library_names() else named_maze(name).to_text()
 
 
 def training_mazes(name: str, given: str | None, task: Task) -> tuple[Maze, ...]:
@@ -25,9 +42,7 @@ def training_mazes(name: str, given: str | None, task: Task) -> tuple[Maze, ...]
     """
     final, needed = task.mazes[0], task.num_agents + task.num_goals
     if given is not None:
-        names = [name.strip() for name in given.split(",") if name.strip()]
-        check(bool(names), f"curriculum_mazes={given!r}; give names or files, with commas")
-        mazes = [maze for maze in map(load_maze, names) if maze != final]
+        mazes = [maze for maze in map(named_maze, names_in(given)) if maze != final]
         for maze in mazes:
             check(
                 maze.height <= final.height

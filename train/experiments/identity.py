@@ -1,0 +1,165 @@
+"""What tells one run of a sweep from another: the content of all that decides its outcome.
+
+Mazes count by their text, opponents by what their files hold, wherever these lie. So a sweep goes
+on after its files were moved, and a file that was changed makes another run. What a run reads
+besides its settings travels with it: mazes as text in `config.json`, opponents as files.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from scripted_agents.environments import SCRIPTED
+from train.experiments.kinds import with_mazes
+from train.files import write_bytes
+from train.runs.folder import CHECKPOINT, CONFIG
+from train.runs.tasks import task_of
+from train.runs.third_party import description_of
+from train.settings.checks import check
+from train.settings.self_play import LEARN, ROLES
+from train.teaching.mazes import named_maze, names_in
+
+INPUTS = "inputs"
+"""Of the folder in which a sweep, or a run on another machine, keeps the opponents it was given."""
+MODEL = "model.zip"
+"""What a saved model is called there."""
+
+
+@dataclass(frozen=True)
+class Input:
+    """A policy that a run reads besides its settings.
+
+    Attributes:
+        path: the folder of a run, or a saved model.
+        digest: ten hexadecimal digits of what it holds.
+    """
+
+    path: Path
+    digest: str
+
+
+def named_policies(plain: Mapping[str, Any]) -> dict[str, str]:
+    """Which policies plain settings name that are not scripted agents, by the setting's name."""
+    named = {name: plain.get(name) for name in ROLES} | {"opponent": plain["task"]["opponent"]}
+    return {
+        name: value
+        for name, value in named.items()
+        if isinstance(value, str) and value not in (*SCRIPTED, LEARN)
+    }
+
+
+def put_policies(plain: dict[str, Any], values: Mapping[str, str]) -> dict[str, Any]:
+    """Plain settings with these policies in the place of those that they name."""
+    own = {name: value for name, value in values.items() if name != "opponent"}
+    return {**plain, **own, "task": {**plain["task"], **_task_part(values)}}
+
+
+def with_policies(settings: Any, values: Mapping[str, str]) -> Any:
+    """The same of settings."""
+    own = {name: value for name, value in values.items() if name != "opponent"}
+    return replace(settings, **own, task=replace(settings.task, **_task_part(values)))
+
+
+def _task_part(values: Mapping[str, str]) -> dict[str, str]:
+    return {name: value for name, value in values.items() if name == "opponent"}
+
+
+def policy_files(path: Path) -> dict[str, bytes]:
+    """What the policy at `path` is read from, by the names that it gets under `INPUTS`."""
+    if path.is_dir():
+        whole = [path / CONFIG, *sorted(path.glob(f"{CHECKPOINT.split('.')[0]}*"))]
+        return {file.name: file.read_bytes() for file in whole if file.is_file()}
+    described = description_of(path)
+    own = {MODEL: path.read_bytes()}
+    return own | {description_of(Path(MODEL)).name: described.read_bytes()}
+
+
+def digest_of(files: Mapping[str, bytes]) -> str:
+    """Ten hexadecimal digits of the files that decide how a policy plays."""
+    deciding = {CONFIG, CHECKPOINT, MODEL, description_of(Path(MODEL)).name}
+    digest = hashlib.sha256()
+    for name in sorted(deciding & set(files)):
+        digest.update(f"{name} {len(files[name])}\n".encode() + files[name])
+    return digest.hexdigest()[:10]
+
+
+def inputs_of(settings: Any) -> dict[str, Input]:
+    """The policies that settings name and that are files here, by the setting's name."""
+    named = {name: Path(value) for name, value in named_policies(asdict(settings)).items()}
+    return {
+        name: Input(path, digest_of(policy_files(path)))
+        for name, path in named.items()
+        if path.exists()
+    }
+
+
+def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, Input]) -> str:
+    """Ten hexadecimal digits of everything that decides the outcome of a run.
+
+    Args:
+        kind: of run.
+        settings: of the run.
+        episodes: of its final evaluation.
+        inputs: what stands for the policies that the settings name.
+    """
+    plain = asdict(settings)
+    named = named_policies(plain)
+    plain = put_policies(plain, {n: i.digest for n, i in inputs.items() if n in named})
+    plain["task"]["maze"] = task_of(settings.task).mazes[0].to_text()
+    mazes = plain.get("lessons", {}).get("curriculum_mazes")
+    if mazes is not None:
+        plain["lessons"]["curriculum_mazes"] = [named_maze(n).to_text() for n in names_in(mazes)]
+    text = json.dumps({"kind": kind, "episodes": episodes, **plain}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:10]
+
+
+def given_names(settings: Any, frozen: Any) -> dict[str, Any]:
+    """What reports call that which stands in the settings as text or as a copy: as it was given."""
+    names: dict[str, Any] = dict(named_policies(asdict(settings)))
+    if settings.task.maze != frozen.task.maze:
+        names["maze"] = settings.task.maze
+    before, after = (getattr(s, "lessons", None) for s in (settings, frozen))
+    if before != after:
+        names["curriculum_mazes"] = before.curriculum_mazes  # type: ignore[union-attr]
+    return names
+
+
+def frozen_mazes(settings: Any) -> tuple[Any, dict[str, Any]]:
+    """Settings that need no maze file, and what they were given instead of its text."""
+    frozen = with_mazes(settings)
+    return frozen, given_names(settings, frozen)
+
+
+# -- copies ----------------------------------------------------------------------------------------
+
+
+def copy_of(given: Input, folder: Path) -> Path:
+    """Where the copy of an input lies in the folder of a sweep, made if it is not whole yet.
+
+    Runs read the copy: an opponent that goes on learning is the same in all of them.
+
+    Raises:
+        ValueError: the input has changed since the sweep file was read.
+    """
+    own = folder.resolve() / INPUTS / given.digest
+    path = own if given.path.is_dir() else own / MODEL
+    if not path.exists() or digest_of(policy_files(path)) != given.digest:
+        files = policy_files(given.path)
+        check(
+            digest_of(files) == given.digest,
+            f"{given.path}: has just changed; begin again when nothing writes to it",
+        )
+        put_files(own, files)
+    return path
+
+
+def put_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write these files, by their paths in the folder."""
+    for name, content in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(folder / name, content)

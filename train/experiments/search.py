@@ -1,0 +1,65 @@
+"""Random search: the settings of [search] in a sweep file, drawn once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from train.experiments.forms import Choices, Range, check_plain
+from train.schemas import read_as
+from train.settings.checks import check, check_seed
+
+FORMS = "give {low=, high=, scale='log'} or {choices=[]}"
+
+
+def draw_samples(search: dict[str, Any], limit: int) -> list[dict[str, Any]]:
+    """The samples of a random search, drawn once: the same whoever runs them.
+
+    Args:
+        search: "samples" and "seed", and for every searched setting {low, high, scale="log" or
+            "linear", whole=false} or {choices=[...]}.
+        limit: of samples.
+
+    Returns:
+        One dict for each sample; [{}] where there is no search.
+
+    Raises:
+        ValueError: something else, or an empty range.
+    """
+    if not search:
+        return [{}]
+    given = dict(search)
+    samples, seed = given.pop("samples", 10), given.pop("seed", 0)
+    check(
+        type(samples) is int and 1 <= samples <= limit,
+        f"samples={samples!r} in [search]; a number from 1 to {limit:,}",
+    )
+    check(type(seed) is int, f"seed={seed!r} in [search]; a whole number")
+    check_seed(seed)
+    check(bool(given), "[search] names no setting; give learning_rate = {low=1e-4, high=1e-2}, say")
+    ranges = {name: range_of(name, spec) for name, spec in given.items()}
+    generator = np.random.default_rng(seed)
+    return [{name: draw(spec, generator) for name, spec in ranges.items()} for _ in range(samples)]
+
+
+def range_of(name: str, spec: Any) -> Range | Choices:
+    """What one setting is drawn from; ValueError for something else, or nothing to draw from."""
+    where = f"search of {name}"
+    if isinstance(spec, dict) and "choices" in spec:
+        found = read_as(Choices, spec, where, FORMS)
+        for value in found.choices:
+            check_plain(name, value, "[search]")
+        return found
+    return read_as(Range, spec, where, FORMS)
+
+
+def draw(spec: Range | Choices, generator: np.random.Generator) -> Any:
+    """One value."""
+    if isinstance(spec, Choices):
+        return spec.choices[int(generator.integers(len(spec.choices)))]
+    if spec.scale == "log":
+        value = float(np.exp(generator.uniform(np.log(spec.low), np.log(spec.high))))
+    else:
+        value = float(generator.uniform(spec.low, spec.high))
+    return round(value) if spec.whole else float(f"{value:.4g}")

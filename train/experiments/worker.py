@@ -1,0 +1,224 @@
+"""A run of a sweep in a process of its own: here, or on another machine of a cluster.
+
+The process ends when whoever started it is gone, however that ended: it hears so from the pipe that
+is its standard input. And only one process at a time works on the folder of a run: the next waits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Thread
+
+from filelock import FileLock
+
+from train.experiments.forms import LABEL
+from train.experiments.identity import INPUTS, MODEL, named_policies, policy_files, put_policies
+from train.experiments.identity import put_files as put
+from train.experiments.kinds import is_complete, open_run
+from train.experiments.sweep import ERROR, PROGRESS, STOPPED
+from train.files import read_json, write_json, write_text
+from train.runs.folder import CHECKPOINT, CONFIG, RESULTS
+from train.runs.loop import Run
+
+LOG = "log.txt"
+LAST_WORD = 60.0
+"""Seconds that a run whose sweep is gone has for saving, before it is ended."""
+POLL = 0.2
+"""Seconds between two looks at a run."""
+
+Tell = Callable[[float, dict[str, bytes] | None], bool]
+"""Called now and then with the progress of a run on another machine, and with its files whenever it
+has saved; answers whether it is to stop."""
+
+
+# -- the process -----------------------------------------------------------------------------------
+
+
+def perform(folder: Path, episodes: int) -> None:
+    """Do the run in `folder`, or go on with it, to its results."""
+    with FileLock(folder / ".worker.lock"):  # a worker of a killed sweep may still be saving
+        if is_complete(folder):
+            return
+        run = open_run(folder)
+
+        def report(run: Run, row: dict[str, float]) -> None:
+            if row:  # the checkpoint has been written, and all that belongs to it
+                write_text(folder / PROGRESS, str(run.progress))
+
+        if run.progress < 1.0:
+            run.train(report)
+        if not run.stopped:
+            run.results(episodes)
+
+
+def end_with_the_sweep() -> None:
+    """Stop this process, once it has saved, when the other end of its standard input is gone."""
+
+    def listen() -> None:
+        while os.read(0, 1024):
+            pass
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(LAST_WORD)
+        os._exit(128 + signal.SIGTERM)
+
+    Thread(target=listen, daemon=True).start()
+
+
+# -- whoever starts it -----------------------------------------------------------------------------
+
+
+def worker_environment() -> dict[str, str]:
+    """One core a run: the libraries' own threads would get in each other's way."""
+    single = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+    return {**os.environ, **single}
+
+
+def start_worker(folder: Path, episodes: int) -> subprocess.Popen[bytes]:
+    """A process that does the run in `folder`; what it says goes to `log.txt`."""
+    with (folder / LOG).open("ab") as log:
+        return subprocess.Popen(
+            [sys.executable, "-m", "train.experiments.worker", str(folder), str(episodes)],
+            stdin=subprocess.PIPE,  # closed when this process ends, however it ends
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env=worker_environment(),
+            start_new_session=True,  # Ctrl-C reaches the sweep alone, which passes it on once
+        )
+
+
+def record_end(folder: Path, code: int) -> None:
+    """Write down why a run failed, if it did."""
+    if code == 0:
+        return
+    log = (folder / LOG).read_text(errors="replace").strip().splitlines()
+    reason = log[-1] if log else "no output"
+    if code < 0:
+        reason = f"killed by signal {-code} ({signal.Signals(-code).name})"
+    text = f"{reason}\n\nexit status {code}; the end of {LOG}:\n" + "\n".join(log[-30:]) + "\n"
+    write_text(folder / ERROR, text)
+
+
+def progress_of(folder: Path) -> float:
+    """How far a running run says it is, in [0, 1]."""
+    with contextlib.suppress(OSError, ValueError):
+        found = float((folder / PROGRESS).read_text())
+        return min(max(found, 0.0), 1.0) if math.isfinite(found) else 0.0
+    return 0.0
+
+
+# -- runs that travel ------------------------------------------------------------------------------
+
+
+def work_elsewhere(
+    files: dict[str, bytes], episodes: int, tell: Tell = lambda progress, files: False
+) -> dict[str, bytes]:
+    """Do one run on whatever machine this is: files of its folder in, files out.
+
+    Machines of a cluster need not share a disk. The run has a process of its own, so that a crash
+    of it is its own, too.
+
+    Args:
+        files: what `shipment` gave.
+        episodes: of the final evaluation.
+        tell: hears of it; when it says so, the run saves and stops.
+
+    Returns:
+        The files of the folder that belong to the run.
+    """
+    with TemporaryDirectory(prefix="pursuit-") as temporary:
+        folder = Path(temporary)
+        unpack(folder, files)
+        process = start_worker(folder, episodes)
+        told, stopping = None, False
+        try:
+            while process.poll() is None:
+                time.sleep(POLL)
+                saved, news = when_saved(folder), None
+                if saved not in (None, told):
+                    news = files_of(folder)
+                    if when_saved(folder) == saved:  # nothing was written in between
+                        told = saved
+                    else:
+                        news = None
+                if tell(progress_of(folder), news) and not stopping:
+                    stopping = True
+                    process.send_signal(signal.SIGINT)
+        finally:
+            if process.poll() is None:  # nobody hears of it any more
+                process.kill()
+                process.wait()
+        if not stopping:
+            record_end(folder, process.returncode)
+        return files_of(folder)
+
+
+def when_saved(folder: Path) -> tuple[int, int] | None:
+    """Tells two moments at which a run was saved apart; None before the first, and while it saves.
+
+    The progress is written after the checkpoint and all that belongs to it.
+    """
+    try:
+        checkpoint = (folder / CHECKPOINT).stat().st_mtime_ns
+        progress = (folder / PROGRESS).stat().st_mtime_ns
+    except OSError:
+        return None
+    return (checkpoint, progress) if progress >= checkpoint else None
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """The files of a run by their paths in the folder, without settings and what the sweep adds."""
+    others = {CONFIG, LABEL, PROGRESS, STOPPED}
+    found = {}
+    for path in folder.rglob("*"):
+        inner = path.relative_to(folder)
+        hidden = any(part.startswith(".") for part in inner.parts)
+        if hidden or inner.parts[0] == INPUTS or str(inner) in others:
+            continue
+        with contextlib.suppress(FileNotFoundError, IsADirectoryError):  # renamed just now
+            found[str(inner)] = path.read_bytes()
+    return found
+
+
+def shipment(folder: Path) -> dict[str, bytes]:
+    """What a run needs to begin or to go on on another machine, the policies that it reads too."""
+    plain = read_json(folder / CONFIG)
+    places = {}
+    found = {name: c for name, c in files_of(folder).items() if name not in (LOG, ERROR)}
+    for name, value in named_policies(plain).items():
+        if Path(value).exists():
+            inner = f"{INPUTS}/{name}"
+            found |= {f"{inner}/{n}": c for n, c in policy_files(Path(value)).items()}
+            places[name] = inner if Path(value).is_dir() else f"{inner}/{MODEL}"
+    return found | {CONFIG: json.dumps(put_policies(plain, places)).encode()}
+
+
+def unpack(folder: Path, files: dict[str, bytes]) -> None:
+    """Write what `shipment` gave; the settings name the policies where they are now."""
+    put(folder, files)
+    plain = read_json(folder / CONFIG)
+    places = {
+        name: str(folder / value)
+        for name, value in named_policies(plain).items()
+        if value.startswith(f"{INPUTS}/")
+    }
+    write_json(folder / CONFIG, put_policies(plain, places))
+
+
+def put_files(folder: Path, files: dict[str, bytes]) -> None:
+    """Write what came back: a checkpoint after what belongs to it, the results last of all."""
+    put(folder, {n: files[n] for n in sorted(files, key=lambda n: (n == RESULTS, n == CHECKPOINT))})
+
+
+if __name__ == "__main__":
+    end_with_the_sweep()
+    perform(Path(sys.argv[1]), int(sys.argv[2]))
