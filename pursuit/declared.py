@@ -60,9 +60,19 @@ def one_of(what: str, value: Any, choices: Sequence[str]) -> Any:
     return value
 
 
+def is_whole(value: Any) -> bool:
+    """Whether it is a whole number, of Python's or NumPy's; True and False are none."""
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is a real number, of Python's or NumPy's; True and False are none."""
+    return is_whole(value) or isinstance(value, (float, np.floating))
+
+
 def whole(name: str, value: Any, least: int = 0, most: int = 2**31 - 1) -> int:
     """`value` as an int, if it is a whole number from `least` to `most`; ValueError otherwise."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+    if not is_whole(value):
         raise ValueError(f"{name}={value!r}; it is a whole number")
     if value < least:
         raise ValueError(f"{name}={value}; it is at least {least}")
@@ -73,7 +83,7 @@ def whole(name: str, value: Any, least: int = 0, most: int = 2**31 - 1) -> int:
 
 def number(name: str, value: Any) -> float:
     """`value` as a float, if it is a finite number; ValueError otherwise."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+    if not is_number(value):
         raise ValueError(f"{name}={value!r}; it is a number")
     try:
         found = float(value)
@@ -86,8 +96,8 @@ def number(name: str, value: Any) -> float:
 
 def share(name: str, value: Any) -> float:
     """`value` as a float, if it is a share of random moves; ValueError otherwise."""
-    if not 0.0 <= number(name, value) <= 1.0:
-        raise ValueError(f"{name}={value}; a share of random moves lies in [0, 1]")
+    if not is_number(value) or not 0.0 <= value <= 1.0:
+        raise ValueError(f"{name}={value!r}; a share of random moves lies in [0, 1]")
     return float(value)
 
 

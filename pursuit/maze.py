@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import NoReturn
@@ -10,6 +11,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.declared import is_whole
 from pursuit.maze_sizes import grids_of, text_in
 from pursuit.rules import (
     EAST,
@@ -86,6 +88,8 @@ class Maze:
         self.rows, self.columns = rows.astype(np.int32), columns.astype(np.int32)
         self.neighbors = self._neighbor_table(open_south, open_east)
         self.start_mark = None if start is None else self._marked(start, "S")
+        if not isinstance(goals, Iterable):
+            raise ValueError(f"{name}: goals={goals!r}; give the (row, column) of each")
         self.goal_marks = tuple(sorted({self._marked(goal, "G") for goal in goals}))
         if self.start_mark in self.goal_marks:
             raise ValueError(f"{name}: start and goal are both at {start}; move one of the marks")
@@ -107,6 +111,8 @@ class Maze:
         return table
 
     def _marked(self, place: tuple[int, int], mark: str) -> int:
+        if np.shape(place) != (2,) or np.asarray(place).dtype.kind not in "iu":
+            raise ValueError(f"{self.name}: the mark {mark!r} at {place!r}; give (row, column)")
         inside = 0 <= place[0] < self.height and 0 <= place[1] < self.width
         cell = int(self.cell_numbers[place]) if inside else -1
         if cell < 0:
@@ -144,6 +150,9 @@ class Maze:
         Raises:
             ValueError: naming `name`, the line and the remedy, if the text is no such maze.
         """
+
+        if not isinstance(text, str):
+            raise ValueError(f"{name}: {text!r} is no text; give the drawing of a maze")
 
         def fail(line: int | None, problem: str) -> NoReturn:
             place = name if line is None else f"{name}: line {line + 1 + skipped}"
@@ -322,7 +331,7 @@ class Maze:
 
     def check_cell(self, cell: int) -> int:
         """`cell`, if it is the number of a cell; raises ValueError otherwise."""
-        if isinstance(cell, bool) or not isinstance(cell, (int, np.integer)):
+        if not is_whole(cell):
             raise ValueError(f"{self.name}: cell {cell!r}; a cell is a whole number")
         if not 0 <= cell < self.num_cells:
             raise ValueError(f"{self.name}: cell {cell}; the cells are 0 to {self.num_cells - 1}")

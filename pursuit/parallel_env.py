@@ -16,7 +16,7 @@ from pettingzoo.utils.conversions import parallel_to_aec
 
 from pursuit.rendering import AgentMark, Scene, Window, draw_scene, scene_to_text
 from pursuit.simulator import Simulator
-from pursuit.task import Task, make_task
+from pursuit.task import Task, checked_task, make_task
 
 RENDER_MODES = ("ansi", "rgb_array", "human")
 RENDER_FPS = 5
@@ -43,6 +43,7 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
     def __init__(
         self, task: Task, observation: str = "one_hot", render_mode: str | None = None
     ) -> None:
+        checked_task(task)
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise ValueError(
                 f"unknown render_mode {render_mode!r}; None or one of {', '.join(RENDER_MODES)}"
@@ -87,14 +88,15 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         Args:
             seed: begins all random streams anew; without one the streams go on (and begin at a
                 seed from the operating system).
-            options: `{"positions": cells of all agents, "goals": cells of all goals}` begins the
-                episode there; otherwise ignored.
+            options: `{"positions": cells of all agents, "goals": cells of all goals}`, with "maze",
+                its number, where there are several, begins the episode there; otherwise ignored.
+
+        Raises:
+            ValueError: a seed out of range, or cells that make no start; nothing is changed then.
         """
         if seed is None and not self._seeded:
             seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
-        self.simulator.reset(seed=seed)
-        if options and "positions" in options:
-            self.simulator.place(options["positions"], options.get("goals"))
+        begin(self.simulator, seed, options)
         self._seeded = True
         self.agents = self.possible_agents[:]
         if self.render_mode == "human":
@@ -120,6 +122,8 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
             if not self._seeded:
                 raise ValueError("step before reset; call reset() first")
             return {}, {}, {}, {}, {}
+        if not isinstance(actions, Mapping):
+            raise ValueError(f"actions={actions!r}; give a dict of an action for every agent")
         chosen = memoryview(self._actions[0])  # several times faster to write to than the array
         try:
             for agent in self.agents:
@@ -205,6 +209,16 @@ def action_masks(task: Task) -> list[NDArray[np.int8]]:
         mask.flags.writeable = False
         masks.append(mask)
     return masks
+
+
+def begin(simulator: Simulator, seed: int | None, options: Mapping[str, Any] | None) -> None:
+    """Begin new episodes as the options of an environment's `reset` say."""
+    if options is not None and not isinstance(options, Mapping):
+        raise ValueError(f"options={options!r}; give a dict")
+    if options and "positions" in options:
+        simulator.place(options["positions"], options.get("goals"), options.get("maze"), seed)
+    else:
+        simulator.reset(seed=seed)
 
 
 def render_game(

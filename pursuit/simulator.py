@@ -12,13 +12,20 @@ from pursuit import next_episode, rules
 from pursuit.declared import as_array, truth, whole
 from pursuit.maze_arrays import lay_out
 from pursuit.memory import check_memory
+from pursuit.next_episode import slots
 from pursuit.observations import Encoder
 from pursuit.placements import place_the_unplaced
 from pursuit.policy import GameView, Policy
 from pursuit.rules import layout
 from pursuit.shares import Shares
-from pursuit.simulator_state import SimulatorState, check_fits, live_state
-from pursuit.task import Task
+from pursuit.simulator_state import (
+    SimulatorState,
+    arrays_of,
+    bytes_of_game,
+    check_fits,
+    live_state,
+)
+from pursuit.task import Task, checked_task
 from pursuit.views import Views
 
 __all__ = ["Simulator", "SimulatorState"]
@@ -75,12 +82,10 @@ class Simulator:
         first_game: int = 0,
         auto_restart: bool = True,
     ) -> None:
-        if not isinstance(task, Task):
-            raise ValueError(f"task={task!r}; give a Task, such as pursuit.make_task('chase')")
-        num_games = whole("num_games", num_games, 1, 2**63 - 1)
+        task, num_games = checked_task(task), whole("num_games", num_games, 1, 2**63 - 1)
         first_game = whole("first_game", first_game, 0, 2**62)
         seed, auto_restart = whole("seed", seed, 0, 2**64 - 1), truth("auto_restart", auto_restart)
-        check_memory(f"num_games={num_games}", num_games * _bytes_of(task), "take fewer games")
+        check_memory(f"num_games={num_games}", num_games * bytes_of_game(task), "take fewer games")
         self.task, self.num_games, self.num_agents = task, num_games, task.num_agents
         self.first_game, self.auto_restart = first_game, auto_restart
         self._actions_shape = (num_games, task.num_agents)
@@ -167,7 +172,7 @@ class Simulator:
         self._check(rules.start_games(*self._kernel_arrays, chosen))
 
     def _slots(self, games: ArrayLike | None) -> NDArray[np.intp]:
-        return next_episode.slots(games, self.num_games)
+        return slots(games, self.num_games)
 
     def step(self, actions: ArrayLike) -> None:
         """Move every game by one step. Results are in the attributes.
@@ -193,10 +198,8 @@ class Simulator:
     def _checked_actions(self, actions: ArrayLike) -> NDArray[np.int32]:
         array = as_array("actions", actions, "iu", "give integers")
         if array.shape != self._actions_shape:
-            raise ValueError(
-                f"actions of shape {array.shape}; give [num_games, num_agents] = "
-                f"{self._actions_shape}"
-            )
+            shape = self._actions_shape
+            raise ValueError(f"actions of shape {array.shape}; [num_games, num_agents] is {shape}")
         return np.ascontiguousarray(np.clip(array, -1, self.task.num_actions), dtype=np.int32)
 
     def _check(self, outcome: int, actions: NDArray[np.int32] | None = None) -> None:
@@ -356,7 +359,7 @@ class Simulator:
         """What the agents observed as the last finished episode ended, of all games or `games`."""
         final = self._outcome.final
         if games is not None:
-            chosen = np.asarray(games)
+            chosen = self._slots(games)
             final = layout.Games(*(array[chosen] for array in final))
         return self._views.encode(final, encoding, seat)
 
@@ -365,9 +368,19 @@ class Simulator:
         return self._views.view(seat)
 
     def act(self, policies: Sequence[Policy | None], actions: NDArray[np.int32]) -> None:
-        """Write the action of every seat that has a policy into `actions` [games, agents]."""
+        """Write the action of every seat that has a policy into `actions` [games, agents].
+
+        Raises:
+            ValueError: a wrong shape, another number of seats, or a policy that is none.
+        """
+        if getattr(actions, "shape", None) != self._actions_shape:
+            raise ValueError(f"actions={actions!r}; an array of shape {self._actions_shape}")
+        if not isinstance(policies, Sequence) or len(policies) != self.num_agents:
+            raise ValueError(f"policies={policies!r}; one, or None, for each of the seats")
         for seat, policy in enumerate(policies):
             if policy is not None:
+                if not hasattr(policy, "act"):
+                    raise ValueError(f"policies[{seat}]={policy!r}; it has no method `act`")
                 actions[:, seat] = policy.act(self.view(seat))
 
 
@@ -381,15 +394,6 @@ def _copied(
 ) -> Simulator:
     simulator = Simulator(task, num_games, first_game=first_game, auto_restart=auto_restart)
     simulator.set_state(state)
-    for array, copied in zip(_arrays(simulator._outcome), _arrays(outcome), strict=True):
+    for array, copied in zip(arrays_of(simulator._outcome), arrays_of(outcome), strict=True):
         array[:] = copied
     return simulator
-
-
-def _bytes_of(task: Task) -> int:
-    """What one game takes."""
-    return sum(array.nbytes for array in layout.allocate(1, task.num_agents, task.num_goals))
-
-
-def _arrays(outcome: layout.Outcome) -> list[NDArray[Any]]:
-    return [*outcome.final, *(part for part in outcome if isinstance(part, np.ndarray))]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.next_episode import check_waiting, limits_of
+from pursuit.rules import layout
 from pursuit.rules.layout import UNCHANGED, NextEpisode
 from pursuit.task import Task
 
@@ -95,3 +96,13 @@ def _check_range(name: str, values: NDArray[Any], least: Any, most: Any) -> None
             f"a state of other games than these: {name} holds {values[wrong][0]}; it must come "
             "from the same task and mazes"
         )
+
+
+def arrays_of(outcome: layout.Outcome) -> list[NDArray[Any]]:
+    """All that steps write beside the games."""
+    return [*outcome.final, *(part for part in outcome if isinstance(part, np.ndarray))]
+
+
+def bytes_of_game(task: Task) -> int:
+    """The memory that one game of a simulator takes."""
+    return sum(array.nbytes for array in layout.allocate(1, task.num_agents, task.num_goals))

@@ -19,8 +19,8 @@ from pursuit.declared import (
     declared,
     finite,
     flag,
+    is_whole,
     one_of,
-    whole,
 )
 from pursuit.maze import Maze, load_maze
 from pursuit.placements import Apart, check_placeable
@@ -264,7 +264,9 @@ class Task:
             if agent not in names:
                 raise ValueError(f"unknown agent {agent!r}; this task has {', '.join(names)}")
             return names.index(agent)
-        return whole("seat", agent, 0, self.num_agents - 1)
+        if not is_whole(agent) or not 0 <= agent < self.num_agents:
+            raise ValueError(f"seat {agent!r}; this task has seats 0 to {self.num_agents - 1}")
+        return int(agent)
 
     @property
     def is_duel(self) -> bool:
@@ -305,6 +307,13 @@ class Task:
             table[number, layout.PAY_DISTANCE] = paid.distance
             table[number, layout.PAY_ON_COMPLETION] = paid.on_completion
         return table
+
+
+def checked_task(task: Any) -> Task:
+    """`task`, if it is one; ValueError otherwise."""
+    if not isinstance(task, Task):
+        raise ValueError(f"task={task!r}; give a Task, such as pursuit.make_task('chase')")
+    return task
 
 
 HEIST_REWARDS = {"evader": Rewards(step=-0.1, capture=-1.0, goal=1.0)}

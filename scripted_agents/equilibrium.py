@@ -9,7 +9,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.maze import Maze
+from pursuit.declared import as_array, number, truth, whole
+from pursuit.maze import Maze, load_maze
 from scripted_agents.best_response import MoveOrder
 from scripted_agents.game_kernels import evaluate, shapley, solve_matrix
 
@@ -48,7 +49,7 @@ def solve_matrix_game(payoff: ArrayLike) -> MatrixGame:
     Raises:
         ValueError: no matrix, an empty one, or entries that are not finite.
     """
-    matrix = np.array(payoff, dtype=np.float64)
+    matrix = as_array("payoff", payoff, "biuf", "give a matrix of numbers").astype(np.float64)
     if matrix.ndim != 2 or matrix.size == 0:
         raise ValueError(f"payoff has shape {matrix.shape}; give a matrix [rows, columns]")
     if not np.isfinite(matrix).all():
@@ -123,14 +124,14 @@ def solve_chase(
     Raises:
         ValueError: an argument outside these limits, or a game that does not fit into memory.
     """
-    if horizon is not None and horizon < 1:
-        raise ValueError(f"horizon {horizon}; give at least 1 step, or None for no horizon")
-    if horizon is None and not 0.0 < discount < 1.0:
+    maze, stay_action = load_maze(maze), truth("stay_action", stay_action)
+    if horizon is not None:
+        whole("horizon", horizon, 1)
+    if horizon is None and not 0.0 < number("discount", discount) < 1.0:
         raise ValueError(f"discount {discount}; it lies in (0, 1). Or give a horizon")
     if move_order not in ("simultaneous", "chasers_first"):
         raise ValueError(f"move_order {move_order!r}; choose 'simultaneous' or 'chasers_first'")
-    if num_chasers < 1:
-        raise ValueError(f"num_chasers {num_chasers}; at least 1")
+    whole("num_chasers", num_chasers, 1)
     actions = 5 if stay_action else 4
     needed = 8 * maze.num_cells ** (num_chasers + 1) * (actions**num_chasers + actions + 3)
     if needed > MAX_BYTES:

@@ -288,13 +288,28 @@ def test_bad_seeds(seed: Any) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"positions": [0, 99]}, "out of range"),
+        ({"positions": [0, 99]}, r"positions=\[0, 99\]; whole numbers from 0 to 24"),
+        ({"positions": [0, 1], "goals": [3]}, "this task has none"),
+        (5, "options=5; give a dict"),
         ({"positions": [3, 3]}, "begin in one cell"),
     ],
 )
-def test_bad_options(options: dict[str, Any], message: str) -> None:
+def test_bad_options_change_nothing(options: Any, message: str) -> None:
+    env = chase_v0.parallel_env()
+    env.reset(seed=3)
+    before = env.state().tolist()
     with pytest.raises(ValueError, match=message):
-        chase_v0.parallel_env().reset(options=options)
+        env.reset(options=options)
+    assert env.state().tolist() == before
+
+
+def test_options_name_the_maze_where_there_are_several() -> None:
+    env = chase_v0.parallel_env(maze=("3x3", "5x5"))
+    for seed in range(4):
+        env.reset(seed=seed, options={"positions": [0, 24], "maze": 1})
+        assert env.state().tolist() == [1, 25, 0]
+    with pytest.raises(ValueError, match="maze left out; this task has 2"):
+        env.reset(options={"positions": [0, 8]})
 
 
 def test_step_before_reset() -> None:

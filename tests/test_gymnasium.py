@@ -331,6 +331,14 @@ def test_wrong_settings(settings: dict[str, Any], message: str) -> None:
         gymnasium.make_vec(IDS[0], num_envs=2, **settings)
 
 
+def test_nobody_steps_before_a_reset() -> None:
+    task, policies = make_task("chase"), {"evader": RandomAgent()}
+    with pytest.raises(ValueError, match="step before reset; call reset"):
+        SingleAgentEnv(task, "chaser", policies).step(0)
+    with pytest.raises(ValueError, match="step before reset; call reset"):
+        SingleAgentVectorEnv(task, "chaser", policies, 2).step(np.zeros(2, dtype=int))
+
+
 def test_an_unknown_setting_is_an_unknown_keyword() -> None:
     with pytest.raises(TypeError, match="keyword argument 'chasers'"):
         gymnasium.make(IDS[0], chasers=2)
