@@ -9,17 +9,19 @@
             check_fields(self)
 
 A check takes the field's name and the value given, and returns the value as it is kept; its
-ValueError names the value, the rule and the remedy.
+ValueError names the value, the rule and the remedy. `whole`, `number`, `truth`, `one_of` and
+`whole_numbers` check the arguments of functions in the same way.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import field, fields
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
@@ -33,39 +35,17 @@ def declared(check: Check, default: Any) -> Any:
 
 def count(least: int, default: int) -> Any:
     """A field for a whole number from `least` to 2**31 - 1."""
-
-    def check(name: str, value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-            raise ValueError(f"{name}={value!r}; it is a whole number")
-        if not least <= value < 2**31:
-            raise ValueError(f"{name}={value}; it is at least {least}")
-        return int(value)
-
-    return declared(check, default)
+    return declared(lambda name, value: whole(name, value, least), default)
 
 
 def finite(default: float) -> Any:
     """A field for a finite number."""
-
-    def check(name: str, value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-            raise ValueError(f"{name}={value!r}; it is a number")
-        if not isfinite(value):
-            raise ValueError(f"{name}={value}; it is finite")
-        return float(value)
-
-    return declared(check, default)
+    return declared(number, default)
 
 
 def flag(default: bool) -> Any:
     """A field for True or False."""
-
-    def check(name: str, value: Any) -> bool:
-        if not isinstance(value, (bool, np.bool_)):
-            raise ValueError(f"{name}={value!r}; it is True or False")
-        return bool(value)
-
-    return declared(check, default)
+    return declared(truth, default)
 
 
 def choice(choices: Sequence[str], default: str) -> Any:
@@ -75,9 +55,76 @@ def choice(choices: Sequence[str], default: str) -> Any:
 
 def one_of(what: str, value: Any, choices: Sequence[str]) -> Any:
     """`value`, if it is one of `choices`; ValueError otherwise."""
-    if value not in choices:
+    if not isinstance(value, str) or value not in choices:
         raise ValueError(f"unknown {what} {value!r}; one of {', '.join(choices)}")
     return value
+
+
+def is_whole(value: Any) -> bool:
+    """Whether it is a whole number, of Python's or NumPy's; True and False are none."""
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is a real number, of Python's or NumPy's; True and False are none."""
+    return is_whole(value) or isinstance(value, (float, np.floating))
+
+
+def whole(name: str, value: Any, least: int = 0, most: int = 2**31 - 1) -> int:
+    """`value` as an int, if it is a whole number from `least` to `most`; ValueError otherwise."""
+    if not is_whole(value):
+        raise ValueError(f"{name}={value!r}; it is a whole number")
+    if value < least:
+        raise ValueError(f"{name}={value}; it is at least {least}")
+    if value > most:
+        raise ValueError(f"{name}={value}; it is at most {most}")
+    return int(value)
+
+
+def number(name: str, value: Any) -> float:
+    """`value` as a float, if it is a finite number; ValueError otherwise."""
+    if not is_number(value):
+        raise ValueError(f"{name}={value!r}; it is a number")
+    try:
+        found = float(value)
+    except OverflowError:  # a whole number of hundreds of digits
+        found = inf
+    if not isfinite(found):
+        raise ValueError(f"{name}={value}; it is finite")
+    return found
+
+
+def share(name: str, value: Any) -> float:
+    """`value` as a float, if it is a share of random moves; ValueError otherwise."""
+    if not is_number(value) or not 0.0 <= value <= 1.0:
+        raise ValueError(f"{name}={value!r}; a share of random moves lies in [0, 1]")
+    return float(value)
+
+
+def truth(name: str, value: Any) -> bool:
+    """`value` as a bool, if it is True or False; ValueError otherwise."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise ValueError(f"{name}={value!r}; it is True or False")
+    return bool(value)
+
+
+def whole_numbers(name: str, value: Any, least: int, most: int) -> NDArray[Any]:
+    """`value` as an array of whole numbers from `least` to `most`; ValueError otherwise."""
+    array = as_array(name, value, "iu", f"whole numbers from {least} to {most}")
+    if array.size and not least <= array.min() <= array.max() <= most:
+        raise ValueError(f"{name}={value!r}; whole numbers from {least} to {most}")
+    return array
+
+
+def as_array(name: str, value: Any, kinds: str, rule: str) -> NDArray[Any]:
+    """`value` as an array, if its dtype is of one of the `kinds` of NumPy (or it is empty)."""
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name}={value!r}; {rule}") from None
+    if array.size and array.dtype.kind not in kinds:
+        raise ValueError(f"{name}={value!r}; {rule}")
+    return array
 
 
 def check_fields(settings: Any) -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import warnings
 from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,10 +85,3 @@ def warn_of_masks(task: Task) -> None:
             "of the optimum. Give stay_action=True, or leave mask_bumps out",
             stacklevel=2,  # one place for all environments of a kind: shown once
         )
-
-
-def checked_flag(mask_bumps: Any) -> bool:
-    """ValueError unless it is a bool."""
-    if not isinstance(mask_bumps, (bool, np.bool_)):
-        raise ValueError(f"mask_bumps={mask_bumps!r}; give True or False")
-    return bool(mask_bumps)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import NoReturn
@@ -9,6 +11,8 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.declared import is_whole
+from pursuit.maze_sizes import grids_of, text_in
 from pursuit.rules import (
     EAST,
     NORTH,
@@ -44,7 +48,7 @@ class Maze:
 
     Raises:
         ValueError: no walkable cell; a mark on a blocked cell; a goal that the start, or another
-            goal, cannot reach; shapes that do not fit together.
+            goal, cannot reach; shapes that do not fit together; more than memory holds.
 
     Attributes:
         height, width: rows and columns of cells.
@@ -66,7 +70,7 @@ class Maze:
         goals: tuple[tuple[int, int], ...] = (),
         name: str = "maze",
     ) -> None:
-        walkable = np.array(walkable, dtype=bool)
+        walkable, open_south, open_east = grids_of(name, walkable, open_south, open_east)
         height, width = walkable.shape
         if open_south.shape != (height - 1, width) or open_east.shape != (height, width - 1):
             raise ValueError(
@@ -84,6 +88,8 @@ class Maze:
         self.rows, self.columns = rows.astype(np.int32), columns.astype(np.int32)
         self.neighbors = self._neighbor_table(open_south, open_east)
         self.start_mark = None if start is None else self._marked(start, "S")
+        if not isinstance(goals, Iterable):
+            raise ValueError(f"{name}: goals={goals!r}; give the (row, column) of each")
         self.goal_marks = tuple(sorted({self._marked(goal, "G") for goal in goals}))
         if self.start_mark in self.goal_marks:
             raise ValueError(f"{name}: start and goal are both at {start}; move one of the marks")
@@ -105,6 +111,8 @@ class Maze:
         return table
 
     def _marked(self, place: tuple[int, int], mark: str) -> int:
+        if np.shape(place) != (2,) or np.asarray(place).dtype.kind not in "iu":
+            raise ValueError(f"{self.name}: the mark {mark!r} at {place!r}; give (row, column)")
         inside = 0 <= place[0] < self.height and 0 <= place[1] < self.width
         cell = int(self.cell_numbers[place]) if inside else -1
         if cell < 0:
@@ -142,6 +150,9 @@ class Maze:
         Raises:
             ValueError: naming `name`, the line and the remedy, if the text is no such maze.
         """
+
+        if not isinstance(text, str):
+            raise ValueError(f"{name}: {text!r} is no text; give the drawing of a maze")
 
         def fail(line: int | None, problem: str) -> NoReturn:
             place = name if line is None else f"{name}: line {line + 1 + skipped}"
@@ -320,15 +331,28 @@ class Maze:
 
     def check_cell(self, cell: int) -> int:
         """`cell`, if it is the number of a cell; raises ValueError otherwise."""
+        if not is_whole(cell):
+            raise ValueError(f"{self.name}: cell {cell!r}; a cell is a whole number")
         if not 0 <= cell < self.num_cells:
             raise ValueError(f"{self.name}: cell {cell}; the cells are 0 to {self.num_cells - 1}")
         return int(cell)
 
+    @cached_property
+    def _content(self) -> bytes:
+        """A digest of all that a maze is but its name: equal where the texts are."""
+        digest = hashlib.sha256(repr((self.start_mark, self.goal_marks)).encode())
+        for array in (self.cell_numbers, self.neighbors):
+            digest.update(repr(array.shape).encode())
+            digest.update(array.tobytes())
+        return digest.digest()
+
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Maze) and self.to_text() == other.to_text()
+        if self is other:
+            return True
+        return isinstance(other, Maze) and self._content == other._content
 
     def __hash__(self) -> int:
-        return hash((self.height, self.width, self.neighbors.tobytes(), self.goal_marks))
+        return hash(self._content)
 
     def __repr__(self) -> str:
         return f"<Maze {self.name}: {self.height}x{self.width}, {self.num_cells} cells>"
@@ -351,12 +375,14 @@ def load_maze(maze: str | Path | Maze) -> Maze:
     """
     if isinstance(maze, Maze):
         return maze
+    if not isinstance(maze, (str, Path)):
+        raise ValueError(f"maze={maze!r}; give the name of a maze, a path, or a Maze")
     names = library_names()
     path = LIBRARY / f"{maze}.txt" if isinstance(maze, str) and maze in names else Path(maze)
     if "\n" in str(maze):
         raise ValueError("this is the text of a maze, not a name or path; use Maze.from_text")
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = text_in(path)
     except FileNotFoundError:
         raise ValueError(
             f"unknown maze {str(maze)!r}; shipped mazes: {', '.join(names)}; or give a path to "

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pursuit.maze import MAX_TABLE_CELLS, Maze
 from pursuit.rules import layout
+from pursuit.rules.distances import NO_PATH
 
 
 class MazeArrays(NamedTuple):
@@ -40,7 +41,7 @@ def lay_out(mazes: tuple[Maze, ...]) -> MazeArrays:
     num_marks = max(len(maze.goal_marks) for maze in mazes)
     num_cells = sum(maze.num_cells for maze in mazes)
     tables = [
-        np.minimum(maze.distances, 65535).astype(np.uint16).ravel()
+        np.minimum(maze.distances, NO_PATH).astype(np.uint16).ravel()
         for maze in mazes
         if maze.num_cells <= MAX_TABLE_CELLS
     ]

@@ -17,11 +17,16 @@ from typing import Any
 import numpy as np
 
 from pursuit.compiled import allocating, compiled
+from pursuit.declared import is_number, is_whole, truth
 from pursuit.maze import LIBRARY, Maze
+from pursuit.memory import check_memory
 from pursuit.rules import EAST, NORTH, SOUTH, next_below
 
 MAX_CELLS = 4_000_000
 """The largest maze that is generated; 2000×2000 cells take some seconds and 500 MB."""
+
+BYTES_PER_CELL = 100
+"""The memory that a cell takes while a maze is made: 70 measured, and what the algorithms keep."""
 
 OUTSIDE, FRONTIER, INSIDE = range(3)
 
@@ -217,8 +222,9 @@ def generate_maze(
         name: the name of the maze; by default the algorithm and the size, `"prim-9x9"`.
 
     Raises:
-        ValueError: an unknown algorithm, a size below 1 or above MAX_CELLS cells, loops outside
-            0 to 1, a negative seed, or no_dead_ends with a single row or column of cells.
+        ValueError: an unknown algorithm, a size below 1, above MAX_CELLS cells or beyond memory
+            (with the bytes that it needs), loops outside 0 to 1, a negative seed, or no_dead_ends
+            with a single row or column of cells.
     """
     width = height if width is None else width
     check_arguments(algorithm, height, width, loops, no_dead_ends, seed)
@@ -249,17 +255,20 @@ def check_arguments(
     seed: int | np.random.Generator,
 ) -> None:
     """Raise ValueError if `generate_maze` cannot take these."""
-    if algorithm not in ALGORITHMS:
+    if not isinstance(algorithm, str) or algorithm not in ALGORITHMS:
         raise ValueError(f"unknown algorithm {algorithm!r}; choose one of {', '.join(ALGORITHMS)}")
     for side, length in (("height", height), ("width", width)):
-        if not isinstance(length, int | np.integer) or length < 1:
+        if not is_whole(length) or length < 1:
             raise ValueError(f"{side} {length!r}; give a whole number of cells, 1 or more")
-    if int(height) * int(width) > MAX_CELLS:
+    cells = int(height) * int(width)
+    if cells > MAX_CELLS:
         raise ValueError(
-            f"{height}x{width} is {int(height) * int(width)} cells; a generated maze has at most "
-            f"{MAX_CELLS}: make it smaller"
+            f"{height}x{width} is {cells} cells; they need {cells * BYTES_PER_CELL:,} bytes, and a "
+            f"generated maze has at most {MAX_CELLS}: make it smaller"
         )
-    if not 0 <= loops <= 1:
+    check_memory(f"{height}x{width} cells", cells * BYTES_PER_CELL, "make it smaller")
+    truth("no_dead_ends", no_dead_ends)
+    if not is_number(loops) or not 0 <= loops <= 1:
         raise ValueError(
             f"loops {loops!r}; it is a share of the inner walls: give a number from 0 (a tree "
             "stays one) to 1 (the open room)"
@@ -269,9 +278,7 @@ def check_arguments(
             f"no_dead_ends in {height}x{width} cells; both ends of a single row or column are dead "
             "ends: give height and width of 2 or more, or leave no_dead_ends out"
         )
-    if not isinstance(seed, np.random.Generator) and (
-        not isinstance(seed, int | np.integer) or seed < 0
-    ):
+    if not isinstance(seed, np.random.Generator) and (not is_whole(seed) or seed < 0):
         raise ValueError(f"seed {seed!r}; give an int of 0 or more, or a numpy Generator")
 
 

@@ -1,4 +1,7 @@
-"""What takes effect as the next episode of a game begins: settings, and starts that repeat."""
+"""What an episode begins with: settings that wait for it, cells that are given, starts that repeat.
+
+All of it is checked before anything is changed.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pursuit.declared import as_array, one_of, whole_numbers
+from pursuit.placements import check_placeable
 from pursuit.rules.layout import NextEpisode
 from pursuit.rules.randomness import seed_starts as seed_start_streams
 from pursuit.task import Task
@@ -27,42 +32,131 @@ def configure(
     """Write the settings that are given into `coming`; see `Simulator.configure`.
 
     Raises:
-        ValueError: a value out of range; nothing is changed then.
+        ValueError: a value out of range, or a start that cannot be; nothing is changed then.
     """
     seats = slice(None) if seat is None else task.seat(seat)
-    shares = None if epsilon is None else _shares(epsilon, seat is None)
-    if shares is not None:
-        np.broadcast_to(shares, coming.epsilon[games, seats].shape)  # or ValueError
-    limits = {
+    waiting = NextEpisode(*(array[games] for array in coming))
+    if epsilon is not None:
+        shares = checked_shares(epsilon)
+        if shares.ndim == 1 and seat is None:
+            shares = shares[:, None]  # one for each game
+        fill("epsilon", waiting.epsilon[:, seats], shares)
+    given = {name: value for name, value in numbers.items() if value is not None}
+    limits = limits_of(task)
+    for name, value in given.items():
+        fill(name, getattr(waiting, name), whole_numbers(name, value, *limits[name]))
+    if goals_around is not None:
+        one_of("goals_around", goals_around, ("start", "marks"))
+        waiting.goals_around_marks[:] = goals_around == "marks"
+    check_waiting(task, waiting)
+    for array, values in zip(coming, waiting, strict=True):
+        array[games] = values
+
+
+def limits_of(task: Task) -> dict[str, tuple[int, int]]:
+    """The least and the largest of the whole numbers that wait for an episode."""
+    return {
         "maze": (-1, len(task.mazes) - 1),
         "num_goals": (-1, task.num_goals),
         "goal_radius": (-1, LARGEST),
+        "goals_around_marks": (-1, 1),
         "min_start_distance": (1, LARGEST),
         "max_start_distance": (-1, LARGEST),
     }
-    given = {name: value for name, value in numbers.items() if value is not None}
-    for name, value in given.items():
-        array, (least, most) = np.asarray(value), limits[name]
-        if array.dtype.kind not in "iu" or array.min() < least or array.max() > most:
-            raise ValueError(f"{name}={value!r}; whole numbers from {least} to {most}")
-        np.broadcast_to(array, games.shape)  # or ValueError
-    if goals_around not in (None, "start", "marks"):
-        raise ValueError(f"goals_around={goals_around!r}; one of start, marks")
-    if goals_around == "marks" and not all(maze.goal_marks for maze in task.mazes):
+
+
+def check_waiting(task: Task, waiting: NextEpisode) -> None:
+    """Refuse settings with which an episode cannot begin, in any of the mazes it may be drawn.
+
+    Raises:
+        ValueError: goals around marks that are not there, or distances that no placement meets.
+    """
+    if (waiting.goals_around_marks > 0).any() and not all(m.goal_marks for m in task.mazes):
         raise ValueError("goals_around='marks', but a maze of this task has no goal mark 'G'")
-    if shares is not None:
-        coming.epsilon[games, seats] = shares
-    for name, value in given.items():
-        getattr(coming, name)[games] = value
-    if goals_around is not None:
-        coming.goals_around_marks[games] = goals_around == "marks"
+    least, most = waiting.min_start_distance, waiting.max_start_distance
+    if (least <= 1).all() and (most < 0).all():
+        return
+    columns = (waiting.maze, waiting.num_goals, least, most)
+    for maze, *numbers in np.unique(np.stack(columns, axis=1), axis=0).tolist():
+        for number in range(len(task.mazes)) if maze < 0 else (maze,):
+            check_placeable(task.apart(number, *numbers))
 
 
-def _shares(epsilon: ArrayLike, for_all_seats: bool) -> NDArray[np.float64]:
-    shares = np.asarray(epsilon, dtype=np.float64)
+def checked_shares(epsilon: ArrayLike) -> NDArray[np.float64]:
+    """Shares of random moves as float64; NaN is the agent's own.
+
+    Raises:
+        ValueError: no number, or one outside [0, 1].
+    """
+    rule = "a share of random moves lies in [0, 1]; NaN leaves it to the agent"
+    shares = as_array("epsilon", epsilon, "iuf", rule).astype(np.float64)
     if ((shares < 0) | (shares > 1)).any():
-        raise ValueError(f"epsilon={epsilon!r}; a share of random moves lies in [0, 1]")
-    return shares[:, None] if shares.ndim == 1 and for_all_seats else shares
+        raise ValueError(f"epsilon={epsilon!r}; {rule}")
+    return shares
+
+
+def fill(name: str, array: NDArray[Any], values: NDArray[Any]) -> None:
+    """Write one value, or one for each, into the whole array.
+
+    Raises:
+        ValueError: neither one nor as many as there are; nothing is written then.
+    """
+    if values.size == 0 < array.size:
+        raise ValueError(f"{name}: nothing given for {len(array)} games; one for all, or for each")
+    if values.size == 0 or array.size == 0:
+        return
+    try:
+        array[:] = values
+    except ValueError:
+        raise ValueError(
+            f"{name} of shape {values.shape} for games of shape {array.shape}; give one for all, "
+            "or one for each"
+        ) from None
+
+
+def start_at(
+    task: Task,
+    coming: NextEpisode,
+    positions: ArrayLike,
+    goals: ArrayLike | None,
+    maze: ArrayLike | None,
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+    """The cells of all agents and goals, and the mazes, of every game; see `Simulator.place`.
+
+    Raises:
+        ValueError: cells or mazes that make no start.
+    """
+    games = len(coming.maze)
+    agents = np.empty((games, task.num_agents), dtype=np.int32)
+    wanted = np.empty((games, task.num_goals), dtype=np.int32)
+    mazes = coming.maze.copy() if len(task.mazes) > 1 else np.zeros(games, dtype=np.int32)
+    if maze is not None:
+        fill("maze", mazes, whole_numbers("maze", maze, 0, len(task.mazes) - 1))
+    if (mazes < 0).any():
+        raise ValueError(
+            f"maze left out; this task has {len(task.mazes)}: give the number of one, or one for "
+            "each game"
+        )
+    fill("positions", agents, whole_numbers("positions", positions, 0, task.max_cells - 1))
+    if goals is None and task.num_goals:
+        raise ValueError(f"goals left out; this task has {task.num_goals}")
+    if goals is not None:
+        cells = whole_numbers("goals", goals, -1, task.max_cells - 1)
+        if cells.size and not task.num_goals:
+            raise ValueError(f"goals={goals!r}; this task has none, leave them out")
+        fill("goals", wanted, cells)
+    sizes = np.array([each.num_cells for each in task.mazes])[mazes][:, None]
+    both = np.concatenate([agents, wanted], axis=1)
+    if (both >= sizes).any():
+        game, place = np.argwhere(both >= sizes)[0]
+        raise ValueError(
+            f"cell {both[game, place]} in positions or goals; the cells of maze "
+            f"{task.mazes[mazes[game]].name} are 0 to {sizes[game, 0] - 1}"
+        )
+    ordered = np.sort(both, axis=1)
+    if ((ordered[:, 1:] == ordered[:, :-1]) & (ordered[:, 1:] >= 0)).any():
+        raise ValueError("two agents or goals begin in one cell; give each its own")
+    return agents, wanted, mazes
 
 
 def seed_starts(streams: NDArray[np.uint64], games: NDArray[np.intp], seeds: Any) -> None:
@@ -71,8 +165,27 @@ def seed_starts(streams: NDArray[np.uint64], games: NDArray[np.intp], seeds: Any
     Raises:
         ValueError: a seed out of range, or a wrong number of them.
     """
-    array = np.asarray(seeds)
-    if array.dtype.kind not in "iu" or (array.size and not 0 <= array.min() <= array.max()):
-        raise ValueError(f"seeds={seeds!r}; whole numbers from 0 to 2**63 - 1")
-    each = np.broadcast_to(array, games.shape).astype(np.uint64)  # or ValueError
+    each = np.zeros(len(games), dtype=np.uint64)
+    fill("seeds", each, whole_numbers("seeds", seeds, 0, 2**63 - 1))
     seed_start_streams(streams, games, each)
+
+
+def slots(games: ArrayLike | None, num_games: int) -> NDArray[np.intp]:
+    """The indices of `games`, a bool mask or indices, of so many games; all for None.
+
+    Raises:
+        ValueError: neither of the two, or one that is not there.
+    """
+    every = np.arange(num_games)
+    if games is None:
+        return every
+    rule = f"give a mask of {num_games} bools, or indices"
+    array = as_array("games", games, "biu", rule)
+    if array.size == 0:
+        return every[:0]
+    if array.ndim > 1 or (array.ndim == 0 and array.dtype.kind == "b"):
+        raise ValueError(f"games={games!r}; {rule}")
+    try:
+        return np.atleast_1d(every[array])
+    except IndexError as error:
+        raise ValueError(f"games={games}: {error}; {rule}") from None

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pursuit.compiled import compiled, inlined
 from pursuit.rules.layout import COLLECTED, Games
-from pursuit.task import Task
+from pursuit.task import Task, checked_task
 
 ENCODINGS = ("one_hot", "positions", "cells", "walls", "planes", "index")
 FLOOR, SELF, TEAM, OTHER, GOAL, WALL = range(6)
@@ -63,9 +63,9 @@ class Encoder:
     """
 
     def __init__(self, task: Task, encoding: str) -> None:
-        if encoding not in ENCODINGS:
+        if not isinstance(encoding, str) or encoding not in ENCODINGS:
             raise ValueError(f"unknown observation {encoding!r}; one of {', '.join(ENCODINGS)}")
-        self.encoding, self._size = encoding, task.max_cells
+        self.encoding, self._size = encoding, checked_task(task).max_cells
         roles = task.seat_roles
         order = [
             sorted(
@@ -104,6 +104,8 @@ class Encoder:
         shape = (len(games.steps), len(order), *self.shape)
         if out is None:
             out = np.empty(shape, self.dtype)
+        elif not isinstance(out, np.ndarray):
+            raise ValueError(f"out={out!r}; give an array of shape {shape} and dtype {self.dtype}")
         elif out.shape != shape or out.dtype != self.dtype:
             raise ValueError(
                 f"out of shape {out.shape} and dtype {out.dtype}; {self.encoding!r} needs {shape} "

@@ -14,11 +14,12 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import wrappers
 from pettingzoo.utils.conversions import parallel_to_aec
 
-from pursuit.masks import ACTION_MASK, action_masks, checked_flag, warn_of_masks
+from pursuit.declared import truth
+from pursuit.masks import ACTION_MASK, action_masks, warn_of_masks
 from pursuit.maze_arrays import lay_out
 from pursuit.rendering import AgentMark, Scene, Window, draw_scene, scene_to_text
 from pursuit.simulator import Simulator
-from pursuit.task import Task, make_task
+from pursuit.task import Task, checked_task, make_task
 
 RENDER_MODES = ("ansi", "rgb_array", "human")
 RENDER_FPS = 5
@@ -51,6 +52,7 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         render_mode: str | None = None,
         mask_bumps: bool = False,
     ) -> None:
+        checked_task(task)
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise ValueError(
                 f"unknown render_mode {render_mode!r}; None or one of {', '.join(RENDER_MODES)}"
@@ -75,7 +77,7 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         self.state_space = gymnasium.spaces.Box(np.zeros_like(high), high, dtype=np.int32)
         self._seats = {name: seat for seat, name in enumerate(self.possible_agents)}
         self._actions = np.zeros((1, task.num_agents), dtype=np.int32)
-        self.mask_bumps, self._world = checked_flag(mask_bumps), lay_out(task.mazes).world
+        self.mask_bumps, self._world = truth("mask_bumps", mask_bumps), lay_out(task.mazes).world
         if self.mask_bumps:
             warn_of_masks(task)
         self._seeded = False
@@ -97,14 +99,15 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         Args:
             seed: begins all random streams anew; without one the streams go on (and begin at a
                 seed from the operating system).
-            options: `{"positions": cells of all agents, "goals": cells of all goals}` begins the
-                episode there; otherwise ignored.
+            options: `{"positions": cells of all agents, "goals": cells of all goals}`, with "maze",
+                its number, where there are several, begins the episode there; otherwise ignored.
+
+        Raises:
+            ValueError: a seed out of range, or cells that make no start; nothing is changed then.
         """
         if seed is None and not self._seeded:
             seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
-        self.simulator.reset(seed=seed)
-        if options and "positions" in options:
-            self.simulator.place(options["positions"], options.get("goals"))
+        begin(self.simulator, seed, options)
         self._seeded = True
         self.agents = self.possible_agents[:]
         if self.render_mode == "human":
@@ -130,6 +133,8 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
             if not self._seeded:
                 raise ValueError("step before reset; call reset() first")
             return {}, {}, {}, {}, {}
+        if not isinstance(actions, Mapping):
+            raise ValueError(f"actions={actions!r}; give a dict of an action for every agent")
         chosen = memoryview(self._actions[0])  # several times faster to write to than the array
         try:
             for agent in self.agents:
@@ -200,6 +205,16 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         if self._window is not None:
             self._window.close()
             self._window = None
+
+
+def begin(simulator: Simulator, seed: int | None, options: Mapping[str, Any] | None) -> None:
+    """Begin new episodes as the options of an environment's `reset` say."""
+    if options is not None and not isinstance(options, Mapping):
+        raise ValueError(f"options={options!r}; give a dict")
+    if options and "positions" in options:
+        simulator.place(options["positions"], options.get("goals"), options.get("maze"), seed)
+    else:
+        simulator.reset(seed=seed)
 
 
 def render_game(

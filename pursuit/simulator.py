@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit import next_episode, rules
+from pursuit.declared import as_array, truth, whole
 from pursuit.maze_arrays import lay_out
+from pursuit.memory import check_memory
+from pursuit.next_episode import slots
 from pursuit.observations import Encoder
+from pursuit.placements import place_the_unplaced
 from pursuit.policy import GameView, Policy
 from pursuit.rules import layout
-from pursuit.simulator_state import SimulatorState, check_fits
-from pursuit.task import Task
+from pursuit.shares import Shares
+from pursuit.simulator_state import (
+    SimulatorState,
+    arrays_of,
+    bytes_of_game,
+    check_fits,
+    live_state,
+)
+from pursuit.task import Task, checked_task
 from pursuit.views import Views
 
 __all__ = ["Simulator", "SimulatorState"]
@@ -38,7 +48,7 @@ class Simulator:
             of 0, until `reset` restarts them.
 
     Raises:
-        ValueError: counts or seeds out of range, or no start that the task allows was found.
+        ValueError: counts or seeds out of range, or more games than memory holds.
 
     Attributes (arrays that every step overwrites in place; copy what you keep):
         games: the arrays of the games under the names of the rule book.
@@ -57,9 +67,11 @@ class Simulator:
         episode_lengths: [num_games] int32, likewise.
         final_positions: [num_games, num_agents] int32, where that episode ended.
         epsilon: [num_games, num_agents] float64, the share of random moves of the scripted agent
-            in each seat; NaN leaves it to the agent. Write to it to change it at once.
-        next_epsilon: the same from each game's next episode on.
-        last_seed: what the streams were last seeded with; None after `set_state`.
+            in each seat; NaN leaves it to the agent. Write to it to change it at once; what is
+            written stays, until `configure` says something else for the next episode.
+        next_epsilon: the same from each game's next episode on; -1 where nothing waits.
+        last_seed: what all streams were last seeded with; None after `set_state`, and where only
+            some games were seeded.
     """
 
     def __init__(
@@ -70,12 +82,10 @@ class Simulator:
         first_game: int = 0,
         auto_restart: bool = True,
     ) -> None:
-        if not isinstance(task, Task):
-            raise ValueError(f"task={task!r}; give a Task, such as pursuit.make_task('chase')")
-        if num_games < 1:
-            raise ValueError(f"num_games={num_games}; give at least 1")
-        if first_game < 0:
-            raise ValueError(f"first_game={first_game}; games count from 0")
+        task, num_games = checked_task(task), whole("num_games", num_games, 1, 2**63 - 1)
+        first_game = whole("first_game", first_game, 0, 2**62)
+        seed, auto_restart = whole("seed", seed, 0, 2**64 - 1), truth("auto_restart", auto_restart)
+        check_memory(f"num_games={num_games}", num_games * bytes_of_game(task), "take fewer games")
         self.task, self.num_games, self.num_agents = task, num_games, task.num_agents
         self.first_game, self.auto_restart = first_game, auto_restart
         self._actions_shape = (num_games, task.num_agents)
@@ -93,12 +103,11 @@ class Simulator:
         self.games: layout.Games = layout.named(layout.games_of, memory)
         self._outcome: layout.Outcome = layout.named(layout.outcome_of, memory)
         self._coming: layout.NextEpisode = layout.named(layout.next_episode_of, memory)
-        self._num_cells = arrays.world.num_cells
         self.streams: NDArray[np.uint64] = memory.streams
-        self.epsilon: NDArray[np.float64] = memory.reals[:, layout.EPSILON]
+        self._epsilon: NDArray[np.float64] = memory.reals[:, layout.EPSILON]
         self.next_epsilon: NDArray[np.float64] = self._coming.epsilon
         self._name_arrays(self.games, self._outcome)
-        self._views = Views(task, self.games, self.streams, self.epsilon, arrays)
+        self._views = Views(task, self.games, self.streams, self._epsilon, arrays)
         self._coming.min_start_distance[:] = task.min_start_distance
         self.last_seed: int | None = None
         self.reset(seed)
@@ -123,44 +132,47 @@ class Simulator:
         """[num_games] bool, a fresh array: terminated or truncated in the last step."""
         return self.terminated | self.truncated
 
-    def seed(self, seed: int) -> None:
-        """Give every random stream of every game the state that belongs to (seed, game index).
+    @property
+    def epsilon(self) -> NDArray[np.float64]:
+        """See the attributes; a live array that refuses what is no share."""
+        return self._epsilon.view(Shares)
+
+    @epsilon.setter
+    def epsilon(self, shares: ArrayLike) -> None:
+        next_episode.fill("epsilon", self._epsilon, next_episode.checked_shares(shares))
+
+    def seed(self, seed: int, games: ArrayLike | None = None) -> None:
+        """Give every random stream the state that belongs to (seed, game index).
+
+        Args:
+            seed: 0 to 2**64 - 1.
+            games: a bool mask or index list; all by default.
 
         Raises:
-            ValueError: not a whole number from 0 to 2**64 - 1.
+            ValueError: a seed or game out of range.
         """
-        if not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
-            raise ValueError(f"seed={seed!r}; a seed is a whole number from 0 to 2**64 - 1")
-        self.last_seed = int(seed)
-        rules.seed_streams(self.streams, np.uint64(seed), self.first_game)  # type: ignore[arg-type]
+        seed, chosen = whole("seed", seed, 0, 2**64 - 1), self._slots(games)
+        fresh = np.empty_like(self.streams)
+        rules.seed_streams(fresh, np.uint64(seed), self.first_game)  # type: ignore[arg-type]
+        self.streams[chosen] = fresh[chosen]
+        self.last_seed = seed if games is None else None
 
     def reset(self, seed: int | None = None, games: ArrayLike | None = None) -> None:
         """Begin new episodes in all games, or in those of the bool mask or index list `games`.
 
+        A seed is that of these games only; the streams of the others go on.
+
         Raises:
-            ValueError: a seed or game out of range, or no placement that the settings allow was
-                found.
+            ValueError: a seed or game out of range.
         """
         chosen = np.zeros(self.num_games, dtype=bool)
         chosen[self._slots(games)] = True
         if seed is not None:
-            self.seed(seed)
+            self.seed(seed, games)
         self._check(rules.start_games(*self._kernel_arrays, chosen))
 
     def _slots(self, games: ArrayLike | None) -> NDArray[np.intp]:
-        """The indices of `games`, a bool mask or index list; all for None."""
-        every = np.arange(self.num_games)
-        if games is None:
-            return every
-        array = np.asarray(games)
-        if array.size == 0:
-            return every[:0]
-        try:
-            return np.atleast_1d(every[array])
-        except IndexError as error:
-            raise ValueError(
-                f"games={games}: {error}; give a mask of {self.num_games} bools, or indices"
-            ) from None
+        return slots(games, self.num_games)
 
     def step(self, actions: ArrayLike) -> None:
         """Move every game by one step. Results are in the attributes.
@@ -184,23 +196,16 @@ class Simulator:
             self._check(outcome, actions)
 
     def _checked_actions(self, actions: ArrayLike) -> NDArray[np.int32]:
-        array = np.asarray(actions)
-        if array.dtype.kind not in "iu":
-            raise ValueError(f"actions of dtype {array.dtype}; give integers")
+        array = as_array("actions", actions, "iu", "give integers")
         if array.shape != self._actions_shape:
-            raise ValueError(
-                f"actions of shape {array.shape}; give [num_games, num_agents] = "
-                f"{self._actions_shape}"
-            )
+            shape = self._actions_shape
+            raise ValueError(f"actions of shape {array.shape}; [num_games, num_agents] is {shape}")
         return np.ascontiguousarray(np.clip(array, -1, self.task.num_actions), dtype=np.int32)
 
     def _check(self, outcome: int, actions: NDArray[np.int32] | None = None) -> None:
         if outcome == layout.NO_PLACEMENT:
-            raise ValueError(
-                f"no start found in {rules.MAX_PLACEMENT_TRIES} tries that keeps chasers and "
-                "evaders as far apart as asked; lower min_start_distance, raise "
-                "max_start_distance, or take a larger maze"
-            )
+            task, arrays = self.task, self._kernel_arrays
+            place_the_unplaced(task.apart, task.teams, self.games, self._coming, arrays)
         if outcome == layout.BAD_ACTION and actions is not None:
             game, seat = np.argwhere((actions < 0) | (actions >= self.task.num_actions))[0]
             raise ValueError(
@@ -237,10 +242,12 @@ class Simulator:
             goals_around: what that radius surrounds: "start" (the first runner's or evader's start)
                 or "marks" (the nearest goal mark of the maze).
             min_start_distance, max_start_distance: path distance between every chaser and every
-                evader; -1 for no maximum.
+                evader; -1 for no maximum. Cells that no path joins are infinitely far apart: every
+                minimum holds for them, and no maximum does.
 
         Raises:
-            ValueError: a value out of range; nothing is changed then.
+            ValueError: a value out of range, or distances that no placement meets; nothing is
+                changed then.
         """
         next_episode.configure(
             self.task,
@@ -274,63 +281,54 @@ class Simulator:
 
     # -- copies ----------------------------------------------------------------------------------
 
-    def _state(self) -> SimulatorState:
-        """All that makes the games, live."""
-        coming = {f"next_{name}": array for name, array in self._coming._asdict().items()}
-        own = {
-            f.name: getattr(self, f.name) for f in fields(SimulatorState) if f.name not in coming
-        }
-        return SimulatorState(**own, **coming)
-
     def get_state(self, games: ArrayLike | None = None) -> SimulatorState:
         """Copies of all games, or of those of the index list `games`, exact to the last bit."""
         chosen = self._slots(games)
-        return SimulatorState(
-            **{name: array[chosen] for name, array in vars(self._state()).items()}
-        )
+        live = vars(live_state(self, self._epsilon, self._coming))
+        state = SimulatorState(**{name: array[chosen] for name, array in live.items()})
+        if self.auto_restart:  # the episodes that ended are over, these games are not
+            state.terminated[:] = state.truncated[:] = False
+        return state
 
     def set_state(self, state: SimulatorState, games: ArrayLike | None = None) -> None:
         """Put copied games into all slots, or into those of `games`; they go on as they would have.
 
         Raises:
-            ValueError: the number of games, or the task, is another one.
+            ValueError: the number of games, or the task, is another one; or a game is over, and
+                this simulator restarts games by itself. Nothing is changed then.
         """
         chosen = self._slots(games)
-        check_fits(state, self.task, len(chosen))
-        for name, array in vars(self._state()).items():
+        live = live_state(self, self._epsilon, self._coming)
+        check_fits(state, live, self.task, len(chosen))
+        if self.auto_restart and (state.terminated | state.truncated).any():
+            raise ValueError("a game of this state is over; reset it, or take auto_restart=False")
+        for name, array in vars(live).items():
             array[chosen] = getattr(state, name)
-        self.terminated[chosen] = self.truncated[chosen] = False
         self.last_seed = None
 
-    def place(self, positions: ArrayLike, goals: ArrayLike | None = None) -> None:
-        """Put every game at the beginning of an episode with these cells.
+    def place(
+        self,
+        positions: ArrayLike,
+        goals: ArrayLike | None = None,
+        maze: ArrayLike | None = None,
+        seed: int | None = None,
+    ) -> None:
+        """Put every game at the beginning of an episode with these cells, however far apart.
 
         Args:
             positions: [num_games, num_agents] cells (or one row for all games).
             goals: [num_games, num_goals] cells, -1 for an absent goal; needed if there are goals.
+            maze: index into `task.mazes`, for all games or for each; needed where there are
+                several, unless `configure` has chosen.
+            seed: as in `reset`.
 
         Raises:
-            ValueError: a cell out of range, two agents or goals in one cell, or goals left out.
+            ValueError: a cell out of range, two agents or goals in one cell, or goals or the maze
+                left out. Nothing is changed then.
         """
-        for name, given in (("positions", positions), ("goals", goals)):
-            if given is not None and np.asarray(given).dtype.kind not in "iu":
-                raise ValueError(f"{name}={given!r}; give whole numbers, the cells")
-        if self.task.num_goals and goals is None:
-            raise ValueError(f"goals left out; this task has {self.task.num_goals}")
-        self.reset()
-        agents = np.broadcast_to(np.asarray(positions), self.positions.shape)
-        wanted = np.broadcast_to(np.asarray(goals), self.goals.shape) if goals is not None else None
-        if wanted is None or not self.task.num_goals:
-            wanted = self.goals  # there are none
-        sizes = self._num_cells[self.maze_index][:, None]
-        if any(((c < least) | (c >= sizes)).any() for c, least in ((agents, 0), (wanted, -1))):
-            raise ValueError(
-                f"a cell out of range in positions or goals; the largest is {sizes.max() - 1}"
-            )
-        ordered = np.sort(np.concatenate([agents, wanted], axis=1), axis=1)
-        if ((ordered[:, 1:] == ordered[:, :-1]) & (ordered[:, 1:] >= 0)).any():
-            raise ValueError("two agents or goals begin in one cell; give each its own")
-        self.positions[:], self.goals[:] = agents, wanted
+        start = next_episode.start_at(self.task, self._coming, positions, goals, maze)
+        self.reset(seed)
+        self.positions[:], self.goals[:], self.maze_index[:] = start
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For `copy` and `pickle`, which would tear the arrays that share memory apart."""
@@ -348,8 +346,7 @@ class Simulator:
     ) -> NDArray[Any]:
         """What the agents observe now: a fresh array, or `out`.
 
-        Returns:
-            [num_games, num_agents, ...], or [num_games, ...] for one `seat`.
+        It is [num_games, num_agents, ...], or [num_games, ...] for one `seat`.
         """
         return self._views.encode(self.games, encoding, seat, out)
 
@@ -362,7 +359,7 @@ class Simulator:
         """What the agents observed as the last finished episode ended, of all games or `games`."""
         final = self._outcome.final
         if games is not None:
-            chosen = np.asarray(games)
+            chosen = self._slots(games)
             final = layout.Games(*(array[chosen] for array in final))
         return self._views.encode(final, encoding, seat)
 
@@ -371,9 +368,19 @@ class Simulator:
         return self._views.view(seat)
 
     def act(self, policies: Sequence[Policy | None], actions: NDArray[np.int32]) -> None:
-        """Write the action of every seat that has a policy into `actions` [games, agents]."""
+        """Write the action of every seat that has a policy into `actions` [games, agents].
+
+        Raises:
+            ValueError: a wrong shape, another number of seats, or a policy that is none.
+        """
+        if getattr(actions, "shape", None) != self._actions_shape:
+            raise ValueError(f"actions={actions!r}; an array of shape {self._actions_shape}")
+        if not isinstance(policies, Sequence) or len(policies) != self.num_agents:
+            raise ValueError(f"policies={policies!r}; one, or None, for each of the seats")
         for seat, policy in enumerate(policies):
             if policy is not None:
+                if not hasattr(policy, "act"):
+                    raise ValueError(f"policies[{seat}]={policy!r}; it has no method `act`")
                 actions[:, seat] = policy.act(self.view(seat))
 
 
@@ -387,10 +394,6 @@ def _copied(
 ) -> Simulator:
     simulator = Simulator(task, num_games, first_game=first_game, auto_restart=auto_restart)
     simulator.set_state(state)
-    for array, copied in zip(_arrays(simulator._outcome), _arrays(outcome), strict=True):
+    for array, copied in zip(arrays_of(simulator._outcome), arrays_of(outcome), strict=True):
         array[:] = copied
     return simulator
-
-
-def _arrays(outcome: layout.Outcome) -> list[NDArray[Any]]:
-    return [*outcome.final, *(part for part in outcome if isinstance(part, np.ndarray))]

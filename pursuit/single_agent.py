@@ -12,11 +12,13 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from pursuit.masks import ACTION_MASK, action_masks, checked_flag, warn_of_masks
+from pursuit.declared import as_array, is_whole, truth, whole
+from pursuit.masks import ACTION_MASK, action_masks, warn_of_masks
 from pursuit.maze_arrays import lay_out
 from pursuit.parallel_env import (
     RENDER_FPS,
     RENDER_MODES,
+    begin,
     render_game,
     scene_of,
 )
@@ -24,7 +26,7 @@ from pursuit.policy import Policy
 from pursuit.rendering import Window, draw_scene, scene_to_text
 from pursuit.rules.layout import World
 from pursuit.simulator import Simulator
-from pursuit.task import Task
+from pursuit.task import Task, checked_task
 
 Policies = Mapping[str, Policy]
 
@@ -40,7 +42,9 @@ def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, lis
     Raises:
         ValueError: a seat without a policy, or a policy for an agent that does not exist.
     """
-    seat = task.seat(own)
+    seat = checked_task(task).seat(own)
+    if not isinstance(policies, Mapping):
+        raise ValueError(f"policies={policies!r}; give a dict, policies by agent or role")
     known = {*task.agent_names, *task.seat_roles}
     for name in policies:
         if name not in known:
@@ -53,6 +57,8 @@ def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, lis
         policy = policies.get(name, policies.get(role))
         if other != seat and policy is None:
             raise ValueError(f"nobody fills the seat of {name}; add policies={{{name!r}: ...}}")
+        if other != seat and not callable(getattr(policy, "act", None)):
+            raise ValueError(f"the policy of {name} is {policy!r}; a policy has a method `act`")
         filled.append(None if other == seat else policy)
     return seat, filled
 
@@ -95,7 +101,7 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         self.observation_space = self.simulator.encoder(observation).space
         self.action_space = gymnasium.spaces.Discrete(task.num_actions)
         self._actions = np.zeros((1, task.num_agents), dtype=np.int32)
-        self.mask_bumps, self._world = checked_flag(mask_bumps), lay_out(task.mazes).world
+        self.mask_bumps, self._world = truth("mask_bumps", mask_bumps), lay_out(task.mazes).world
         if self.mask_bumps:
             warn_of_masks(task)
         self._seeded = False
@@ -104,14 +110,17 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
-        """Begin a new episode; `options` may hold "positions" and "goals" to begin there."""
-        super().reset(seed=seed)
-        if seed is None and not self._seeded:
+        """Begin a new episode; `options` may hold "positions" and "goals" to begin there.
+
+        Where the task has several mazes, "maze" says in which: its number.
+        """
+        if seed is not None:
+            seed = whole("seed", seed, 0, 2**64 - 1)
+        elif not self._seeded:
             seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+        begin(self.simulator, seed, options)
+        super().reset(seed=seed)
         self._seeded = True
-        self.simulator.reset(seed=seed)
-        if options and "positions" in options:
-            self.simulator.place(options["positions"], options.get("goals"))
         if self.render_mode == "human":
             self.render()
         return self.simulator.observe(self.observation, self.seat)[0], self._info()
@@ -122,8 +131,10 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         """Move your agent, and everybody else, by one step.
 
         Raises:
-            ValueError: an action out of range; then nobody has moved.
+            ValueError: before the first reset, or an action out of range; then nobody has moved.
         """
+        if not self._seeded:
+            raise ValueError("step before reset; call reset() first")
         try:
             number = index(action)
         except TypeError:
@@ -198,6 +209,7 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
     ) -> None:
         if render_mode not in (None, "rgb_array", "ansi"):
             raise ValueError(f"render_mode {render_mode!r}; a batch draws 'rgb_array' or 'ansi'")
+        num_envs = whole("num_envs", num_envs, 1, 2**63 - 1)
         self.task, self.observation, self.num_envs = task, observation, num_envs
         self.seat, self.policies = fill_seats(task, agent, policies)
         self.simulator = Simulator(task, num_envs, auto_restart=False)
@@ -212,7 +224,7 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
         }
         self.render_mode = render_mode
         self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)
-        self.mask_bumps, self._world = checked_flag(mask_bumps), lay_out(task.mazes).world
+        self.mask_bumps, self._world = truth("mask_bumps", mask_bumps), lay_out(task.mazes).world
         if self.mask_bumps:
             warn_of_masks(task)
         self._first_seed = seed
@@ -226,16 +238,14 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
         Raises:
             ValueError: a list of seeds (the games of one seed are independent already).
         """
-        if seed is not None and not isinstance(seed, (int, np.integer)):
+        if seed is not None and not is_whole(seed):
             raise ValueError(f"seed={seed!r}; give one integer: game i belongs to (seed, i)")
         if seed is None and not self._seeded:
             seed = self._first_seed
             if seed is None:
                 seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+        begin(self.simulator, None if seed is None else whole("seed", seed, 0, 2**64 - 1), options)
         self._seeded = True
-        self.simulator.reset(seed=None if seed is None else int(seed))
-        if options and "positions" in options:
-            self.simulator.place(options["positions"], options.get("goals"))
         return self.simulator.observe(self.observation, self.seat), self._infos()
 
     def step(
@@ -251,9 +261,12 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
             [num_envs] bool, infos.
 
         Raises:
-            ValueError: a wrong shape or dtype, or an action out of range; then nobody has moved.
+            ValueError: before the first reset, a wrong shape or dtype, or an action out of range;
+                then nobody has moved.
         """
-        simulator, own = self.simulator, np.asarray(actions)
+        if not self._seeded:
+            raise ValueError("step before reset; call reset() first")
+        simulator, own = self.simulator, as_array("actions", actions, "iu", "give integers")
         if own.shape != (self.num_envs,) or own.dtype.kind not in "iu":
             raise ValueError(
                 f"actions of shape {own.shape} and dtype {own.dtype}; give {self.num_envs} integers"

@@ -19,9 +19,11 @@ from pursuit.declared import (
     declared,
     finite,
     flag,
+    is_whole,
     one_of,
 )
-from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
+from pursuit.maze import Maze, load_maze
+from pursuit.placements import Apart, check_placeable
 from pursuit.rules import layout
 
 ROLES = ("chaser", "evader", "runner")
@@ -102,13 +104,20 @@ def _kept_rewards(name: str, given: Any) -> Any:
     """A named scheme as it is; `Rewards` by role as a dict that never changes."""
     if not isinstance(given, Mapping):
         return one_of(name, given, tuple(REWARD_SCHEMES))
-    unknown = set(given) - set(ROLES)
+    unknown = [role for role in given if role not in ROLES]
     if unknown:
-        raise ValueError(f"{name} for {sorted(unknown)}; the roles are {', '.join(ROLES)}")
+        raise ValueError(f"{name} for {unknown}; the roles are {', '.join(ROLES)}")
     for role, paid in given.items():
         if not isinstance(paid, Rewards):
             raise ValueError(f"{name} of the {role}: {paid!r}; give pursuit.Rewards(...)")
     return FrozenDict(given)
+
+
+def _kept_name(name: str, given: Any) -> Any:
+    """A name as it is."""
+    if not isinstance(given, str):
+        raise ValueError(f"{name}={given!r}; it is a text")
+    return given
 
 
 @dataclass(frozen=True)
@@ -127,7 +136,8 @@ class Task:
         start: "random": every agent and goal gets its own uniformly random cell; "marks": the
             first agent starts on `S`, the goals (or the evaders, where there are no goals) on the
             `G` marks in order, whoever has no mark at random.
-        min_start_distance: steps between every chaser and every evader at the start, at least.
+        min_start_distance: path steps between every chaser and every evader at the start, at least.
+            Cells that no path joins are infinitely far apart: every minimum holds for them.
         rewards: a named scheme ("goal", "completion", "distance", "zero_sum") or `Rewards` by role;
             roles left out are paid as in "goal".
         name: what results call this task.
@@ -147,14 +157,15 @@ class Task:
     start: str = choice(STARTS, default="random")
     min_start_distance: int = count(1, default=1)
     rewards: str | Mapping[str, Rewards] = declared(_kept_rewards, default="goal")
-    name: str = "custom"
+    name: str = declared(_kept_name, default="custom")
 
     def __post_init__(self) -> None:
         check_fields(self)
         self._check_that_it_can_end()
         self._check_who_collects()
-        for maze in self.mazes:
+        for number, maze in enumerate(self.mazes):
             self._check_maze(maze)
+            check_placeable(self.apart(number, -1, self.min_start_distance, -1))
 
     def _check_that_it_can_end(self) -> None:
         if self.num_agents == 0:
@@ -190,13 +201,15 @@ class Task:
                 f"maze {maze.name} falls into {maze.num_components} parts, so a goal could be out "
                 "of reach; open a wall, or block the smaller parts with '#'"
             )
-        if self.min_start_distance > 1 and maze.num_cells <= MAX_TABLE_CELLS:
-            longest = maze.longest_distance
-            if self.num_chasers and self.num_evaders and self.min_start_distance > longest:
-                raise ValueError(
-                    f"min_start_distance={self.min_start_distance}; no two cells of maze "
-                    f"{maze.name} are more than {longest} steps apart. Lower it"
-                )
+
+    def apart(self, maze: int, num_goals: int, least: int, most: int) -> Apart:
+        """How chasers and evaders are placed in the maze of that number.
+
+        Of `num_goals` -1 is all, of `most` (and `least`, path steps) no limit.
+        """
+        teams, marked = self.teams, self.start == "marks"
+        goals = teams.goals if num_goals < 0 else min(teams.goals, num_goals)
+        return Apart(self.mazes[maze], teams, marked, goals if marked else 0, least, most)
 
     @cached_property
     def mazes(self) -> tuple[Maze, ...]:
@@ -251,8 +264,8 @@ class Task:
             if agent not in names:
                 raise ValueError(f"unknown agent {agent!r}; this task has {', '.join(names)}")
             return names.index(agent)
-        if not 0 <= agent < self.num_agents:
-            raise ValueError(f"seat {agent}; this task has seats 0 to {self.num_agents - 1}")
+        if not is_whole(agent) or not 0 <= agent < self.num_agents:
+            raise ValueError(f"seat {agent!r}; this task has seats 0 to {self.num_agents - 1}")
         return int(agent)
 
     @property
@@ -296,6 +309,13 @@ class Task:
         return table
 
 
+def checked_task(task: Any) -> Task:
+    """`task`, if it is one; ValueError otherwise."""
+    if not isinstance(task, Task):
+        raise ValueError(f"task={task!r}; give a Task, such as pursuit.make_task('chase')")
+    return task
+
+
 HEIST_REWARDS = {"evader": Rewards(step=-0.1, capture=-1.0, goal=1.0)}
 """An evader that collects goals is in a hurry; paid for every step survived it would not be."""
 
@@ -314,10 +334,15 @@ def make_task(name: str, **settings: Any) -> Task:
     """The named task ("chase", "maze", "race" or "heist") with `settings` of `Task` changed.
 
     Raises:
-        ValueError: an unknown name or setting, or settings that make no game.
+        ValueError: an unknown name, or settings that make no game.
+        TypeError: an unknown setting, as an unknown keyword is everywhere.
     """
     one_of("task", name, TASK_NAMES)
     known = [field.name for field in fields(Task) if field.name != "name"]
     for setting in settings:
-        one_of("setting", setting, known)
+        if setting not in known:
+            raise TypeError(
+                f"make_task() got an unexpected keyword argument {setting!r}; the settings are "
+                f"{', '.join(known)}"
+            )
     return replace(_NAMED[name](), **settings)

@@ -40,7 +40,7 @@ class Views:
 
     def encoder(self, encoding: str) -> Encoder:
         """The `Encoder` of `encoding` for the task."""
-        if encoding not in self._encoders:
+        if not isinstance(encoding, str) or encoding not in self._encoders:
             self._encoders[encoding] = Encoder(self._task, encoding)
         return self._encoders[encoding]
 
@@ -52,9 +52,8 @@ class Views:
         if seat is None:
             return encoder.encode(games, out=out)
         number = self._task.seat(seat)
-        return encoder.encode(
-            games, slice(number, number + 1), None if out is None else out[:, None]
-        )[:, 0]
+        one = out[:, None] if isinstance(out, np.ndarray) and out.ndim else out
+        return encoder.encode(games, slice(number, number + 1), one)[:, 0]
 
     def view(self, seat: int | str) -> GameView:
         """The games as the policy in `seat` sees them."""

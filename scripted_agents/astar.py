@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pursuit.compiled import allocating
-from pursuit.maze import Maze
+from pursuit.maze import Maze, load_maze
 from pursuit.rules import UNREACHABLE
 
 
@@ -70,6 +70,7 @@ def shortest_path(maze: Maze, start: int, goal: int) -> list[int]:
     Raises:
         ValueError: a cell is not in the maze, or no path joins the two.
     """
+    maze = load_maze(maze)
     start, goal = maze.check_cell(start), maze.check_cell(goal)
     distances = np.full(maze.num_cells, UNREACHABLE, dtype=np.int32)
     parents = np.empty(maze.num_cells, dtype=np.int32)

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pursuit.declared import as_array, number, truth, whole
 from pursuit.masks import bump_masks
-from pursuit.maze import MAX_TABLE_CELLS, Maze
+from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
 from scripted_agents.memory import check_memory
 from scripted_agents.pair_kernels import (
     AT_ONCE,
@@ -43,6 +44,11 @@ class PairValues(np.ndarray[tuple[int, int], np.dtype[np.float64]]):
     def values(self) -> NDArray[np.float64]:
         """The same numbers as a plain array, as in `BestResponse.values`."""
         return self.view(np.ndarray)
+
+    def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
+        """What is computed from it is a plain array, or a plain number as of any other."""
+        plain = np.asarray(array)
+        return plain[()] if return_scalar else plain
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +123,9 @@ def best_response(
     """
     if role not in ("chaser", "evader"):
         raise ValueError(f"role {role!r}; the roles here are 'chaser' and 'evader'")
+    maze = load_maze(maze)
+    if stay_action is not None:
+        truth("stay_action", stay_action)
     _check_settings(maze, horizon, discount, move_order)
     table = checked_table(maze, opponent_table, "opponent_table")
     num_actions = table.shape[2] if stay_action is None else 4 + bool(stay_action)
@@ -168,6 +177,7 @@ def evaluate_exactly(
     The same quantity as `best_response(...).values`, arguments and errors as there: an array
     [chaser cell, evader cell] float64 with 0 on the diagonal, whose `.values` is itself.
     """
+    maze = load_maze(maze)
     _check_settings(maze, horizon, discount, move_order)
     chaser = checked_table(maze, chaser_table, "chaser_table")
     evader = checked_table(maze, evader_table, "evader_table")
@@ -202,7 +212,8 @@ def mean_over_starts(values: ArrayLike, maze: Maze, min_start_distance: int = 1)
     Raises:
         ValueError: `values` is not [num_cells, num_cells], or no two cells are so far apart.
     """
-    array = np.asarray(values)
+    maze, array = load_maze(maze), as_array("values", values, "iuf", "give numbers")
+    min_start_distance = whole("min_start_distance", min_start_distance, 0)
     if array.shape != (maze.num_cells, maze.num_cells):
         raise ValueError(
             f"values has shape {array.shape}; {maze.name} with {maze.num_cells} cells needs "
@@ -240,9 +251,9 @@ def _check_settings(maze: Maze, horizon: int | None, discount: float, move_order
         f"{maze.name}, {maze.num_cells} cells",
         "Use a smaller maze, or play episodes",
     )
-    if horizon is not None and horizon < 1:
-        raise ValueError(f"horizon {horizon}; give at least 1 step, or None for no horizon")
-    if not 0.0 < discount <= 1.0:
+    if horizon is not None:
+        whole("horizon", horizon, 1)
+    if not 0.0 < number("discount", discount) <= 1.0:
         raise ValueError(f"discount {discount}; it lies above 0 and is at most 1")
     if move_order not in ("simultaneous", "chasers_first"):
         raise ValueError(f"move_order {move_order!r}; choose 'simultaneous' or 'chasers_first'")
@@ -250,7 +261,8 @@ def _check_settings(maze: Maze, horizon: int | None, discount: float, move_order
 
 def checked_table(maze: Maze, table: ArrayLike, name: str) -> NDArray[np.float64]:
     """The table as float64, if it is one."""
-    array = np.ascontiguousarray(table, dtype=np.float64)
+    numbers = as_array(name, table, "biuf", "give probabilities")
+    array = np.ascontiguousarray(numbers, dtype=np.float64)
     size = maze.num_cells
     if array.ndim != 3 or array.shape[:2] != (size, size) or array.shape[2] not in (4, 5):
         raise ValueError(

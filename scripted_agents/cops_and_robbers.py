@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.maze import Maze
+from pursuit.declared import truth, whole
+from pursuit.maze import Maze, load_maze
 from scripted_agents.memory import check_memory
 from scripted_agents.places import distinct_moves
 from scripted_agents.turn_kernels import extend, join, trap
@@ -72,8 +73,8 @@ def solve_in_turns(
     Raises:
         ValueError: no chaser, or a game that does not fit into MAX_BYTES.
     """
-    if num_chasers < 1:
-        raise ValueError(f"num_chasers {num_chasers}; at least 1")
+    maze, stay_action = load_maze(maze), truth("stay_action", stay_action)
+    whole("num_chasers", num_chasers, 1)
     size, width = maze.num_cells, maze.width
     words = -(-maze.height * width // 64)
     teams = size**num_chasers
@@ -133,7 +134,7 @@ def cop_number(
     Raises:
         ValueError: the answer does not fit into memory.
     """
-    for chasers in range(1, most + 1):
+    for chasers in range(1, whole("most", most, 1) + 1):
         if solve_in_turns(maze, chasers, stay_action, report).has_winning_start:
             return chasers
     return None

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from pursuit.declared import one_of
 from pursuit.policy import Policy
 from pursuit.single_agent import SingleAgentEnv, SingleAgentVectorEnv
-from pursuit.task import Task, make_task
+from pursuit.task import ROLES, Task, make_task
 from scripted_agents.best_response import MoveOrder
 from scripted_agents.chaser import AStarChaser
 from scripted_agents.evader import AStarEvader
@@ -42,6 +43,7 @@ def scripted_policy(
     """
     if name not in SCRIPTED:
         raise ValueError(f"unknown agent {name!r}; one of {', '.join(SCRIPTED)}")
+    one_of("role", role, ROLES)
     if name == "random":
         return RandomAgent()
     if name == "astar":

@@ -9,7 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.maze import Maze
+from pursuit.declared import as_array, number, truth, whole
+from pursuit.maze import Maze, load_maze
 from scripted_agents.best_response import MoveOrder
 from scripted_agents.game_kernels import solve_matrix
 from scripted_agents.memory import check_memory
@@ -52,7 +53,7 @@ def solve_matrix_game(payoff: ArrayLike) -> MatrixGame:
     Raises:
         ValueError: no matrix, an empty one, or entries that are not finite.
     """
-    matrix = np.array(payoff, dtype=np.float64)
+    matrix = as_array("payoff", payoff, "biuf", "give a matrix of numbers").astype(np.float64)
     if matrix.ndim != 2 or matrix.size == 0:
         raise ValueError(f"payoff has shape {matrix.shape}; give a matrix [rows, columns]")
     if not np.isfinite(matrix).all():
@@ -130,16 +131,15 @@ def solve_chase(
     Raises:
         ValueError: an argument outside these limits, or a game that does not fit into memory.
     """
-    if horizon is not None and horizon < 1:
-        raise ValueError(f"horizon {horizon}; give at least 1 step, or None for no horizon")
-    if horizon is None and not 0.0 < discount < 1.0:
+    maze, stay_action = load_maze(maze), truth("stay_action", stay_action)
+    if horizon is not None:
+        whole("horizon", horizon, 1)
+    if horizon is None and not 0.0 < number("discount", discount) < 1.0:
         raise ValueError(f"discount {discount}; it lies in (0, 1). Or give a horizon")
     if move_order not in ("simultaneous", "chasers_first"):
         raise ValueError(f"move_order {move_order!r}; choose 'simultaneous' or 'chasers_first'")
-    if num_chasers < 1:
-        raise ValueError(f"num_chasers {num_chasers}; at least 1")
     check_memory(
-        bytes_to_solve(maze.num_cells, num_chasers, stay_action),
+        bytes_to_solve(maze.num_cells, whole("num_chasers", num_chasers, 1), stay_action),
         f"{maze.name}, {maze.num_cells} cells and {num_chasers} chaser(s)",
         "Take a smaller maze or fewer chasers",
         MAX_BYTES,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pursuit.declared import whole
 from scripted_agents import kernels
 from scripted_agents.scripted import Scripted
 
@@ -27,9 +28,5 @@ class AStarEvader(Scripted):
 
     def __init__(self, epsilon: float = 0.0, alert_distance: int = 3, look_radius: int = 3) -> None:
         super().__init__(epsilon)
-        if alert_distance < 0 or look_radius < 1:
-            raise ValueError(
-                f"alert_distance={alert_distance}, look_radius={look_radius}; the first is at "
-                "least 0, the second at least 1"
-            )
-        self.alert_distance, self.look_radius = alert_distance, look_radius
+        self.alert_distance = whole("alert_distance", alert_distance, 0)
+        self.look_radius = whole("look_radius", look_radius, 1)

@@ -8,10 +8,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.maze import Maze
+from pursuit.declared import number, one_of, share, truth
+from pursuit.maze import Maze, load_maze
 from pursuit.policy import GameView, TabularPolicy
 from pursuit.rules.layout import Games
-from pursuit.task import Task
+from pursuit.task import MOVE_ORDERS, Task
 from scripted_agents.best_response import MoveOrder, best_response
 from scripted_agents.equilibrium import ChaseSolution, bytes_to_solve, solve_chase
 from scripted_agents.places import places_of
@@ -48,11 +49,11 @@ class ExactAgent(ABC):
     ) -> None:
         if role not in ("chaser", "evader"):
             raise ValueError(f"role {role!r}; the roles here are 'chaser' and 'evader'")
-        if not 0.0 <= epsilon <= 1.0:
-            raise ValueError(f"epsilon={epsilon}; a share of random moves lies in [0, 1]")
         self.role: Role = role
-        self.epsilon, self.discount = float(epsilon), discount
-        self.move_order: MoveOrder = move_order
+        self.epsilon, self.discount = share("epsilon", epsilon), number("discount", discount)
+        if not 0.0 < self.discount <= 1.0:
+            raise ValueError(f"discount={discount}; it lies above 0 and is at most 1")
+        self.move_order: MoveOrder = one_of("move_order", move_order, MOVE_ORDERS)
         self._players: dict[tuple[Maze, bool, str], TablePolicy] = {}
         self._teams: dict[tuple[Maze, bool, str, int], TeamPolicy] = {}
 
@@ -145,7 +146,7 @@ class ExactAgent(ABC):
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64, for the agent's own move order."""
-        return self.table(maze, stay_action, self.move_order)
+        return self.table(load_maze(maze), truth("stay_action", stay_action), self.move_order)
 
 
 class OptimalChaser(ExactAgent):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.maze import MAX_TABLE_CELLS, Maze
+from pursuit.declared import share, truth
+from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.maze_arrays import MazeArrays, lay_out
 from pursuit.policy import GameView
 from pursuit.rules.layout import Games
@@ -31,9 +32,7 @@ class Scripted:
     look_radius = 0
 
     def __init__(self, epsilon: float = 0.0) -> None:
-        if not 0.0 <= epsilon <= 1.0:
-            raise ValueError(f"epsilon={epsilon}; a share of random moves lies in [0, 1]")
-        self.epsilon = float(epsilon)
+        self.epsilon = share("epsilon", epsilon)
         self._scratch = _scratch_for(1)
         self._greedy: dict[tuple[int, bool], tuple[object, NDArray[np.uint8]]] = {}
 
@@ -68,6 +67,7 @@ class Scripted:
         Raises:
             ValueError: the maze has too many cells for a table.
         """
+        maze, stay_action = load_maze(maze), truth("stay_action", stay_action)
         if maze.num_cells > MAX_TABLE_CELLS:
             raise ValueError(
                 f"{maze.name}: {maze.num_cells} cells; tables are made up to {MAX_TABLE_CELLS}"
@@ -81,10 +81,10 @@ class Scripted:
         # An enclosed cell has no move: whoever is there stays, or bumps into the north wall.
         nowhere = np.eye(actions)[4 if stay_action else 0]
         table = np.zeros((*pairs, actions))
-        for share, sets in ((1.0 - self.epsilon, masks), (self.epsilon, every)):
+        for weight, sets in ((1.0 - self.epsilon, masks), (self.epsilon, every)):
             chosen = (sets[..., None] >> np.arange(actions)) & 1
             size = chosen.sum(axis=-1, keepdims=True)
-            table += share * np.where(size == 0, nowhere, chosen / np.maximum(size, 1))
+            table += weight * np.where(size == 0, nowhere, chosen / np.maximum(size, 1))
         return table
 
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.maze import Maze
+from pursuit.declared import share, truth
+from pursuit.maze import Maze, load_maze
 from pursuit.policy import GameView
 from pursuit.rules.layout import Games
 from pursuit.task import Task
@@ -30,11 +31,9 @@ class TablePolicy:
     """
 
     def __init__(self, maze: Maze, table: ArrayLike, epsilon: float = 0.0) -> None:
-        self.maze = maze
-        self.table = checked_table(maze, table, "table")
-        if not 0.0 <= epsilon <= 1.0:
-            raise ValueError(f"epsilon={epsilon}; a share of random moves lies in [0, 1]")
-        self.epsilon = float(epsilon)
+        self.maze = load_maze(maze)
+        self.table = checked_table(self.maze, table, "table")
+        self.epsilon = share("epsilon", epsilon)
         self._cumulative = self.table.cumsum(axis=2).reshape(-1, self.table.shape[2])
         self._offsets = np.zeros(1, dtype=np.int64)
 
@@ -93,6 +92,7 @@ class TablePolicy:
         Raises:
             ValueError: another maze, or another number of actions.
         """
+        maze, stay_action = load_maze(maze), truth("stay_action", stay_action)
         if maze != self.maze or self.table.shape[2] != 4 + stay_action:
             raise ValueError(
                 f"a table of {self.table.shape[2]} actions for {self.maze.name}; asked for "

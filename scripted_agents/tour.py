@@ -10,7 +10,8 @@ from math import comb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.maze import MAX_TABLE_CELLS, Maze
+from pursuit.declared import as_array, whole
+from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.rules import UNREACHABLE, seed_streams
 from scripted_agents.tour_kernels import (
     draw_placements,
@@ -88,7 +89,10 @@ def shortest_tour(maze: Maze, start: int, goals: Iterable[int], seed: int = 0) -
     Raises:
         ValueError: a cell is not in the maze, or a goal cannot be reached.
     """
+    maze = load_maze(maze)
     start = maze.check_cell(start)
+    if not isinstance(goals, Iterable):
+        raise ValueError(f"goals={goals!r}; give the cells of the goals, [] for none")
     cells = np.array([start, *dict.fromkeys(maze.check_cell(goal) for goal in goals)])
     between = np.stack([maze.distances_from(int(cell))[cells] for cell in cells])
     if (between == UNREACHABLE).any():
@@ -137,7 +141,9 @@ def tour_lengths(
     Raises:
         ValueError: wrong shapes, a cell that is not in the maze, or a goal out of reach.
     """
-    start_cells, goal_cells = np.asarray(starts), np.asarray(goals)
+    maze = load_maze(maze)
+    start_cells = as_array("starts", starts, "iu", "cells are integers")
+    goal_cells = as_array("goals", goals, "iu", "cells are integers")
     if start_cells.ndim != 1 or goal_cells.ndim != 2 or len(start_cells) != len(goal_cells):
         raise ValueError(
             f"starts has shape {start_cells.shape} and goals {goal_cells.shape}; give [placements] "
@@ -146,8 +152,6 @@ def tour_lengths(
     for name, cells, least in (("starts", start_cells, 0), ("goals", goal_cells, -1)):
         if cells.size == 0:
             continue
-        if not np.issubdtype(cells.dtype, np.integer):
-            raise ValueError(f"{name} has dtype {cells.dtype}; cells are integers")
         if cells.min() < least or cells.max() >= maze.num_cells:
             wrong = cells[(cells < least) | (cells >= maze.num_cells)].flat[0]
             raise ValueError(
@@ -180,8 +184,7 @@ def tour_lengths(
 
 def _streams(seed: int) -> NDArray[np.uint64]:
     """One seeded random stream for the kernels."""
-    if seed < 0:
-        raise ValueError(f"seed {seed}; a seed is 0 or larger")
+    seed = whole("seed", seed, 0, 2**63 - 1)
     streams = np.empty(1, dtype=np.uint64)
     seed_streams(streams[None], seed, 0)
     return streams
@@ -200,6 +203,7 @@ def _warn_inexact(num_goals: int) -> None:
 
 def num_placements(num_cells: int, num_goals: int) -> int:
     """The placements of a start and of goals that cannot be told apart, all on distinct cells."""
+    num_cells, num_goals = whole("num_cells", num_cells, 1), whole("num_goals", num_goals, 0)
     return comb(num_cells, num_goals) * (num_cells - num_goals)
 
 
@@ -209,7 +213,7 @@ def num_states(num_cells: int, num_goals: int) -> int:
     The sum over i = 1 ... num_goals of C(n, i) (n - i): i goals on distinct cells, none of them
     under the runner.
     """
-    return sum(num_placements(num_cells, i) for i in range(1, num_goals + 1))
+    return sum(num_placements(num_cells, i) for i in range(1, whole("num_goals", num_goals, 0) + 1))
 
 
 def expected_tour_length(
@@ -230,13 +234,13 @@ def expected_tour_length(
         ValueError: fewer than 1 goal or more than cells - 1, fewer than 2 samples, or a maze that
             falls into parts.
     """
-    if not 1 <= num_goals <= maze.num_cells - 1:
+    maze, num_goals = load_maze(maze), whole("num_goals", num_goals, 1)
+    samples = whole("samples", samples, 2)
+    if num_goals > maze.num_cells - 1:
         raise ValueError(
             f"{maze.name}: num_goals {num_goals}; {maze.num_cells} cells hold a start and 1 to "
             f"{maze.num_cells - 1} goals; choose one of these numbers, or a larger maze"
         )
-    if samples < 2:
-        raise ValueError(f"samples {samples}; an interval needs at least 2")
     if (maze.distances_from(0) == UNREACHABLE).any():
         raise ValueError(
             f"{maze.name}: the maze falls into parts, so some goals are unreachable and the mean "

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import settings
 
 from pursuit import maze as maze_module
-from pursuit import maze_arrays
-from pursuit import task as task_module
+from pursuit import maze_arrays, placements
 from pursuit.maze_arrays import lay_out
 from scripted_agents import scripted, tour
 
@@ -30,7 +29,7 @@ def without_tables(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Non
     """Call it, and from then on every maze counts as too large for a table of distances."""
 
     def begin() -> None:
-        for module in (maze_module, maze_arrays, task_module, scripted, tour):
+        for module in (maze_module, maze_arrays, placements, scripted, tour):
             monkeypatch.setattr(module, "MAX_TABLE_CELLS", 10)
         lay_out.cache_clear()
 

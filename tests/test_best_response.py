@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import itertools
+import json
 import warnings
 from functools import cache
 from typing import Any, Literal
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from random_mazes import connected_maze, seeds, small_maze
 
 from pursuit.maze import Maze
-from scripted_agents import value_iteration
+from scripted_agents import RandomAgent, value_iteration
 from scripted_agents.best_response import MoveOrder
 
 # The package exports a function of the same name as this module.
@@ -328,3 +329,14 @@ def test_discounted_values_of_nearly_certain_opponents_converge(seed: int) -> No
     other = random_table(seed + 100, maze, sharp=60.0)
     met = solver.evaluate_exactly(maze, table, other, None, 0.95)
     assert met == pytest.approx(solver.evaluate_exactly(maze, table, other, 2000, 0.95), abs=1e-7)
+
+
+def test_what_is_computed_from_exact_values_is_plain() -> None:
+    maze = CORRIDOR
+    table = RandomAgent().action_probabilities(maze)
+    values = solver.evaluate_exactly(maze, table, table)
+    for number in (values.mean(), values.max(), values.sum(), values[0, 1]):
+        assert isinstance(number, float) and json.loads(json.dumps(number)) == number
+    assert json.loads(json.dumps((2 * values).tolist()))[0][0] == 0.0
+    assert type(values.mean(axis=0)) is np.ndarray and type(values + 1) is np.ndarray
+    assert values.values.mean() == values.mean()

@@ -262,7 +262,6 @@ def test_numpy_integers_are_actions() -> None:
         ({"observation": "pixels"}, "unknown observation 'pixels'; one of one_hot"),
         ({"render_mode": "3d"}, "unknown render_mode '3d'; None or one of ansi"),
         ({"maze": "5x6"}, "unknown maze '5x6'"),
-        ({"chasers": 2}, "unknown setting 'chasers'; one of maze"),
         ({"maze": "2x2", "num_evaders": 5}, "6 agents and 0 goals need 6 cells"),
         ({"num_evaders": 0}, "num_evaders=0"),
         ({"rewards": "gold"}, "unknown rewards 'gold'"),
@@ -274,22 +273,43 @@ def test_bad_settings(settings: dict[str, Any], message: str) -> None:
         chase_v0.parallel_env(**settings)
 
 
-@pytest.mark.parametrize("seed", [-1, 2**64, 1.5])
+def test_an_unknown_setting_is_an_unknown_keyword() -> None:
+    for make in (chase_v0.parallel_env, chase_v0.env, chase_v0.raw_env):
+        with pytest.raises(TypeError, match="keyword argument 'chasers'; the settings are maze"):
+            make(chasers=2)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**64, 1.5, "1", True, [1]])
 def test_bad_seeds(seed: Any) -> None:
-    with pytest.raises(ValueError, match="a seed is a whole number from 0 to"):
+    with pytest.raises(ValueError, match=r"seed=.*; it is (a whole number|at least|at most)"):
         chase_v0.parallel_env().reset(seed=seed)
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"positions": [0, 99]}, "out of range"),
+        ({"positions": [0, 99]}, r"positions=\[0, 99\]; whole numbers from 0 to 24"),
+        ({"positions": [0, 1], "goals": [3]}, "this task has none"),
+        (5, "options=5; give a dict"),
         ({"positions": [3, 3]}, "begin in one cell"),
     ],
 )
-def test_bad_options(options: dict[str, Any], message: str) -> None:
+def test_bad_options_change_nothing(options: Any, message: str) -> None:
+    env = chase_v0.parallel_env()
+    env.reset(seed=3)
+    before = env.state().tolist()
     with pytest.raises(ValueError, match=message):
-        chase_v0.parallel_env().reset(options=options)
+        env.reset(options=options)
+    assert env.state().tolist() == before
+
+
+def test_options_name_the_maze_where_there_are_several() -> None:
+    env = chase_v0.parallel_env(maze=("3x3", "5x5"))
+    for seed in range(4):
+        env.reset(seed=seed, options={"positions": [0, 24], "maze": 1})
+        assert env.state().tolist() == [1, 25, 0]
+    with pytest.raises(ValueError, match="maze left out; this task has 2"):
+        env.reset(options={"positions": [0, 8]})
 
 
 def test_step_before_reset() -> None:

@@ -327,7 +327,6 @@ def test_wrong_seats(kind: Any, agent: Any, policies: Any, message: str) -> None
         ({"render_mode": "3d"}, "render_mode '3d'"),
         ({"maze": "5x6"}, "unknown maze '5x6'"),
         ({"opponent_epsilon": 1.5}, "epsilon=1.5"),
-        ({"chasers": 2}, "unknown setting 'chasers'"),
         ({"max_steps": 2.5}, "max_steps=2.5"),
     ],
 )
@@ -336,6 +335,21 @@ def test_wrong_settings(settings: dict[str, Any], message: str) -> None:
         gymnasium.make(IDS[0], **settings)
     with pytest.raises(ValueError, match=message):
         gymnasium.make_vec(IDS[0], num_envs=2, **settings)
+
+
+def test_nobody_steps_before_a_reset() -> None:
+    task, policies = make_task("chase"), {"evader": RandomAgent()}
+    with pytest.raises(ValueError, match="step before reset; call reset"):
+        SingleAgentEnv(task, "chaser", policies).step(0)
+    with pytest.raises(ValueError, match="step before reset; call reset"):
+        SingleAgentVectorEnv(task, "chaser", policies, 2).step(np.zeros(2, dtype=int))
+
+
+def test_an_unknown_setting_is_an_unknown_keyword() -> None:
+    with pytest.raises(TypeError, match="keyword argument 'chasers'"):
+        gymnasium.make(IDS[0], chasers=2)
+    with pytest.raises(TypeError, match="keyword argument 'chasers'"):
+        gymnasium.make_vec(IDS[0], num_envs=2, chasers=2)
 
 
 @pytest.mark.parametrize("action", [4, -1, 1.5, None, "north", np.array([1]), 2**70])

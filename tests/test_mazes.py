@@ -329,7 +329,10 @@ def test_wilson_is_uniform_over_spanning_trees_and_prim_is_not() -> None:
         ({"height": 0}, "height 0; give a whole number"),
         ({"width": -3}, "width -3; give a whole number"),
         ({"height": 2.5}, "height 2.5; give a whole number"),
-        ({"height": 3000, "width": 2000}, "6000000 cells; .* at most 4000000: make it smaller"),
+        (
+            {"height": 3000, "width": 2000},
+            "6000000 cells; they need 600,000,000 bytes.* at most 4000000: make it smaller",
+        ),
         ({"loops": 1.5}, "loops 1.5; .*give a number from 0"),
         ({"loops": -0.1}, "loops -0.1; "),
         ({"loops": float("nan")}, "loops nan; "),

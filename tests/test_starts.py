@@ -41,6 +41,51 @@ def test_epsilon_takes_effect_at_the_next_restart_of_each_game_and_seat() -> Non
     np.testing.assert_array_equal(simulator.epsilon, expected)
 
 
+def test_what_is_written_to_epsilon_lasts_until_something_else_is_configured() -> None:
+    simulator = Simulator(CROWD, 3)
+    simulator.epsilon[:] = 0.5
+    simulator.epsilon[1, 2] = np.nan
+    expected = np.full((3, 6), 0.5)
+    expected[1, 2] = np.nan
+    simulator.configure([2], epsilon=0.1, seat=0)
+    for _ in range(2):
+        np.testing.assert_array_equal(simulator.epsilon, expected)
+        simulator.reset()
+        expected[2, 0] = 0.1
+    assert (simulator.next_epsilon == -1).all()
+    simulator.epsilon = 0.25  # type: ignore[assignment]
+    simulator.epsilon[:, 1] += 0.25
+    play(simulator, 30)  # restarts by itself
+    assert (simulator.epsilon[:, 1] == 0.5).all() and simulator.epsilon[0, 0] == 0.25
+
+
+@pytest.mark.parametrize("wrong", [np.inf, -0.1, 1.5, "much", None, [0.5, 2.0], {}, 1j])
+def test_epsilon_is_a_share(wrong: Any) -> None:
+    simulator = Simulator(TASKS["chase"], 2)
+    with pytest.raises(ValueError, match="epsilon"):
+        simulator.epsilon = wrong
+    with pytest.raises(ValueError, match="epsilon"):
+        simulator.epsilon[:] = wrong
+    with pytest.raises(ValueError, match="epsilon"):
+        simulator.epsilon[:, 0][1:] = wrong
+    assert np.isnan(simulator.epsilon).all()
+    assert type(np.isnan(simulator.epsilon)) is np.ndarray
+    assert isinstance(simulator.epsilon.max(), float)
+
+
+def test_settings_of_no_games_change_nothing() -> None:
+    simulator = Simulator(CROWD, 3)
+    before = simulator.get_state()
+    for value in ([], 1):
+        simulator.configure([], maze=value, num_goals=value, epsilon=value, goal_radius=value)
+        simulator.configure(np.zeros(3, dtype=bool), max_start_distance=value or [])
+    after = simulator.get_state()
+    for name in vars(before):
+        np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+    with pytest.raises(ValueError, match="maze: nothing given for 3 games"):
+        simulator.configure(maze=[])
+
+
 def collected_distances(simulator: Simulator, origin: Any) -> NDArray[np.int32]:
     """[games, goals]: the distance of every goal from the origin of its game."""
     maze = simulator.task.mazes[0]
@@ -181,6 +226,19 @@ def test_each_game_may_be_given_its_maze() -> None:
         {"min_start_distance": 0},
         {"max_start_distance": -2},
         {"max_start_distance": np.nan},
+        {"max_start_distance": 0},
+        {"max_start_distance": 1},
+        {"min_start_distance": 24},
+        {"min_start_distance": []},
+        {"num_goals": "two"},
+        {"num_goals": {}},
+        {"maze": [[0], [0, 0]]},
+        {"goals_around": 5},
+        {"goals_around": []},
+        {"epsilon": {}},
+        {"epsilon": 1j},
+        {"epsilon": 0.5, "seat": 1.5},
+        {"epsilon": 0.5, "seat": []},
     ],
     ids=str,
 )
@@ -199,9 +257,9 @@ def test_a_bad_setting_is_refused_and_changes_nothing(bad: dict[str, Any]) -> No
 
 def test_settings_that_no_placement_meets_are_reported() -> None:
     simulator = Simulator(TASKS["chase"], 2)
-    simulator.configure(min_start_distance=24)
-    with pytest.raises(ValueError, match=r"no start found.*lower min_start_distance"):
-        simulator.reset()
+    with pytest.raises(ValueError, match=r"min_start_distance=24.*maze 5x5.*10\. Lower it"):
+        simulator.configure(min_start_distance=24)
+    assert (simulator.get_state().next_min_start_distance == 2).all()
 
 
 # -- starts ----------------------------------------------------------------------------------------
@@ -252,37 +310,6 @@ def test_starts_on_marks() -> None:
     simulator.reset()
     assert_all_apart(simulator)
     assert (simulator.goals == [first, -1, -1]).all() and second in simulator.positions[:, 1]
-
-
-def test_place_begins_an_episode_where_asked() -> None:
-    task = make_task("heist", maze="5x5")
-    simulator = Simulator(task, 3, seed=0)
-    play(simulator, 5)
-    simulator.place([[0, 1], [2, 3], [4, 5]], [6, 7, -1])
-    assert simulator.positions.tolist() == [[0, 1], [2, 3], [4, 5]]
-    assert simulator.goals.tolist() == [[6, 7, -1]] * 3
-    assert not simulator.steps.any() and simulator.active.all()
-
-
-@pytest.mark.parametrize(
-    ("positions", "goals"),
-    [
-        ([0, 25], [1, 2, 3]),
-        ([0, -1], [1, 2, 3]),
-        ([0, 1], [2, 3, 25]),
-        ([0, 1], [2, 3, -2]),
-        ([0, 0], [1, 2, 3]),
-        ([0, 1], [2, 2, 3]),
-        ([0, 1], [1, 2, 3]),
-        ([0, 1], None),
-        ([0.5, 1], [2, 3, 4]),
-        ([0, 1, 2], [3, 4, 5]),
-    ],
-)
-def test_place_refuses_what_is_no_start(positions: Any, goals: Any) -> None:
-    simulator = Simulator(make_task("heist", maze="5x5"), 2)
-    with pytest.raises(ValueError):
-        simulator.place(positions, goals)
 
 
 # -- large mazes -----------------------------------------------------------------------------------

@@ -149,6 +149,13 @@ def test_equal_mazes_hash_alike_whatever_their_names(maze: str, name: str) -> No
     assert hash(Task(**DUEL, maze=one)) == hash(Task(**DUEL, maze=other))
 
 
+def test_equal_mazes_are_told_without_their_text(monkeypatch: pytest.MonkeyPatch) -> None:
+    maze, other = load_maze("5x5"), load_maze("5x5")
+    monkeypatch.setattr(Maze, "to_text", None)
+    assert maze == other and hash(maze) == hash(other) and maze is not other
+    assert maze != load_maze("5x5-tree") and maze != "5x5"
+
+
 def test_marks_tell_mazes_apart() -> None:
     lines = ("|S G|", "|  G|", "|   |", "|G G|")
     texts = [f"+-+-+\n{line}\n+-+-+" for line in lines]

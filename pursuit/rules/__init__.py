@@ -8,8 +8,13 @@ step          one step of one game: the rules themselves
 batches       the compiled entries over thousands of games
 """
 
-from pursuit.rules.batches import start_games, step_games_of
-from pursuit.rules.distances import all_distances, breadth_first, longest_distance
+from pursuit.rules.batches import place_games, start_games, step_games_of
+from pursuit.rules.distances import (
+    all_distances,
+    breadth_first,
+    count_partners,
+    longest_distance,
+)
 from pursuit.rules.layout import (
     CAPTURED,
     CHASER,
@@ -45,10 +50,12 @@ __all__ = [
     "Games",
     "all_distances",
     "breadth_first",
+    "count_partners",
     "draw_uniform",
     "longest_distance",
     "next_below",
     "next_uniform",
+    "place_games",
     "seed_streams",
     "start_games",
     "step_games_of",

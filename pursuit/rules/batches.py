@@ -23,6 +23,7 @@ from pursuit.rules.layout import (
     REAL_LAYERS,
     TERMINATED,
     TRUNCATED,
+    UNCHANGED,
     Games,
     Memory,
     Outcome,
@@ -40,7 +41,13 @@ from pursuit.rules.layout import (
     teams_of,
     world_of,
 )
-from pursuit.rules.starts import start
+from pursuit.rules.starts import (
+    place,
+    place_goals,
+    place_goals_on_marks,
+    place_others,
+    start,
+)
 from pursuit.rules.step import step
 
 
@@ -60,11 +67,13 @@ def keep_final(games: Games, game: int, teams: Teams, outcome: Outcome) -> None:
 
 @inlined
 def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: Any) -> bool:
-    """Begin an episode of one game with the settings that waited for it."""
+    """Begin an episode of one game with the settings that waited for it; False where no cells."""
     outcome, coming = outcome_of(memory), next_episode_of(memory)
     for agent in agents_of(rules.teams):
         outcome.returns[game, agent] = 0.0
-        memory.reals[game, EPSILON, agent] = coming.epsilon[game, agent]
+        if coming.epsilon[game, agent] != UNCHANGED:
+            memory.reals[game, EPSILON, agent] = coming.epsilon[game, agent]
+            coming.epsilon[game, agent] = UNCHANGED
     return start(games_of(memory), game, memory.streams, coming, rules, world, search_of(scratch))
 
 
@@ -73,13 +82,13 @@ def finish_episodes(
     memory: Memory, rules: Rules, world: World, scratch: Any, auto_restart: bool
 ) -> int:
     """Keep the ends of the games that have just ended, and begin them anew; OK or NO_PLACEMENT."""
-    games, outcome = games_of(memory), outcome_of(memory)
+    games, outcome, found = games_of(memory), outcome_of(memory), OK
     for game in range(outcome.terminated.shape[0]):
         if outcome.terminated[game] | outcome.truncated[game]:
             keep_final(games, game, rules.teams, outcome)
             if auto_restart and not start_game(memory, game, rules, world, scratch):
-                return NO_PLACEMENT
-    return OK
+                found = NO_PLACEMENT
+    return found
 
 
 @inlined
@@ -162,7 +171,7 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
         """Move every game by one step, in place; OK, BAD_ACTION (nothing moved) or NO_PLACEMENT.
 
         A game that ends is kept as final and, with `auto_restart`, begins anew at once; without, it
-        stays as it is and earns nothing.
+        stays as it is and earns nothing. NO_PLACEMENT: some that begin anew have no cells yet.
         """
         memory = Memory(agents, goals_, clocks, coming, reals, flags, rewards, streams)
         world = world_of(mazes, neighbors, facts, tables)
@@ -216,14 +225,57 @@ def start_games(
     scratch: Any,
     chosen: Any,
 ) -> int:
-    """Begin a new episode in every game where `chosen`; OK or NO_PLACEMENT."""
+    """Begin a new episode in every game where `chosen`; OK, or NO_PLACEMENT: some have no cells."""
     memory = Memory(agents, goals, clocks, coming, reals, flags, rewards, streams)
     rules = rules_of(teams_of(numbers), numbers, pay)
     world = world_of(mazes, neighbors, facts, tables)
-    outcome = outcome_of(memory)
+    outcome, found = outcome_of(memory), OK
     for game in range(chosen.shape[0]):
         if chosen[game]:
             if not start_game(memory, game, rules, world, scratch):
-                return NO_PLACEMENT
+                found = NO_PLACEMENT
             outcome.terminated[game] = outcome.truncated[game] = False
-    return OK
+    return found
+
+
+@compiled
+def place_games(
+    agents: Any,
+    goals: Any,
+    clocks: Any,
+    coming: Any,
+    reals: Any,
+    flags: Any,
+    rewards: Any,
+    streams: Any,
+    numbers: Any,
+    pay: Any,
+    mazes: Any,
+    neighbors: Any,
+    facts: Any,
+    tables: Any,
+    scratch: Any,
+    chosen: Any,
+    tries: int,
+) -> int:
+    """Place everybody of the games where `chosen`, in the mazes where they are; OK or NO_PLACEMENT.
+
+    Whole placements until the settings hold, at most `tries`. With 0 of them agents that have a
+    cell keep it, only the others and the goals are placed, and distances are not looked at.
+    """
+    memory = Memory(agents, goals, clocks, coming, reals, flags, rewards, streams)
+    rules = rules_of(teams_of(numbers), numbers, pay)
+    world, search = world_of(mazes, neighbors, facts, tables), search_of(scratch)
+    games, waiting, found = games_of(memory), next_episode_of(memory), OK
+    for game in range(chosen.shape[0]):
+        if not chosen[game]:
+            continue
+        if tries > 0:
+            placed = place(games, game, streams, waiting, rules, world, search, tries)
+        else:
+            marked = place_goals_on_marks(games, game, waiting, rules, world)
+            place_others(games, game, streams[game], rules, world, marked)
+            placed = place_goals(games, game, streams[game], waiting, rules, world, search)
+        if not placed:
+            found = NO_PLACEMENT
+    return found

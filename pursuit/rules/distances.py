@@ -11,7 +11,10 @@ from typing import Any
 import numpy as np
 
 from pursuit.compiled import allocating, compiled, inlined, subroutine
-from pursuit.rules.layout import UNREACHABLE, Search, World
+from pursuit.rules.layout import UNREACHABLE, Search, World, world_of
+
+NO_PATH = 65535
+"""UNREACHABLE in a table, whose entries are uint16."""
 
 
 @compiled
@@ -88,6 +91,35 @@ def forget(search: Search, reached: int) -> None:
         search.distance[search.queue[i]] = -1
 
 
+@compiled
+def count_partners(
+    mazes: Any,
+    neighbors: Any,
+    facts: Any,
+    tables: Any,
+    origins: Any,
+    least: int,
+    most: int,
+    distance: Any,
+    queue: Any,
+    counts: Any,
+) -> None:
+    """Write into `counts[cell]`, for each of `origins`, how many cells of a maze are right for it.
+
+    The maze is the first of the arrays; right are `least` to `most` steps, without a maximum where
+    that is -1: then cells that no path joins are right as well. `distance` is -1 everywhere.
+    """
+    world, search = world_of(mazes, neighbors, facts, tables), Search(distance, queue)
+    for i in range(origins.shape[0]):
+        cell = np.int64(origins[i])
+        reached = search_within(world, 0, cell, most if most >= 0 else least - 1, -1, search)
+        near = 0
+        while near < reached and search.distance[search.queue[near]] < least:
+            near += 1
+        counts[cell] = reached - near if most >= 0 else world.num_cells[0] - near
+        forget(search, reached)
+
+
 @inlined
 def has_table(world: World, maze: int) -> bool:
     """Whether the maze has a table of distances; it has none where it is too large."""
@@ -110,7 +142,8 @@ def table_distance(world: World, maze: int, a: int, b: int) -> int:
 def distance_within(world: World, search: Search, maze: int, a: int, b: int, limit: int) -> int:
     """Steps between cells a and b, or limit + 1 where there are more (or no path)."""
     if has_table(world, maze):
-        return min(table_distance(world, maze, a, b), limit + 1)
+        steps = table_distance(world, maze, a, b)
+        return limit + 1 if steps == NO_PATH else min(steps, limit + 1)
     return searched_distance(world, search, maze, a, b, limit)
 
 

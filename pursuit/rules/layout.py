@@ -33,6 +33,10 @@ COLLECTED, CAPTURED, WAS_CAPTURED = 1, 2, 4
 
 GOING_ON, TERMINATED, TRUNCATED = range(3)
 OK, BAD_ACTION, NO_PLACEMENT = range(3)
+UNPLACED = -1
+"""The cell of who waits for `pursuit.placements` to choose a start."""
+UNCHANGED = -1.0
+"""The next episode's epsilon where none waits: the present one stays."""
 
 # The stacked layers of the flat arrays.
 POSITION, ACTIVE, EVENT, FINAL_POSITION, FINAL_ACTIVE, FINAL_EVENT, AGENT_LAYERS = range(7)
@@ -148,7 +152,8 @@ class Games(NamedTuple):
 class NextEpisode(NamedTuple):
     """What takes effect as the next episode begins, [games] int32; -1 is "no limit", or "drawn".
 
-    epsilon: [games, agents] float64, the share of random moves; NaN leaves it to the agent.
+    epsilon: [games, agents] float64, the share of random moves; NaN leaves it to the agent, and
+        UNCHANGED the present one as it is, which the start of an episode puts here.
     """
 
     maze: Any
@@ -226,7 +231,7 @@ class Memory(NamedTuple):
 def allocate(num_games: int, num_agents: int, num_goals: int) -> Memory:
     """Memory for a batch of games that have not begun."""
     reals = np.zeros((num_games, REAL_LAYERS, num_agents))
-    reals[:, [EPSILON, NEXT_EPSILON]] = np.nan
+    reals[:, EPSILON], reals[:, NEXT_EPSILON] = np.nan, UNCHANGED
     return Memory(
         agents=np.zeros((num_games, AGENT_LAYERS, num_agents), dtype=np.int32),
         goals=np.zeros((num_games, GOAL_LAYERS, num_goals), dtype=np.int32),

@@ -1,7 +1,9 @@
 """Starts: where everybody and every goal stands as an episode begins.
 
 Agents are placed first, whole placements until the settings hold, so that starts are uniform over
-all placements that are allowed; then the goals, one by one.
+all placements that are allowed; then the goals, one by one. Where allowed placements are so rare
+that none of MAX_PLACEMENT_TRIES is one, `pursuit.placements` counts them and chooses, from the same
+distribution.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from pursuit.rules.distances import (
 )
 from pursuit.rules.layout import (
     STARTS_STREAM,
+    UNPLACED,
     Games,
     NextEpisode,
     Rules,
@@ -32,7 +35,7 @@ from pursuit.rules.layout import (
 )
 from pursuit.rules.randomness import next_below
 
-MAX_PLACEMENT_TRIES = 10_000
+MAX_PLACEMENT_TRIES = 1000
 
 
 @inlined
@@ -45,18 +48,34 @@ def start(
     world: World,
     search: Search,
 ) -> bool:
-    """Begin an episode: choose the maze, place agents and goals. False where nothing is allowed."""
+    """Begin an episode: choose the maze, place agents and goals. False where no try was allowed."""
     games.maze[game] = choose_maze(coming.maze[game], streams[game], world)
     games.steps[game] = 0
     for agent in agents_of(rules.teams):
         games.active[game, agent] = 1
         games.event[game, agent] = 0
-    for _ in range(MAX_PLACEMENT_TRIES):
+    return place(games, game, streams, coming, rules, world, search, MAX_PLACEMENT_TRIES)
+
+
+@inlined
+def place(
+    games: Games,
+    game: int,
+    streams: Any,
+    coming: NextEpisode,
+    rules: Rules,
+    world: World,
+    search: Search,
+    tries: int,
+) -> bool:
+    """Place agents and goals; False, with the first agent UNPLACED, where no try was allowed."""
+    for _ in range(tries):
         place_agents(games, game, streams[game], coming, rules, world)
         if starts_apart(games, game, coming, rules, world, search):
             if rules.teams.goals == 0:
                 return True
             return place_goals(games, game, streams[game], coming, rules, world, search)
+    games.position[game, 0] = UNPLACED
     return False
 
 
@@ -123,7 +142,7 @@ def place_agents(
     """Put every agent on its mark, or else on its own uniformly random cell, off marked goals."""
     teams, maze = rules.teams, games.maze[game]
     for agent in agents_of(teams):
-        games.position[game, agent] = -1
+        games.position[game, agent] = UNPLACED
     marked_goals = place_goals_on_marks(games, game, coming, rules, world)
     if rules.start_at_marks:
         if world.start_mark[maze] >= 0:
@@ -134,7 +153,15 @@ def place_agents(
                 if mark < world.num_goal_marks[maze]:
                     games.position[game, evader] = world.goal_marks[mark, maze]
                     mark += 1
-    for agent in agents_of(teams):
+    place_others(games, game, streams, rules, world, marked_goals)
+
+
+@inlined
+def place_others(
+    games: Games, game: int, streams: Any, rules: Rules, world: World, marked_goals: int
+) -> None:
+    """Put every agent that has no cell yet on its own uniformly random one, off marked goals."""
+    for agent in agents_of(rules.teams):
         if games.position[game, agent] < 0:
             cell = draw_free_cell(games, game, streams, rules, world, marked_goals)
             games.position[game, agent] = cell

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.maze import Maze
+from pursuit.placements import check_placeable
 from pursuit.simulator import Simulator
 from pursuit.task import Task
 from train.settings.checks import check
@@ -208,6 +209,7 @@ def start_distance(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     longest = maze.longest_distance
     near = min(max(3, least), longest)
     first, last = _radius(name, ends, (near, longest), least, maze)
+    check_placeable(ground.task.apart(0, -1, least, int(min(first, last))))
 
     def apply(simulator: Simulator, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
         simulator.configure(games, max_start_distance=_limit(values, longest))
