@@ -141,7 +141,7 @@ def sum_of_lengths(
             taken[goal] = True
         for cell in range(cells):
             if not taken[cell]:
-                total_long += min(np.int64(long[cell]), most)
-                total_short += min(np.int64(short[cell]), most)
+                total_long += long[cell] if long[cell] < most else most
+                total_short += short[cell] if short[cell] < most else most
         going = next_set(goals, count, cells)
     return total_long, total_short

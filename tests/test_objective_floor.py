@@ -10,10 +10,11 @@ import pytest
 
 from pursuit.maze import Maze, load_maze
 from pursuit.task import Rewards, make_task
-from scripted_agents import AStarChaser, AStarEvader, best_response, objective
+from scripted_agents import AStarChaser, AStarEvader, best_response, objective, why_not_optimal
 from scripted_agents.objective import tour_floor
 from train.evaluation.contest import GameContest
 from train.evaluation.floor import objective_floor
+from train.teaching.optimum import optimum_of
 
 
 def by_every_order(maze: Maze, num_goals: int, discount: float, most: int) -> float:
@@ -120,3 +121,14 @@ def test_what_would_take_too_long_or_too_much_memory_is_not_known(
         tour_floor(maze, 9, 0.95)
     with pytest.raises(ValueError, match=r"discount 1\.5"):
         tour_floor(maze, 3, 1.5)
+
+
+def test_a_heuristic_tour_is_never_called_optimal() -> None:
+    """Above 18 goals there is no optimum: not in results, not as what a curriculum goes by."""
+    for goals in (3, 19):
+        contest = contest_of("maze", "runner", maze="5x5", num_goals=goals)
+        known = goals <= 18
+        assert (contest.optimal() is not None) == known
+        assert ("optimal" in [score.name for score in contest.baselines()]) == known
+        assert (optimum_of(contest.task, "runner", {}) is not None) == known
+        assert (why_not_optimal(contest.task, "runner") is None) == known
