@@ -60,13 +60,18 @@ def test_a_run_leaves_a_complete_folder(trained: Path) -> None:
 def test_runners_and_evaders_are_trained_too(task: list[str], tmp_path: Path) -> None:
     run("train", *TINY, *task, "--frames", "1024", "--out", tmp_path / "run")
     evaluation = json.loads((tmp_path / "run" / "results.json").read_text())["evaluation"]
-    assert evaluation["optimal_steps"] > 0
+    assert evaluation["optimal_steps"] > 0 and "objective_floor" in evaluation
 
 
-def test_teams_without_a_known_optimum_are_trained_too(tmp_path: Path) -> None:
-    run("train", *TINY, "--num-chasers", "2", "--frames", "1024", "--out", tmp_path / "run")
-    evaluation = json.loads((tmp_path / "run" / "results.json").read_text())["evaluation"]
-    assert evaluation["optimal_steps"] is None and evaluation["optimality_gap"] is None
+def test_teams_are_trained_too_with_and_without_a_known_optimum(tmp_path: Path) -> None:
+    for number, (team, known) in enumerate((("--num-chasers", True), ("--num-evaders", False))):
+        out = tmp_path / str(number)
+        run("train", *TINY, team, "2", "--frames", "1024", "--out", out)
+        evaluation = json.loads((out / "results.json").read_text())["evaluation"]
+        assert evaluation["exact"] == known
+        assert (evaluation["optimal_steps"] is not None) == known
+        assert (evaluation["optimality_gap"] is not None) == known
+        assert evaluation["objective_floor"] is None
 
 
 def test_a_killed_run_resumes_to_the_same_weights_bit_for_bit(tmp_path: Path) -> None:

@@ -31,8 +31,11 @@ from scripted_agents import (
     TablePolicy,
     best_response,
     evaluate_exactly,
+    evaluate_team,
     mean_over_starts,
+    memory,
     solve_chase,
+    solve_in_turns,
     solve_matrix_game,
 )
 from train.evaluation.contest import GameContest
@@ -153,6 +156,28 @@ def test_neither_side_can_improve_on_the_equilibrium(
     assert (solved.values <= 1 / (1 - discount) + 1e-9).all()
 
 
+@pytest.mark.parametrize("discount", [0.999, 0.99999, 1 - 1e-8])
+@pytest.mark.parametrize("name", ["2x2", "3x3-open", "5x5-tree"])
+def test_discounts_near_1_are_solved_up_to_the_spacing_of_floats(
+    name: str, discount: float
+) -> None:
+    maze = load_maze(name)
+    solved = solve_chase(maze, discount)
+    apart = ~np.eye(maze.num_cells, dtype=bool)
+    assert solved.sweeps < 100
+    if maze.num_loops:  # one chaser never catches it there: every step of all counts
+        assert (solved.values[apart] == 1 / (1 - discount)).all()
+        return
+    # On a tree it is caught within 13 steps, so the discount only takes off what it is short of 1.
+    steps = solve_chase(maze, horizon=60).values
+    assert np.abs(solved.values - steps).max() < 100 * (1 - discount) + 1e-6
+    gap = (
+        best_response("evader", maze, solved.chaser_policy, None, discount).values
+        - best_response("chaser", maze, solved.evader_policy, None, discount).values
+    )
+    assert np.abs(gap).max() < 1e-6
+
+
 @pytest.mark.parametrize("name", ["5x5", "7x7", "7x7-tree", "9x9-open"])
 def test_the_duality_gap_of_shipped_mazes(name: str) -> None:
     maze = load_maze(name)
@@ -267,6 +292,35 @@ def test_an_evader_that_cannot_be_reached_is_never_caught() -> None:
 def test_games_that_cannot_be_solved_say_why(arguments: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         solve_chase(load_maze("15x15"), **arguments)
+
+
+def test_sizes_beyond_memory_are_refused_with_their_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    maze, table = load_maze("15x15"), np.zeros((225, 225, 4))
+    with pytest.raises(ValueError, match=r"needs 8,[0-9,]+ bytes .* most that is used"):
+        solve_chase(maze, num_chasers=2)
+    monkeypatch.setattr(memory, "available_bytes", lambda: 1000)
+    for call in (
+        lambda: solve_chase(maze),
+        lambda: solve_in_turns(maze),
+        lambda: best_response("chaser", maze, table),
+        lambda: evaluate_team(make_task("chase"), {"chaser": AStarChaser()}),
+    ):
+        with pytest.raises(ValueError, match=r"needs [0-9,]+ bytes .*; 1,000 bytes .* available"):
+            call()
+
+
+def test_the_memory_of_this_machine_is_known() -> None:
+    available = memory.available_bytes()
+    assert available is None or available > 10**7
+
+
+def test_long_solutions_say_how_far_they_are() -> None:
+    shares: list[float] = []
+    solve_chase(load_maze("4x4-open"), 0.9375, num_chasers=2, report=shares.append)
+    assert shares and shares == sorted(shares) and 0 <= shares[0] <= shares[-1] <= 1
+    count = len(shares)
+    solve_chase(load_maze("4x4-open"), 0.9375, num_chasers=2, report=shares.append)
+    assert len(shares) == count  # it was kept
 
 
 # -- agents that play solutions --------------------------------------------------------------------

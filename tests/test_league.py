@@ -202,3 +202,35 @@ def test_opponents_by_name_in_training() -> None:
         opponents = opponents_of(make_task("chase"), "chaser", name, 0.1)
         form = {"random": RandomAgent, "optimal": OptimalEvader, "astar": AStarEvader}[name]
         assert type(opponents["evader"]) is form
+
+
+def test_survival_for_ever_is_called_so(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """On 5x5 one chaser never catches the optimal evader: ranks of chasers say nothing of that."""
+    entries = ["league", "astar", "random", "optimal", "--games", "30", "--out"]
+    main([*entries, str(tmp_path / "open")])
+    told = capsys.readouterr()
+    assert "never caught by any chaser here: optimal; the steps until capture are" in told.err
+    assert "every chaser is as good as any other" in told.err and "never" in told.out
+    content = json.loads((tmp_path / "open" / "league.json").read_text())
+    assert content["never_caught"] == ["optimal"] and content["never_catches"] == []
+    assert content["ranks_mean_nothing"] == ["chaser"]
+    assert [row[2] for row in content["out_of_time"]] == [1.0, 1.0, 1.0]
+    main([*entries, str(tmp_path / "tree"), "--maze", "5x5-tree"])
+    assert "never caught" not in capsys.readouterr().err
+
+
+def test_optimal_is_refused_where_it_is_not_known(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, message in (
+        (["self-play", "--maze", "15x15", "--num-chasers", "2", "--evader", "optimal"], "bytes"),
+        (["self-play", "--num-evaders", "2", "--members", "optimal"], "2 evader(s)"),
+        (["train", "--task", "heist", "--opponent", "optimal"], "3 goal(s)"),
+        (
+            ["render", "--task", "maze", "--maze", "9x9", "--num-goals", "19", "--optimal"],
+            "19 goals",
+        ),
+        (["solve", "--maze", "15x15", "--num-chasers", "2"], "bytes"),
+    ):
+        with pytest.raises(SystemExit):
+            main(arguments)
+        error = capsys.readouterr().err
+        assert message in error and error.count("\n") == 1

@@ -11,7 +11,8 @@ import tyro
 
 from train.algorithms.registry import entry
 from train.commands.parse import parse
-from train.commands.scores import print_scores
+from train.commands.scores import print_floor, print_scores
+from train.evaluation.floor import objective_floor
 from train.files import write_json
 from train.runs.loop import machine, versions
 from train.runs.opponents import load_policy
@@ -54,12 +55,14 @@ def evaluate(arguments: Sequence[str]) -> None:
         scores.append(contest.score("learned, sampled", sampled))
     print(contest.line())
     print_scores(scores)
+    floor = objective_floor(contest, settings.hyper.gamma)
+    print_floor(floor, settings.hyper.gamma)
     if given.out is not None:
         same = ("algorithm", "curriculum", "seed")
         content = {
             **contest.describe(),
             **{name: getattr(settings, name) for name in same},
-            **evaluation_of(scores, settings.evaluate),
+            **evaluation_of(scores, settings.evaluate, floor),
             "versions": versions(),
             "machine": machine(),
         }

@@ -73,8 +73,10 @@ def _print(task: Task, table: LeagueTable, content: dict[str, Any]) -> None:
         grid.add_column(name, justify="right")
     for i, name in enumerate(table.chasers):
         cells = [
-            f"{value:.2f}" + (f" ± {half:.2f}" if half else "")
-            for value, half in zip(table.payoff[i], table.ci95[i], strict=True)
+            ("never" if never else f"{value:.2f}") + (f" ± {half:.2f}" if half else "")
+            for value, half, never in zip(
+                table.payoff[i], table.ci95[i], content["never"][i], strict=True
+            )
         ]
         grid.add_row(name, *cells)
     console.print(grid)
@@ -95,6 +97,8 @@ def _print(task: Task, table: LeagueTable, content: dict[str, Any]) -> None:
                 f"{row['steps_against_nash']:.2f}",
             )
         console.print(ratings)
+    for line in survival_lines(task, content):
+        print(f"\nwarning: {line}", file=sys.stderr)
     for role in ROLES:
         if content[f"{role}_cycle"]:
             chain = " > ".join([*content[f"{role}_cycle"], content[f"{role}_cycle"][0]])
@@ -109,3 +113,24 @@ def _print(task: Task, table: LeagueTable, content: dict[str, Any]) -> None:
             f"each is the best answer to the one before: {chain}",
             file=sys.stderr,
         )
+
+
+def survival_lines(task: Task, content: dict[str, Any]) -> list[str]:
+    """What is to be said where evaders live for ever."""
+    lines = []
+    never, empty = content["never_caught"], content["never_catches"]
+    if never:
+        lines.append(
+            f"never caught by any chaser here: {', '.join(never)}; the steps until capture are "
+            f"infinite, and {task.max_steps} is only where the games are cut"
+        )
+    if "chaser" in content["ranks_mean_nothing"]:
+        lines.append(
+            "against such an evader every chaser is as good as any other, so ranks of chasers "
+            "(above all an optimal one's, who plays for it) say only how they do against the rest"
+        )
+    if "evader" in content["ranks_mean_nothing"]:
+        lines.append(f"no rank tells {', '.join(never)} apart: they all live for ever")
+    if empty:
+        lines.append(f"never catch anybody here: {', '.join(empty)}")
+    return lines

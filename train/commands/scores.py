@@ -11,6 +11,15 @@ from rich.table import Table
 from train.evaluation.contest import Score, optimality_gap
 
 
+def print_floor(floor: float | None, discount: float) -> None:
+    """One line on the floor of the training objective, where it is known."""
+    if floor is not None:
+        print(
+            f"floor of the objective: {100 * floor:+.2f} % (the gap of the policy that is best by "
+            f"the rewards with discount {discount:g}; exact, over all starts)"
+        )
+
+
 def print_scores(scores: Sequence[Score]) -> None:
     """A table of scores with the gap to the optimal one."""
     optimum = next((score for score in scores if score.name == "optimal"), None)

@@ -14,7 +14,7 @@ import tyro
 
 from train.commands.parse import budget_of, heard, parse
 from train.commands.progress import carry_out, leave
-from train.commands.scores import print_scores
+from train.commands.scores import print_floor, print_scores
 from train.evaluation.contest import Score
 from train.experiments.kinds import resume, start
 from train.runs.folder import CURVE, REPLAY, RUN
@@ -136,4 +136,5 @@ def show(run: Run, content: dict[str, Any]) -> None:
             f"{evaluation['optimal_steps']:.3f} ({how}): gap "
             f"{100 * evaluation['optimality_gap']:+.2f} %"
         )
+    print_floor(evaluation["objective_floor"], trainee.parts.hyper.gamma)
     print(f"results, curve and replay: {run.folder}")

@@ -168,7 +168,8 @@ class GameContest:
         """Who fills which seat when `policy` fills this one."""
         return {**self.opponents, self.task.agent_names[self.task.seat(self.agent)]: policy}
 
-    def _opponent_table(self) -> NDArray[np.float64]:
+    def opponent_table(self) -> NDArray[np.float64]:
+        """[self cell, other cell, action] of the opponent, where `is_exact`."""
         other = "evader" if self.role == "chaser" else "chaser"
         policy = self.opponents.get(f"{other}_0", self.opponents.get(other))
         assert policy is not None  # is_exact
@@ -180,7 +181,7 @@ class GameContest:
         mean, ci95, exact = float(lengths.mean()), half_width(lengths), False
         if self.is_exact and isinstance(policy, TabularPolicy):
             task = self.task
-            tables = (table_in(task, policy), self._opponent_table())
+            tables = (table_in(task, policy), self.opponent_table())
             values = evaluate_exactly(
                 task.mazes[0],
                 *(tables if self.role == "chaser" else tables[::-1]),
@@ -202,7 +203,7 @@ class GameContest:
         return best_response(
             self.role,  # type: ignore[arg-type]
             task.mazes[0],
-            self._opponent_table(),
+            self.opponent_table(),
             horizon=task.max_steps,
             stay_action=task.stay_action,
             move_order=task.move_order,  # type: ignore[arg-type]

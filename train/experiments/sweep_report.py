@@ -103,6 +103,8 @@ def summary(rows: list[dict[str, Any]], x: str | None) -> list[dict[str, Any]]:
         if all(row.get(before) is not None for row in rows):
             less = [reduction(row[before], row[measure.final]) for row in chosen]
             line |= {"less": float(np.mean(less)), "least": min(less)}
+        if measure is GAP and all(row.get("objective_floor") is not None for row in rows):
+            line["floor"] = 100.0 * mean("objective_floor")
         if all(row.get("success_rate") is not None for row in rows):
             line["success"] = 100.0 * mean("success_rate")
         line |= {"seconds": mean("seconds"), "frames": mean("frames")}
@@ -124,6 +126,7 @@ def markdown(
     heads = {
         unit: f"{measure.head} [95 %]",
         f"{unit}_iqm": "interquartile mean",
+        "floor": "floor of the objective, %",
         "success": "success, %",
         "less": "less than at the start, %",
         "least": "of the worst seed, %",
@@ -162,6 +165,11 @@ def markdown(
         lines.append(
             "NashConv is exact, of the two policies as they are at that moment; 0 is an "
             "equilibrium. Against A*: expected steps until capture."
+        )
+    if "floor" in table[0]:
+        lines.append(
+            "The floor of the objective is the gap of the policy that is best by the discounted "
+            "rewards: exact, over all starts."
         )
     missing = [row for row in everything if row["status"] != "complete"]
     if missing:

@@ -13,6 +13,7 @@ from pursuit.simulator import Simulator, SimulatorState
 from pursuit.single_agent import fill_seats
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import Score, optimality_gap
+from train.evaluation.floor import objective_floor
 from train.runs.folder import MISFITS, RUN, misfit, part_of
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.parts import Parts, parts_of
@@ -116,12 +117,13 @@ class SingleAgent:
         if self.parts.algorithm.learns_distribution:
             scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
         build, plan = self.parts.build, self.parts.plan
+        floor = objective_floor(contest, self.parts.hyper.gamma)
         return {
             **contest.describe(),
             "algorithm": self.parts.algorithm.name,
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
-            **evaluation_of(scores, self.evaluated),
+            **evaluation_of(scores, self.evaluated, floor),
             "device": build.device,
             "precision": "bfloat16" if build.bfloat16 else "float32",
         }
@@ -148,8 +150,10 @@ class SingleAgent:
         self.learner.close()
 
 
-def evaluation_of(scores: list[Score], evaluated: str) -> dict[str, Any]:
-    """ "evaluation" and "scores" of `results.json`."""
+def evaluation_of(
+    scores: list[Score], evaluated: str, floor: float | None = None
+) -> dict[str, Any]:
+    """ "evaluation" and "scores" of `results.json`; `floor` is that of the objective."""
     by_name = {score.name: score for score in scores}
     learned = by_name["learned" if evaluated == "greedy" else "learned, sampled"]
     optimum = by_name.get("optimal")
@@ -162,6 +166,7 @@ def evaluation_of(scores: list[Score], evaluated: str) -> dict[str, Any]:
             "success_rate": learned.success_rate,
             "optimal_steps": optimum.mean_steps if optimum else None,
             "optimality_gap": optimality_gap(learned, optimum),
+            "objective_floor": floor if optimum else None,
         },
         "scores": [asdict(score) for score in scores],
     }

@@ -51,6 +51,7 @@ class LeagueTable:
         payoff, ci95: [chasers, evaders] float64; the half width is 0 where the payoff is exact.
         lengths: [chasers, evaders, games] int64, of the games played.
         chasers, evaders: their names.
+        horizon: steps after which a game is cut; None for never.
     """
 
     chasers: list[str]
@@ -58,6 +59,7 @@ class LeagueTable:
     payoff: NDArray[np.float64]
     ci95: NDArray[np.float64]
     lengths: NDArray[np.int64]
+    horizon: int | None = None
 
 
 def enter(
@@ -142,7 +144,37 @@ def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> 
                 payoff[i, j] = lengths[i, j].mean()
                 ci95[i, j] = half_width(lengths[i, j])
     names = [[entry.name for entry in sides[role]] for role in ROLES]
-    return LeagueTable(names[0], names[1], payoff, ci95, lengths)
+    return LeagueTable(names[0], names[1], payoff, ci95, lengths, task.max_steps)
+
+
+def survival(table: LeagueTable) -> dict[str, Any]:
+    """Who is never caught: how often games end because time is up, and what that makes meaningless.
+
+    Returns:
+        "out_of_time": [chasers][evaders], the share of games that end by truncation.
+        "never": [chasers][evaders], whether that is all games, and every start where it is exact.
+        "never_caught": evaders that live through every game against every chaser. What such a game
+            costs the chasers is infinite, and its length says only where it was cut.
+        "never_catches": chasers that catch nobody.
+        "ranks_mean_nothing": the roles whose ratings say nothing of who is better: "chaser" where
+            some evader is never caught, so that every chaser is as good against it; "evader" where
+            two of them are.
+    """
+    horizon = np.inf if table.horizon is None else table.horizon
+    late = (table.lengths >= horizon).mean(axis=2)
+    # Where the payoff is exact it knows of every start, not only of those that were played.
+    for_ever = (late >= 1.0) & (table.payoff >= horizon - 1e-9)
+    evaders = [n for n, alive in zip(table.evaders, for_ever.all(axis=0), strict=True) if alive]
+    chasers = [n for n, empty in zip(table.chasers, for_ever.all(axis=1), strict=True) if empty]
+    several = {"chaser": len(table.chasers) > 1, "evader": len(evaders) > 1}
+    roles = [role for role in ROLES if evaders and several[role]]
+    return {
+        "out_of_time": late.tolist(),
+        "never": for_ever.tolist(),
+        "never_caught": evaders,
+        "never_catches": chasers,
+        "ranks_mean_nothing": roles,
+    }
 
 
 def rate(table: LeagueTable, seed: int = 0) -> dict[str, Any]:
@@ -153,6 +185,7 @@ def rate(table: LeagueTable, seed: int = 0) -> dict[str, Any]:
         "payoff": table.payoff.tolist(),
         "ci95": table.ci95.tolist(),
         "games": table.lengths.shape[2],
+        **survival(table),
     }
     average = nash_average(table.payoff)
     content["nash"] = {

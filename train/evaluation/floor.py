@@ -1,0 +1,110 @@
+"""The floor of a training objective: the gap of the policy that is best by discounted rewards.
+
+What a learner maximises is not what it is judged by, so a gap is this floor, plus what was not
+learned. Known exactly for a duel and for a runner alone, under rewards that depend on the time of
+captures and goals only.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.maze import Maze
+from pursuit.task import Rewards, Task
+from scripted_agents import best_response, mean_over_starts
+from scripted_agents.objective import tour_floor
+from train.evaluation.contest import GameContest
+
+MAX_CELLS = 256
+"""Above this number of cells the floor of a duel is not computed: some seconds."""
+
+TIE = 1e-9
+"""Relative difference below which two actions count as equally good."""
+
+
+def objective_floor(contest: GameContest, discount: float) -> float | None:
+    """The `optimality_gap` of the best policy by the rewards of the task with this discount.
+
+    Exact, over all starts. Of policies that are equally good by the rewards the one that is best in
+    steps counts, so no policy that is best by the rewards has a smaller gap.
+
+    Returns:
+        A ratio less 1, as `optimality_gap`: negative for evaders. None where it is not known:
+        teams, goals among opponents, rewards by distance, several mazes, starts at marks, more
+        goals than can be enumerated, or rewards by which it does not pay to hurry (an evader: to
+        live on).
+    """
+    task = contest.task
+    paid = task.role_rewards[contest.role]
+    if len(task.mazes) > 1 or task.start != "random" or paid.distance != 0.0:
+        return None
+    if (task.num_agents, task.num_runners) == (1, 1):
+        return _tour(task, paid, discount)
+    if contest.is_exact and task.max_cells <= MAX_CELLS:
+        return _duel(contest, paid, discount)
+    return None
+
+
+def _tour(task: Task, paid: Rewards, discount: float) -> float | None:
+    maze, step, goal = task.mazes[0], paid.step, paid.goal
+    least = step < 0.0 or (step == 0.0 and discount < 1.0 and goal > 0.0)
+    if least and (goal == step or (paid.on_completion and goal >= 0.0)):
+        return 0.0  # what is paid depends on the length of the tour alone
+    if not least or paid.on_completion:
+        return None
+    return tour_floor(maze, task.num_goals, discount, step, goal, task.max_steps)
+
+
+def _duel(contest: GameContest, paid: Rewards, discount: float) -> float | None:
+    task, maze = contest.task, contest.task.mazes[0]
+    chases = contest.role == "chaser"
+    best = contest.best_response()
+    if best is None:
+        return None
+    # With T steps the return is step * (1 + ... + discount**(T - 2)) + capture * discount**(T - 1).
+    if discount == 1.0:
+        return 0.0 if (paid.step < 0.0 if chases else paid.step > 0.0) else None
+    of_a_capture = paid.capture - paid.step / (1.0 - discount)
+    if of_a_capture <= 0.0 if chases else of_a_capture >= 0.0:
+        return None
+    table = contest.opponent_table()
+    role: Any = contest.role
+    rest: Any = (None, discount, task.stay_action, task.move_order)
+    values = best_response(role, maze, table, *rest).values
+    options = _after_each(maze, table, role, task, values)
+    goal = options.min(axis=0) if chases else options.max(axis=0)
+    allowed = np.abs(options - goal) <= TIE * np.abs(goal)
+    steps = np.zeros_like(values)
+    for _ in range(task.max_steps):
+        options = _after_each(maze, table, role, task, steps)
+        options = np.where(allowed, options, np.inf if chases else -np.inf)
+        before, steps = steps, 1.0 + (options.min(axis=0) if chases else options.max(axis=0))
+        np.fill_diagonal(steps, 0.0)
+        if (steps == before).all():
+            break
+    least = task.min_start_distance
+    return mean_over_starts(steps, maze, least) / mean_over_starts(best.values, maze, least) - 1.0
+
+
+def _after_each(
+    maze: Maze, table: NDArray[np.float64], role: str, task: Task, values: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """[action, chaser cell, evader cell]: the mean of `values` after each action of `role`."""
+    size, neighbors = maze.num_cells, maze.neighbors
+    chaser, evader = np.ogrid[:size, :size]
+    found = np.zeros((task.num_actions, size, size))
+    for own in range(task.num_actions):
+        for theirs in range(table.shape[2]):
+            chase, flee = (own, theirs) if role == "chaser" else (theirs, own)
+            near, far = neighbors[chaser, chase], neighbors[evader, flee]
+            if task.move_order == "chasers_first":
+                caught = (near == evader) | (near == far)
+            else:
+                caught = (near == far) | ((near == evader) & (far == chaser))
+            chance = table[:, :, theirs]
+            chance = chance.T if role == "chaser" else chance
+            found[own] += chance * np.where(caught, 0.0, values[near, far])
+    return found
