@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pursuit.rewards import kept_rewards, rewards_text
 from pursuit.task import TASK_NAMES
 from train.settings.checks import check, check_choice
 
@@ -35,12 +36,14 @@ class TaskSettings:
     min_start_distance: int = 1
     """Steps between chasers and evaders at the start, at least."""
     rewards: str = "default"
-    """goal, completion, distance, zero_sum, or the task's own (default)."""
+    """goal, completion, distance, zero_sum, or the task's own (default); coefficients, such as
+    step=-0.1,capture=2 or chaser.step=-0.1,evader.capture=-2 (of step, capture, goal, distance,
+    on_completion); or package.module:Name of a function of your own."""
     opponent_epsilon: float = 0.2
     """Share of random moves of the scripted agents in all other seats, in [0, 1]."""
     opponent: str | None = None
-    """Who plays the other side instead of A*: random, optimal (exactly), the folder of a run, or a
-    saved Stable-Baselines3 model (.zip)."""
+    """Who plays the other side instead of A*: random, optimal (exactly), the folder of a run, a
+    saved Stable-Baselines3 model (.zip), or package.module:Name of your own."""
     start: str = "random"
     """random, or marks: the S and G of the maze (fixed goals)."""
 
@@ -50,6 +53,9 @@ class TaskSettings:
             f"opponent_epsilon={self.opponent_epsilon}; a share of random moves lies in [0, 1]",
         )
         check_choice("task", self.task, TASK_NAMES)
+        object.__setattr__(self, "rewards", rewards_text(self.rewards))
+        if self.rewards != "default":
+            kept_rewards("rewards", self.rewards)
 
     @property
     def agent(self) -> str:
