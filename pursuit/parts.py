@@ -13,7 +13,7 @@ import hashlib
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from importlib import import_module
 from importlib.machinery import PathFinder
@@ -116,14 +116,10 @@ def _search_path() -> list[str]:
     return list(dict.fromkeys([*(p or os.getcwd() for p in sys.path), *_folders, *given]))
 
 
-def environment(modules: Iterable[str] = ()) -> dict[str, str]:
-    """The environment variables with which another process finds and trusts what this one does.
-
-    Args:
-        modules: users' modules in use, whose folders it needs to know.
-    """
-    sources = (source_of(module) for module in modules)
-    homes = [str(root) for root, _ in filter(None, sources)]
+def environment() -> dict[str, str]:
+    """The environment variables with which another process finds and trusts what this one does."""
+    sources = (source_of(module_of(name)) for name in sorted(_resolved))
+    homes = [str(found[0]) for found in sources if found and "site-packages" not in found[0].parts]
     given = [folder for folder in os.environ.get(LOOK_IN, "").split(os.pathsep) if folder]
     folders = dict.fromkeys([*_folders, *given, *homes])
     return {ALLOW: ",".join(allowed()), LOOK_IN: os.pathsep.join(folders)}

@@ -51,7 +51,8 @@ def _paying(entry: Any, pay: RewardFunction, task: Task) -> Any:
         outcome.episode_returns[ended] = outcome.returns[ended]
         if auto_restart and ended.any():
             flags[:] = memory.flags
-            found = int(rules.start_games(*arrays, ended))
+            start: Any = rules.start_games
+            found = int(start(*arrays, ended))
             memory.flags[:] = flags
         return found
 

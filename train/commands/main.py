@@ -6,9 +6,11 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import pursuit
+from pursuit.parts import look_in
 from train.commands.parse import fail
 
 # A table of our own rather than tyro's subcommands: those want every form at hand, and so every
@@ -42,6 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     name, rest = given[0], given[1:]
     if name not in COMMANDS:
         fail(f"unknown command {name!r}; one of {', '.join(COMMANDS)}")
+    look_in(Path.cwd())  # where users keep parts of their own
     try:
         command(name)(rest)
     except BrokenPipeError:  # whoever read the output, `head` say, has seen enough

@@ -9,7 +9,9 @@ from typing import Any, Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from train.runs.folder import CONFIG
 from train.runs.loop import Run
+from train.runs.provenance import allow_options
 
 
 class ProgressLines:
@@ -79,5 +81,6 @@ def carry_out(run: Run, episodes: int, again: str) -> dict[str, Any]:
         with Watch() as watch:
             run.train(watch)
     if run.stopped:
+        again += allow_options(run.folder / CONFIG)
         print(f"interrupted; go on with: {again} --resume {run.folder}", file=sys.stderr)
     return run.results(episodes)

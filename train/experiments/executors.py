@@ -8,32 +8,40 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from pursuit.parts import allow, allowed, environment, look_in
 from train.experiments.kinds import open_run
 from train.experiments.sweep import ERROR, PROGRESS, STOPPED, Sweep, SweepRun, prepare, status_of
 from train.files import only_one, write_bytes, write_text
 from train.runs.folder import CHECKPOINT, CONFIG, METRICS, RESULTS
 from train.runs.loop import EVALUATIONS, Run
+from train.runs.provenance import SOURCES, source_files
 
 Told = Callable[[dict[str, str], dict[str, float]], None]
 """Called now and then with the status of every run by name, and the progress of those running."""
 
 
 def worker_environment() -> dict[str, str]:
-    """One core a run: the libraries' own threads would get in each other's way."""
+    """One core a run: the libraries' own threads would get in each other's way. Users' modules are
+    found and trusted there as they are here."""
     single = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-    return {**os.environ, **single}
+    found = {**os.environ, **single, **environment()}
+    root = Path(__file__).parents[2]
+    if "site-packages" not in root.parts:  # a source tree that is not installed, perhaps
+        found["PYTHONPATH"] = os.pathsep.join(filter(None, (found.get("PYTHONPATH"), str(root))))
+    return found
 
 
 def start_worker(folder: Path, episodes: int) -> subprocess.Popen[bytes]:
     """A process that does the run in `folder`; what it says goes to `log.txt`."""
     with (folder / "log.txt").open("ab") as log:
         return subprocess.Popen(
-            [sys.executable, "-m", "train.experiments.sweep", str(folder), str(episodes)],
+            # -P: a train.py where the user happens to be must not stand in for ours.
+            [sys.executable, "-P", "-m", "train.experiments.sweep", str(folder), str(episodes)],
             stdout=log,
             stderr=subprocess.STDOUT,
             env=worker_environment(),
@@ -120,27 +128,43 @@ def import_ray() -> Any:
     return ray
 
 
-def work_elsewhere(files: dict[str, bytes], episodes: int) -> dict[str, bytes]:
+def work_elsewhere(
+    files: dict[str, bytes], episodes: int, trusted: Sequence[str] = ()
+) -> dict[str, bytes]:
     """Do one run on whatever machine this is: files of its folder in, files out.
 
     Machines of a cluster need not share a disk. The run has a process of its own, so that a crash
-    of it is its own, too; if this machine goes down, Ray calls this again on another one.
+    of it is its own, too; if this machine goes down, Ray calls this again on another one. Users'
+    modules come with the files; those that are `trusted` may be named by them.
     """
     with TemporaryDirectory(prefix="pursuit-") as temporary:
         folder = Path(temporary)
         put_files(folder, files)
+        take_sources(folder, trusted)
         record_end(folder, start_worker(folder, episodes).wait())
         return {
             str(path.relative_to(folder)): path.read_bytes()
             for path in folder.rglob("*")
-            if path.is_file()
+            if path.is_file() and SOURCES not in path.relative_to(folder).parts[:1]
         }
+
+
+def sources_of(settings: Any) -> dict[str, bytes]:
+    """Users' modules that settings name, as they travel beside the files of a run."""
+    return {f"{SOURCES}/{name}": content for name, content in source_files(settings).items()}
+
+
+def take_sources(folder: Path, trusted: Sequence[str]) -> None:
+    """Find users' modules among the files that came to `folder`, and trust those named."""
+    look_in(folder / SOURCES)
+    allow(*trusted)
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
     """What a run needs to begin or to go on, and its results, by their paths in the folder."""
     whole = [folder / name for name in (CONFIG, CHECKPOINT, METRICS, RESULTS)]
-    inner = [path for part in folder.iterdir() if part.is_dir() for path in part.rglob("*")]
+    kept = [part for part in folder.iterdir() if part.is_dir() and part.name != SOURCES]
+    inner = [path for part in kept for path in part.rglob("*")]
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in (*whole, *inner)
@@ -202,7 +226,12 @@ def _tasks(
 ) -> None:
     """All of `todo` as Ray tasks; a task whose machine or process dies is done again."""
     remote = ray.remote(num_cpus=1, max_retries=5)(work_elsewhere)
-    names = {remote.remote(files_of(folders[run.name]), sweep.episodes): run.name for run in todo}
+    names = {
+        remote.remote(
+            files_of(folders[run.name]) | sources_of(run.settings), sweep.episodes, allowed()
+        ): run.name
+        for run in todo
+    }
     statuses.update(dict.fromkeys(names.values(), "running"))
     while names:
         ready, _ = ray.wait(list(names), timeout=0.5)
@@ -236,14 +265,15 @@ def _tune(ray: Any, sweep: Sweep, todo: list[SweepRun], folders: dict[str, Path]
             return self.files
 
     collector = ray.remote(num_cpus=0)(Collector).remote()
-    given = {run.name: files_of(folders[run.name]) for run in todo}
-    episodes = sweep.episodes
+    given = {run.name: files_of(folders[run.name]) | sources_of(run.settings) for run in todo}
+    episodes, trusted = sweep.episodes, allowed()
 
     def trainable(config: dict[str, Any]) -> None:
         name = config["run"]
         with TemporaryDirectory(prefix="pursuit-") as temporary:
             folder = Path(temporary)
             put_files(folder, given[name])
+            take_sources(folder, trusted)
             run = open_run(folder)
 
             def hand_over() -> None:

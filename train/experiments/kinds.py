@@ -11,6 +11,7 @@ from train.files import read_json
 from train.runs.by_name import settings_of
 from train.runs.folder import (
     CHECKPOINT,
+    CONFIG,
     RESULTS,
     RUN,
     SELF_PLAY,
@@ -22,6 +23,7 @@ from train.runs.folder import (
 )
 from train.runs.loop import Run
 from train.runs.parts import parts_of
+from train.runs.provenance import check_sources
 from train.runs.saved import from_plain
 from train.runs.single import make_run
 from train.runs.tasks import task_of
@@ -98,6 +100,7 @@ def read_settings(folder: Path) -> tuple[str, Any]:
 def open_run(folder: Path) -> Run:
     """The run in a folder where it was left: at its checkpoint, or at the beginning without one."""
     kind, settings = read_settings(folder)
+    check_sources(folder / CONFIG, settings, resuming=True)
     begun = (folder / CHECKPOINT).exists()
     return KINDS[kind].make(settings, folder, load_checkpoint(folder) if begun else None)
 

@@ -14,10 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from pursuit.parts import check_trusted
 from train.experiments.kinds import KINDS, is_complete, open_run, read_settings, write_config
 from train.files import write_json, write_text
 from train.runs.folder import CHECKPOINT, CONFIG, RUN
 from train.runs.loop import Run
+from train.runs.provenance import provenance
 from train.runs.tasks import task_of
 from train.settings.checks import check
 
@@ -96,16 +98,18 @@ def read_file(name: str, folder: Path, kind: str) -> tuple[Path, dict[str, Any]]
     """The path and the content of a TOML file, or of the one of that name in `folder`.
 
     Raises:
-        ValueError: no such file, or no TOML.
+        ValueError: no such file, no TOML, or parts named that are neither ours nor allowed.
     """
     path, names = Path(name), shipped(folder)
     if not path.exists() and name in names:
         path = folder / f"{name}.toml"
     check(path.is_file(), f"{name}: no such {kind} file; shipped are {', '.join(names)}")
     try:
-        return path, tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: not TOML: {error}") from None
+    check_trusted(path, content)
+    return path, content
 
 
 def choose_version(content: dict[str, Any], version: str | None) -> dict[str, Any]:
@@ -258,6 +262,8 @@ def fingerprint(kind: str, settings: Any) -> str:
     """Ten hexadecimal digits of everything that decides the outcome of a run."""
     maze = task_of(settings.task).mazes[0]
     plain = {"kind": kind, **asdict(settings), "maze_text": maze.to_text()}
+    if parts := provenance(settings):
+        plain["parts"] = parts
     text = json.dumps(plain, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:10]
 

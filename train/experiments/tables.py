@@ -6,12 +6,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pursuit.parts import references
 from train.experiments.kinds import read_settings
 from train.experiments.sweep import ERROR, HINTS, LABEL, status_of
 from train.files import read_json, write_beside
-from train.runs.folder import CONFIG, METRICS, RESULTS, RUN, read_metrics
+from train.runs.folder import CONFIG, METRICS, RESULTS, RUN, read_config, read_metrics
+from train.runs.provenance import check_sources
 from train.runs.tasks import task_of
 from train.settings.checks import check
+from train.settings.task import TaskSettings, who_learns
 
 if TYPE_CHECKING:
     import polars
@@ -55,11 +58,14 @@ def collect(out: Path) -> tuple[polars.DataFrame, polars.DataFrame]:
 
 def row_of(folder: Path) -> dict[str, Any]:
     """One run as a flat row."""
-    kind, settings = read_settings(folder)
-    plain = asdict(settings)
+    kind, plain = read_config(folder)
+    check_sources(folder / CONFIG, plain)
+    if not any(references(plain)):  # else it is read as it stands: no user's part is imported
+        kind, settings = read_settings(folder)
+        plain = asdict(settings)
     task = plain.pop("task")
-    task["maze"] = task_of(settings.task).mazes[0].name
-    task["role"] = settings.task.agent if kind == RUN else "both"
+    task["maze"] = task_of(TaskSettings(maze=task["maze"])).mazes[0].name
+    task["role"] = who_learns(task["task"], task["role"]) if kind == RUN else "both"
     for name in ("hyper", "lessons"):
         plain |= {k: v for k, v in plain.pop(name, {}).items() if k not in plain}
     if "members" in plain:

@@ -17,7 +17,9 @@ from typing import Any
 import torch
 
 from pursuit.maze import Maze, library_names
+from pursuit.parts import check_trusted
 from train.files import read_json, write_beside, write_csv, write_json
+from train.runs.provenance import COMMAND, PARTS, command_line, provenance
 from train.settings.checks import check
 
 CONFIG, METRICS, RESULTS, CHECKPOINT = (
@@ -53,17 +55,26 @@ def new_folder(path: Path) -> Path:
 
 
 def save_config(folder: Path, kind: str, settings: Any, maze: Maze) -> None:
-    """Write `config.json`: the kind of run, its settings, and the maze as text."""
+    """Write `config.json`: the kind of run, its settings, the maze as text, users' own parts with
+    the hashes of their source, and the command that runs."""
     plain = {"format": FORMAT, "kind": kind, **asdict(settings), "maze_text": maze.to_text()}
-    write_json(folder / CONFIG, plain)
+    write_json(folder / CONFIG, {**plain, PARTS: provenance(settings), COMMAND: command_line()})
 
 
 def load_config(folder: Path) -> tuple[str, dict[str, Any]]:
     """The kind of run in a folder, and its settings; a maze that was a file is its text.
 
     Raises:
-        ValueError: no run in this folder, or a damaged one.
+        ValueError: no run in this folder, a damaged one, or one that names parts which are neither
+            ours nor allowed.
     """
+    kind, plain = read_config(folder)
+    check_trusted(folder / CONFIG, plain)
+    return kind, plain
+
+
+def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
+    """`load_config` for whoever makes nothing of the settings, and so need not trust them."""
     path = folder / CONFIG
     if not path.exists():
         raise ValueError(f"{folder}: no run here ({CONFIG} is missing)")
@@ -78,6 +89,8 @@ def load_config(folder: Path) -> tuple[str, dict[str, Any]]:
         "version, or a new folder",
     )
     kind, text = plain.pop("kind", None), plain.pop("maze_text", None)
+    for name in (PARTS, COMMAND):
+        plain.pop(name, None)
     check(isinstance(kind, str), f"{path}: damaged, a run of kind {kind!r}")
     if isinstance(text, str) and plain["task"].get("maze") not in library_names():
         plain["task"]["maze"] = text

@@ -17,8 +17,9 @@ from torchrl.record.loggers import TensorboardLogger
 import pursuit
 from train.files import write_json
 from train.machine import commit, processor
-from train.runs.folder import RESULTS, MetricsFile, save_checkpoint
+from train.runs.folder import CONFIG, RESULTS, MetricsFile, save_checkpoint
 from train.runs.interruption import Interruption
+from train.runs.provenance import recorded_parts
 from train.runs.threads import ThreadChoice
 
 EVALUATIONS = 20
@@ -213,6 +214,7 @@ class Run:
             "seconds": round(self.seconds, 3),
             "frames_per_second": round(trainee.frames / max(self.seconds, 1e-9), 1),
             "interrupted": self.stopped,
+            "parts": recorded_parts(self.folder / CONFIG),
             "versions": versions(),
             "machine": machine(),
         }

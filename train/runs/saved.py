@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from train.algorithms.registry import entry
-from train.runs.folder import RUN, SIDE, load_config
+from train.runs.folder import CONFIG, RUN, SIDE, load_config
+from train.runs.provenance import check_sources
 from train.settings.checks import check
-from train.settings.curricula import CURRICULA
+from train.settings.curricula import curriculum_form
 from train.settings.run import TrainSettings
 from train.settings.task import TaskSettings
 
@@ -36,7 +37,7 @@ def from_plain(plain: Mapping[str, Any]) -> TrainSettings[Any]:
                 **plain,
                 "task": TaskSettings(**plain["task"]),
                 "hyper": entry(plain["algorithm"]).settings(**plain["hyper"]),
-                "lessons": CURRICULA[plain["curriculum"]](**plain["lessons"]),
+                "lessons": curriculum_form(plain["curriculum"])(**plain["lessons"]),
             }
         )
     )
@@ -54,4 +55,5 @@ def load_settings(folder: Path) -> TrainSettings[Any]:
         f"{folder}: a run of kind {kind!r}, with a policy for each side; give {folder / 'chaser'} "
         f"or {folder / 'evader'}",
     )
+    check_sources(folder / CONFIG, plain)
     return from_plain(plain)

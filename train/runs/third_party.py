@@ -15,6 +15,7 @@ from typing import Any
 import torch
 from gymnasium.spaces import Discrete
 
+from pursuit.parts import check_trusted
 from pursuit.simulator import Simulator
 from train.files import read_json, write_json
 from train.networks.policy import LearnedPolicy, Seat
@@ -97,6 +98,7 @@ def load_stable_baselines(path: Path, greedy: bool = True) -> LearnedPolicy:
         "train.runs.third_party.save_stable_baselines",
     )
     described = read_json(description_of(path))
+    check_trusted(description_of(path), described)
     try:
         task, encoding = TaskSettings(**described["task"]), described["observation"]
         algorithm, net_arch = described["algorithm"], described["net_arch"]

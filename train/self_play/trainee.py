@@ -94,7 +94,8 @@ class SelfPlay:
             latest, load = self.parts.frozen[role], lambda state: latest
         pool = OpponentPool(self.folder / "pool" / role, latest, self.settings.pool_size, load)
         for name in self.settings.members:
-            pool.add_scripted(name, self.parts.scripted[name, role])
+            if (name, role) in self.parts.scripted:
+                pool.add_scripted(name, self.parts.scripted[name, role])
         return pool
 
     @property

@@ -60,6 +60,11 @@ class TaskSettings:
     @property
     def agent(self) -> str:
         """Who learns."""
-        if self.role != "auto":
-            return self.role
-        return "runner" if self.task in ("maze", "race") else "chaser"
+        return who_learns(self.task, self.role)
+
+
+def who_learns(task: str, role: str) -> str:
+    """The role that is named, or the first of a task for "auto"."""
+    if role != "auto":
+        return role
+    return "runner" if task in ("maze", "race") else "chaser"
