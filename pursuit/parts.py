@@ -205,7 +205,7 @@ class Registry(Generic[Part]):
         if not isinstance(name, str) or not name or ":" in name:
             raise ValueError(f"{self.kind} {name!r}; give it a name without a colon")
         if name in self._parts:
-            raise ValueError(f"a {self.kind} called {name!r} is there already; rename one")
+            raise ValueError(f"{self.kind}: one called {name!r} is there already; rename one")
         self._parts[name] = self._checked(repr(name), part)
         self._origins[name] = sys._getframe(1).f_globals.get("__name__", "__main__")
         return part

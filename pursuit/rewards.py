@@ -82,9 +82,10 @@ def is_rewards(part: Any) -> bool:
 
 
 REWARDS: Registry[Mapping[str, Rewards] | RewardFunction] = Registry(
-    "reward",
+    "rewards",
     "a function (before, actions, after) -> [games, agents], or pursuit.Rewards by role",
     is_rewards,
+    plural="rewards",
     ours=tuple(REWARD_SCHEMES),
 )
 for _name, _scheme in REWARD_SCHEMES.items():
