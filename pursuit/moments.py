@@ -78,12 +78,14 @@ def roles_of(seat_roles: Sequence[str]) -> NDArray[np.int32]:
     return np.array([ROLES.index(role) for role in seat_roles], dtype=np.int32)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=4)
 def distances_of(mazes: tuple[Maze, ...]) -> NDArray[np.int32]:
     """[mazes, cells, cells] int32, read-only; [mazes, 0, 0] where a maze has no table."""
     size = max(maze.num_cells for maze in mazes)
     if size > MAX_TABLE_CELLS:
         size = 0
+    elif len(mazes) == 1:
+        return mazes[0].distances[None]
     table = np.full((len(mazes), size, size), layout.UNREACHABLE, dtype=np.int32)
     for number, maze in enumerate(mazes if size else ()):
         table[number, : maze.num_cells, : maze.num_cells] = maze.distances

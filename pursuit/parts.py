@@ -15,6 +15,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
+from functools import cache
 from importlib import import_module
 from importlib.machinery import PathFinder
 from importlib.metadata import entry_points
@@ -172,6 +173,12 @@ def sha256_of(module: str) -> str | None:
 # -- the registries --------------------------------------------------------------------------------
 
 
+@cache
+def installed(group: str) -> Mapping[str, str]:
+    """What installed packages bring to a group of entry points: `module:Name` by name."""
+    return {point.name: point.value for point in entry_points(group=group)}
+
+
 class Registry(Generic[Part]):
     """The parts of one kind by name.
 
@@ -216,8 +223,7 @@ class Registry(Generic[Part]):
 
     def names(self) -> tuple[str, ...]:
         """Ours, those that were registered, and those of installed packages."""
-        installed = [point.name for point in entry_points(group=self.group)]
-        return tuple(dict.fromkeys([*self._ours, *self._parts, *installed]))
+        return tuple(dict.fromkeys([*self._ours, *self._parts, *installed(self.group)]))
 
     def get(self, name: str) -> Part:
         """The part of that name, imported where it is a user's.
@@ -231,9 +237,9 @@ class Registry(Generic[Part]):
             found = self._checked(repr(name), self._import(name, name))
             _resolved.add(name)
             return found
-        for point in entry_points(group=self.group):
-            if point.name == name:  # the user has installed it
-                return self._checked(f"{name!r} ({point.value})", self._import(name, point.value))
+        if name in installed(self.group):  # by the user
+            value = installed(self.group)[name]
+            return self._checked(f"{name!r} ({value})", self._import(name, value))
         raise ValueError(self.unknown(name))
 
     def take(self, given: Any) -> Part:
@@ -246,18 +252,19 @@ class Registry(Generic[Part]):
 
     def check(self, name: object) -> None:
         """ValueError unless `name` is one of ours, or that of a part that `get` finds."""
+        if not isinstance(name, str):
+            raise ValueError(self.unknown(name))
         if name not in self._ours:
-            self.get(name) if isinstance(name, str) else self._fail(name)
+            self.get(name)
 
     def origin(self, name: str) -> str | None:
         """The module that a user's part comes from; None for ours, and for unknown names."""
         if is_reference(name):
             return module_of(name)
-        module = self._origins.get(name)
-        if module is None:
-            found = [p.value for p in entry_points(group=self.group) if p.name == name]
-            module = module_of(found[0]) if found and name not in self._ours else None
-        return None if module is None or module.partition(".")[0] in OURS else module
+        if name in self._ours:
+            return None
+        module = self._origins.get(name) or module_of(installed(self.group).get(name, ""))
+        return None if not module or module.partition(".")[0] in OURS else module
 
     def unknown(self, name: object) -> str:
         """What to say of a name that is none."""
@@ -268,9 +275,6 @@ class Registry(Generic[Part]):
             + (f" (did you mean {close[0]!r}?)" if close else "")
             + "; or your own as package.module:Name"
         )
-
-    def _fail(self, name: object) -> None:
-        raise ValueError(self.unknown(name))
 
     def _checked(self, told: str, part: Any) -> Part:
         if not self._fits(part):

@@ -17,7 +17,7 @@ from pursuit import Rewards, Simulator, chase_v0, make_task, parts
 from pursuit.conformance import check_parallel_env
 from pursuit.observations import Encoder
 from pursuit.parts import Registry
-from pursuit.rewards import rewards_from_text, rewards_text
+from pursuit.rewards import REWARDS, rewards_from_text, rewards_text
 from scripted_agents.environments import make_env, make_vector_env
 from train.environments.simulator_env import SimulatorEnv
 from train.experiments.kinds import resume, start
@@ -356,13 +356,11 @@ def test_names_that_lead_nowhere_say_why(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_installed_packages_bring_parts_by_entry_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    point = SimpleNamespace(name="shaped", value="my_parts:shaped")
-    group = {"pursuit.rewards": [point]}
-    monkeypatch.setattr(
-        parts, "entry_points", lambda group_=None, group=None, g=group: g.get(group, [])
-    )
+    points = {"pursuit.rewards": {"shaped": "my_parts:shaped"}}
+    monkeypatch.setattr(parts, "installed", lambda group: points.get(group, {}))
     task = make_task("chase", maze="3x3", rewards="shaped")
     assert task.reward_function is sys.modules["my_parts"].shaped
+    assert REWARDS.origin("shaped") == "my_parts" and REWARDS.origin("goal") is None
 
 
 def test_parts_are_registered_under_names_of_their_own() -> None:
