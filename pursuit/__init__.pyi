@@ -8,6 +8,7 @@ from .maze import Maze as Maze
 from .maze import library_names as library_names
 from .maze import load_maze as load_maze
 from .maze_generation import generate_maze as generate_maze
+from .parts import allow as allow
 from .policy import GameView as GameView
 from .policy import Policy as Policy
 from .simulator import Simulator as Simulator

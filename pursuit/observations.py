@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.compiled import compiled, inlined
+from pursuit.own_observations import ENCODINGS as ENCODINGS
+from pursuit.own_observations import Observation, OwnEncoding
 from pursuit.rules.layout import COLLECTED, Games
 from pursuit.task import Task, checked_task
 
-ENCODINGS = ("one_hot", "positions", "cells", "walls", "planes", "index")
 FLOOR, SELF, TEAM, OTHER, GOAL, WALL = range(6)
 """Codes of the "cells" and "walls" grids; where several share a cell: self, others, team, goal."""
 PLANES = (
@@ -52,20 +53,22 @@ class Encoder:
 
     Args:
         task: the task.
-        encoding: one of ENCODINGS.
+        encoding: one of ENCODINGS, or an `Observation` of your own: itself, its class, or its name
+            "package.module:Name".
 
     Raises:
-        ValueError: an unknown encoding.
+        ValueError: an unknown encoding, or an observation without a Box as its space.
 
     Attributes:
         shape, dtype: of one observation.
         space: its Gymnasium space (one object, the same at every call).
     """
 
-    def __init__(self, task: Task, encoding: str) -> None:
-        if not isinstance(encoding, str) or encoding not in ENCODINGS:
-            raise ValueError(f"unknown observation {encoding!r}; one of {', '.join(ENCODINGS)}")
-        self.encoding, self._size = encoding, checked_task(task).max_cells
+    def __init__(self, task: Task, encoding: str | Observation) -> None:
+        self.encoding: Any = encoding
+        self._size = checked_task(task).max_cells
+        self._own: OwnEncoding | None = None
+        self.num_entities, self.num_cells = task.num_agents + task.num_goals, task.max_cells
         roles = task.seat_roles
         order = [
             sorted(
@@ -75,9 +78,13 @@ class Encoder:
         ]
         self._order = np.array(order, dtype=np.int64)
         self._team_size = np.array([roles.count(role) for role in roles], dtype=np.int64)
-        self._places, self._background = _grids(task, encoding)
-        entities = task.num_agents + task.num_goals
-        self.num_entities, self.num_cells = entities, self._size
+        if encoding not in ENCODINGS:
+            self._own = OwnEncoding(task, encoding)
+            self.space = self._own.space
+            self.shape, self.dtype = self.space.shape, self.space.dtype
+            return
+        self._places, self._background = _grids(task, str(encoding))
+        entities = self.num_entities
         box: Any = gymnasium.spaces.Box
         if encoding == "one_hot":
             self.space = box(0.0, 1.0, ((entities + 1) * self._size,), np.float32)
@@ -100,6 +107,9 @@ class Encoder:
         Raises:
             ValueError: `out` has another shape or dtype.
         """
+        seen = None if self._own is None else self._own.encode(games, seats)
+        if seen is not None and out is None:
+            return seen
         order, team = self._order[seats], self._team_size[seats]
         shape = (len(games.steps), len(order), *self.shape)
         if out is None:
@@ -111,8 +121,8 @@ class Encoder:
                 f"out of shape {out.shape} and dtype {out.dtype}; {self.encoding!r} needs {shape} "
                 f"and {self.dtype}"
             )
-        elif not out.flags.c_contiguous:
-            out[:] = self.encode(games, seats)
+        elif seen is not None or not out.flags.c_contiguous:
+            out[:] = self.encode(games, seats) if seen is None else seen
             return out
         if self.encoding == "one_hot":
             encode_one_hot(*games, order, self._size, out)

@@ -14,6 +14,7 @@ from pursuit.maze_arrays import lay_out
 from pursuit.memory import check_memory
 from pursuit.next_episode import slots
 from pursuit.observations import Encoder
+from pursuit.payments import step_games_of
 from pursuit.placements import place_the_unplaced
 from pursuit.policy import GameView, Policy
 from pursuit.rules import layout
@@ -99,7 +100,7 @@ class Simulator:
             *arrays,
             layout.scratch_for(task.max_cells, task.num_agents, task.num_goals),
         )
-        self._step_games = rules.step_games_of(task.teams)
+        self._step_games = step_games_of(task)
         self.games: layout.Games = layout.named(layout.games_of, memory)
         self._outcome: layout.Outcome = layout.named(layout.outcome_of, memory)
         self._coming: layout.NextEpisode = layout.named(layout.next_episode_of, memory)

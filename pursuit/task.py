@@ -17,72 +17,20 @@ from pursuit.declared import (
     choice,
     count,
     declared,
-    finite,
     flag,
     is_whole,
     one_of,
 )
 from pursuit.maze import Maze, load_maze
 from pursuit.placements import Apart, check_placeable
+from pursuit.rewards import REWARD_SCHEMES as REWARD_SCHEMES
+from pursuit.rewards import ROLES as ROLES
+from pursuit.rewards import RewardFunction, coefficients_of, function_of, kept_rewards
+from pursuit.rewards import Rewards as Rewards
 from pursuit.rules import layout
 
-ROLES = ("chaser", "evader", "runner")
 MOVE_ORDERS = ("simultaneous", "chasers_first")
 STARTS = ("random", "marks")
-
-
-@dataclass(frozen=True)
-class Rewards:
-    """What one role is paid. The reward of an event replaces the step reward of that step.
-
-    Attributes:
-        step: every step without an event.
-        capture: for a chaser, capturing an evader (captors of one evader share it equally); for an
-            evader, being captured.
-        goal: collecting a goal (those who arrive at once share it equally).
-        distance: this times the Manhattan distance to the nearest active opponent (for a runner,
-            to the nearest goal) is added to the step reward.
-        on_completion: events pay only in the step that ends the game; before, they count as steps.
-            Being captured always pays: it ends the game for that evader.
-
-    Raises:
-        ValueError: a value that is no finite number.
-    """
-
-    step: float = finite(0.0)
-    capture: float = finite(0.0)
-    goal: float = finite(0.0)
-    distance: float = finite(0.0)
-    on_completion: bool = flag(False)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-
-
-REWARD_SCHEMES: Mapping[str, Mapping[str, Rewards]] = {
-    "goal": {
-        "chaser": Rewards(step=-0.1, capture=1.0),
-        "evader": Rewards(step=1.0, capture=-1.0, goal=1.0),
-        "runner": Rewards(step=-0.1, goal=1.0),
-    },
-    "completion": {
-        "chaser": Rewards(step=-0.1, capture=1.0, on_completion=True),
-        "evader": Rewards(step=1.0, capture=-1.0, goal=1.0, on_completion=True),
-        "runner": Rewards(step=-0.1, goal=1.0, on_completion=True),
-    },
-    "distance": {
-        "chaser": Rewards(distance=-1.0),
-        "evader": Rewards(distance=1.0),
-        "runner": Rewards(distance=-1.0),
-    },
-    "zero_sum": {
-        "chaser": Rewards(step=-1.0, capture=-1.0),
-        "evader": Rewards(step=1.0, capture=1.0, goal=1.0),
-        "runner": Rewards(step=-1.0, goal=-1.0),
-    },
-}
-"""Rewards by scheme and role. In `zero_sum` every step counts, the last one included: its return
-is the payoff of the exact game (for a runner, minus the number of steps)."""
 
 
 def _kept_mazes(name: str, given: Any) -> Any:
@@ -98,19 +46,6 @@ def _kept_mazes(name: str, given: Any) -> Any:
     if not mazes:
         raise ValueError(f"{name}: an empty list; give at least one maze")
     return mazes
-
-
-def _kept_rewards(name: str, given: Any) -> Any:
-    """A named scheme as it is; `Rewards` by role as a dict that never changes."""
-    if not isinstance(given, Mapping):
-        return one_of(name, given, tuple(REWARD_SCHEMES))
-    unknown = [role for role in given if role not in ROLES]
-    if unknown:
-        raise ValueError(f"{name} for {unknown}; the roles are {', '.join(ROLES)}")
-    for role, paid in given.items():
-        if not isinstance(paid, Rewards):
-            raise ValueError(f"{name} of the {role}: {paid!r}; give pursuit.Rewards(...)")
-    return FrozenDict(given)
 
 
 def _kept_name(name: str, given: Any) -> Any:
@@ -138,8 +73,10 @@ class Task:
             `G` marks in order, whoever has no mark at random.
         min_start_distance: path steps between every chaser and every evader at the start, at least.
             Cells that no path joins are infinitely far apart: every minimum holds for them.
-        rewards: a named scheme ("goal", "completion", "distance", "zero_sum") or `Rewards` by role;
-            roles left out are paid as in "goal".
+        rewards: a named scheme ("goal", "completion", "distance", "zero_sum"); `Rewards` by role,
+            or their text ("chaser.step=-0.1,evader.capture=-2"; without a role for all), where
+            roles left out are paid as in "goal"; or a function of your own, itself or as
+            "package.module:Name" (see `pursuit.rewards.RewardFunction`).
         name: what results call this task.
 
     Raises:
@@ -156,7 +93,7 @@ class Task:
     move_order: str = choice(MOVE_ORDERS, default="simultaneous")
     start: str = choice(STARTS, default="random")
     min_start_distance: int = count(1, default=1)
-    rewards: str | Mapping[str, Rewards] = declared(_kept_rewards, default="goal")
+    rewards: str | Mapping[str, Rewards] | RewardFunction = declared(kept_rewards, default="goal")
     name: str = declared(_kept_name, default="custom")
 
     def __post_init__(self) -> None:
@@ -220,10 +157,13 @@ class Task:
 
     @cached_property
     def role_rewards(self) -> dict[str, Rewards]:
-        """The `Rewards` of every role; never changes."""
-        if isinstance(self.rewards, str):
-            return FrozenDict(REWARD_SCHEMES[self.rewards])
-        return FrozenDict({**REWARD_SCHEMES["goal"], **self.rewards})
+        """The `Rewards` of every role; never changes. Those of "goal" where a function pays."""
+        return FrozenDict(coefficients_of(self.rewards))
+
+    @cached_property
+    def reward_function(self) -> RewardFunction | None:
+        """The function that pays instead of `role_rewards`, where there is one."""
+        return function_of(self.rewards)
 
     @property
     def num_agents(self) -> int:

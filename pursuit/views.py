@@ -35,7 +35,7 @@ class Views:
     ) -> None:
         self._task, self._games, self._streams = task, games, streams
         self._epsilon, self._arrays = epsilon, arrays
-        self._encoders: dict[str, Encoder] = {}
+        self._encoders: dict[Any, Encoder] = {}
         self._views: dict[int, GameView] = {}
 
     def encoder(self, encoding: str) -> Encoder:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from pursuit.declared import one_of
+from pursuit.parts import Registry, is_reference
 from pursuit.policy import Policy
 from pursuit.single_agent import SingleAgentEnv, SingleAgentVectorEnv
 from pursuit.task import ROLES, Task, make_task
@@ -25,6 +27,41 @@ DEFAULTS: dict[str, type[Scripted]] = {
 
 SCRIPTED = ("astar", "random", "optimal")
 """The names of scripted agents on the command line."""
+
+POLICIES: Registry[Callable[[Task, str], Policy]] = Registry(
+    "policy",
+    "a class or function (task, role) -> Policy",
+    callable,
+    plural="policies",
+    ours=SCRIPTED,
+)
+"""Policies of users' own. One that plays some roles only says which in `roles`."""
+
+
+def is_own_policy(name: str) -> bool:
+    """Whether a name is that of a user's own policy."""
+    return is_reference(name) or (name not in SCRIPTED and name in POLICIES.names())
+
+
+def own_roles(name: str, task: Task) -> tuple[str, ...]:
+    """The roles of a task that a user's own policy plays; ValueError for no such policy."""
+    plays = getattr(POLICIES.get(name), "roles", task.seat_roles)
+    return tuple(role for role in dict.fromkeys(task.seat_roles) if role in plays)
+
+
+def own_policy(name: str, task: Task, role: str) -> Policy:
+    """A user's own policy in one role of a task.
+
+    Raises:
+        ValueError: no such policy, one that does not play this role, or no `Policy` at all.
+    """
+    make, roles = POLICIES.get(name), own_roles(name, task)
+    if role not in roles:
+        raise ValueError(f"policy {name!r} plays {', '.join(roles)}; {role!r} is asked for")
+    policy: Policy = make(task, role)
+    if not callable(getattr(policy, "act", None)):
+        raise ValueError(f"policy {name!r} gave {policy!r}; a Policy has act(view)")
+    return policy
 
 
 def scripted_policy(
@@ -77,12 +114,21 @@ def single_agent_arguments(
     agent: str,
     maze: Any = "5x5",
     opponent_epsilon: float = 0.0,
-    opponent: Policy | None = None,
+    opponent: Policy | str | None = None,
     **settings: Any,
 ) -> dict[str, Any]:
     """The task, agent and policies of a single-agent environment of the named task."""
     task = make_task(task_name, maze=maze, **settings)
-    policies = default_policies(task, opponent_epsilon, opponent, agent)
+    given = None if isinstance(opponent, str) else opponent
+    policies = default_policies(task, opponent_epsilon, given, agent)
+    if isinstance(opponent, str):
+        for role in set(task.seat_roles) - {agent.split("_")[0]}:
+            order: Any = task.move_order
+            policies[role] = (
+                scripted_policy(opponent, role, opponent_epsilon, order)
+                if opponent in SCRIPTED
+                else own_policy(opponent, task, role)
+            )
     return {"task": task, "agent": agent, "policies": policies}
 
 
@@ -103,7 +149,8 @@ def make_env(
         render_mode: None, "ansi", "rgb_array" or "human".
         mask_bumps: infos hold an "action_mask" that forbids moves into walls.
         **settings: maze, opponent_epsilon (share of random moves of the scripted agents, 0 by
-            default), opponent (a `Policy` for all other roles), and those of `pursuit.Task`.
+            default), opponent (for all other roles: a `Policy`, astar, random, optimal, or
+            package.module:Name of your own), and those of `pursuit.Task`.
     """
     arguments = single_agent_arguments(task, agent, **settings)
     return SingleAgentEnv(

@@ -1,13 +1,14 @@
 """The algorithms by name: their settings, how each is built and loaded, and what it can do.
 
 A new learner is a file with its settings, its class and its `build`, and one entry here; command
-line, run folders, sweeps and reports follow.
+line, run folders, sweeps and reports follow. A user's own is an `Algorithm` in a module of his, and
+is called `package.module:Name`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pursuit.policy import Policy
@@ -16,6 +17,7 @@ from train.algorithms.learner import Build, Learner, network_loader
 from train.algorithms.rollouts import actor_critic_of
 from train.settings.algorithms import (
     HYPERPARAMETERS,
+    LEARNERS,
     A2CSettings,
     CrossEntropySettings,
     DQNSettings,
@@ -118,9 +120,15 @@ def register(algorithm: Algorithm) -> None:
 
 
 def entry(name: str) -> Algorithm:
-    """An algorithm by its name; ValueError naming the known ones for another."""
-    check(name in ALGORITHMS, f"unknown algorithm {name!r}; one of {', '.join(ALGORITHMS)}")
-    return ALGORITHMS[name]
+    """An algorithm by its name, or a user's own; ValueError naming the known ones for another."""
+    if name in ALGORITHMS:
+        return ALGORITHMS[name]
+    found = LEARNERS.get(name)
+    check(
+        isinstance(found, Algorithm),
+        f"algorithm {name!r} is {found!r}; it must be {LEARNERS.needs}",
+    )
+    return replace(found, name=name)
 
 
 def algorithm_of(settings: Hyperparameters) -> Algorithm:

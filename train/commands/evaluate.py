@@ -10,7 +10,7 @@ from typing import Annotated
 import tyro
 
 from train.algorithms.registry import entry
-from train.commands.parse import parse
+from train.commands.parse import heard, parse
 from train.commands.scores import print_floor, print_scores
 from train.evaluation.floor import objective_floor
 from train.files import write_json
@@ -44,7 +44,8 @@ def evaluate(arguments: Sequence[str]) -> None:
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     check(given.out is None or not given.out.exists(), f"{given.out}: exists already")
     check(given.run.is_dir(), f"{given.run}: no such folder")
-    settings, policy = load_settings(given.run), load_policy(given.run)
+    with heard():
+        settings, policy = load_settings(given.run), load_policy(given.run)
     if given.opponent_epsilon is not None:
         task = replace(settings.task, opponent_epsilon=given.opponent_epsilon)
         settings = replace(settings, task=task)

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pursuit.task import Task
-from train.commands.parse import parse
+from train.commands.parse import heard, parse
 from train.files import write_json
 from train.self_play.league import LeagueTable, enter, play_league, rate
 from train.self_play.pictures import draw_league
@@ -50,7 +50,8 @@ def league(arguments: Sequence[str]) -> None:
     given = parse(LeagueCommand, arguments, "league")
     check(given.games >= 2, f"games={given.games}; at least 2")
     check(len(given.entries) > 0, "nobody to play; give folders of runs, or astar, random, optimal")
-    task, entries = enter(given.entries, given.maze, given.opponent_epsilon, given.greedy)
+    with heard():
+        task, entries = enter(given.entries, given.maze, given.opponent_epsilon, given.greedy)
     table = play_league(task, entries, given.games, given.seed)
     content = rate(table, given.seed)
     given.out.mkdir(parents=True, exist_ok=True)

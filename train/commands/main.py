@@ -7,9 +7,11 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import pursuit
+from pursuit.parts import look_in
 from train.commands.parse import fail
 from train.runs.interruption import Diverged, Signals
 
@@ -72,6 +74,7 @@ def obey(given: list[str]) -> None:
     name, rest = given[0], given[1:]
     if name not in COMMANDS:
         fail(f"unknown command {name!r}; one of {', '.join(COMMANDS)}")
+    look_in(Path.cwd())  # where users keep parts of their own
     command(name)(rest)
 
 

@@ -12,6 +12,8 @@ from typing import Any, NoReturn, TypeVar
 
 import tyro
 
+from pursuit.parts import ALLOW, allow
+
 Form = TypeVar("Form")
 
 
@@ -38,6 +40,28 @@ def budget_of(arguments: Sequence[str], seconds: float) -> dict[str, Any]:
     return {"seconds": seconds}
 
 
+ALLOW_HELP = f"""everywhere:
+  --allow MODULE          let files (of runs, sweeps, models) name parts of this module of yours;
+                          as often as you like; {ALLOW}=MODULE,OTHER does the same
+"""
+
+
+def taken_allowed(arguments: Sequence[str]) -> list[str]:
+    """The arguments without every --allow MODULE, whose modules files may name from now on.
+
+    Raises:
+        ValueError: no module's name after one.
+    """
+    rest, given = [], iter(arguments)
+    for argument in given:
+        name, equals, value = argument.partition("=")
+        if name == "--allow":
+            allow(value if equals else next(given, ""))
+        else:
+            rest.append(argument)
+    return rest
+
+
 def parse(
     form: type[Form], arguments: Sequence[str], prog: str, default: Form | None = None
 ) -> Form:
@@ -46,6 +70,7 @@ def parse(
     Raises:
         ValueError: arguments that the form does not have, or values that it does not allow.
     """
+    arguments = taken_allowed(arguments)
     boxed = io.StringIO()
     extra: Any = {} if default is None else {"default": default}
     try:
@@ -63,6 +88,7 @@ def parse(
             )
     except SystemExit as exit_:
         if not exit_.code:
+            print(ALLOW_HELP)
             raise
         raise ValueError(f"{in_words(boxed.getvalue())} (see pursuit {prog} --help)") from None
 

@@ -11,8 +11,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from train.experiments.kinds import is_complete
-from train.runs.folder import load_results
+from train.runs.folder import CONFIG, load_results
 from train.runs.loop import Run
+from train.runs.provenance import allow_options
 
 QUIET = 2.0
 """Seconds of work that need no report."""
@@ -115,6 +116,7 @@ def carry_out(run: Run, episodes: int, again: str) -> dict[str, Any]:
         with Watch() as watch:
             run.train(watch)
     if run.stopped:
+        again += allow_options(run.folder / CONFIG)
         print(f"interrupted; go on with: {again} --resume {run.folder}", file=sys.stderr)
     return run.results(episodes)
 

@@ -12,7 +12,7 @@ import tyro
 from pursuit.policy import Policy
 from scripted_agents import TablePolicy, TourRunner, why_not_optimal
 from scripted_agents.environments import DEFAULTS
-from train.commands.parse import parse
+from train.commands.parse import heard, parse
 from train.evaluation.contest import GameContest
 from train.runs.opponents import load_policy
 from train.runs.parts import contest_of
@@ -45,7 +45,8 @@ def render(arguments: Sequence[str]) -> None:
     policy: Any
     if given.run is not None:
         check(given.run.is_dir(), f"{given.run}: no such folder")
-        policy, contest = load_policy(given.run), contest_of(load_settings(given.run).task, 2)
+        with heard():
+            policy, contest = load_policy(given.run), contest_of(load_settings(given.run).task, 2)
     else:
         contest = contest_of(given.task, 2)
         policy = DEFAULTS[contest.role](0.0)

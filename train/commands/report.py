@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from train.commands.parse import parse
+from train.commands.parse import heard, parse
 from train.experiments.report import report as make_report
 from train.experiments.sweep import status_of
 from train.settings.checks import check
@@ -27,7 +27,8 @@ def report(arguments: Sequence[str]) -> None:
     """`pursuit report`."""
     given = parse(ReportCommand, arguments, "report")
     check(given.folder.is_dir(), f"{given.folder}: no such folder")
-    folder = make_report(given.folder)
+    with heard():
+        folder = make_report(given.folder)
     print((folder / "report.md").read_text(encoding="utf-8"))
     states = [status_of(path.parent) for path in given.folder.glob("runs/*/config.json")]
     print(f"{states.count('complete')} of {len(states)} runs; figures and tables: {folder}")

@@ -71,6 +71,12 @@ def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
     return None if optimum is None else achieved.mean_steps / optimum.mean_steps - 1.0
 
 
+def told(policy: Policy) -> str:
+    """A policy in words: its own, or else the name of its class."""
+    plain = type(policy).__repr__ is object.__repr__
+    return type(policy).__name__ if plain else repr(policy)
+
+
 class Contest(Protocol):
     """What a run is judged by.
 
@@ -138,7 +144,7 @@ class GameContest:
         parts = [f"{n} {name}{'s' if n > 1 else ''}" for name, n in counts.items() if n]
         others = sorted(
             {
-                repr(policy)
+                told(policy)
                 for role, policy in self.opponents.items()
                 if role in task.seat_roles and (role != self.role or task.count(role) > 1)
             }

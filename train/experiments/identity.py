@@ -18,6 +18,7 @@ from scripted_agents.environments import SCRIPTED
 from train.experiments.kinds import with_mazes
 from train.files import write_bytes
 from train.runs.folder import CHECKPOINT, CONFIG
+from train.runs.provenance import provenance
 from train.runs.tasks import task_of
 from train.runs.third_party import description_of
 from train.settings.checks import check
@@ -114,6 +115,8 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     mazes = plain.get("lessons", {}).get("curriculum_mazes")
     if mazes is not None:
         plain["lessons"]["curriculum_mazes"] = [named_maze(n).to_text() for n in names_in(mazes)]
+    if parts := provenance(settings):
+        plain["parts"] = parts  # users' modules count by their source
     text = json.dumps({"kind": kind, "episodes": episodes, **plain}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:10]
 

@@ -25,6 +25,7 @@ from train.runs.folder import (
 )
 from train.runs.loop import Run
 from train.runs.parts import parts_of
+from train.runs.provenance import check_sources
 from train.runs.saved import from_plain
 from train.runs.single import make_run
 from train.runs.tasks import task_of
@@ -124,6 +125,7 @@ def open_run(folder: Path) -> Run:
         ValueError: no run there, a damaged one, or one that another process works on.
     """
     kind, settings = read_settings(folder)
+    check_sources(folder / CONFIG, settings, resuming=True)
     lock = hold(folder, "run", shared=True)
     remove_leftovers(folder)
     begun = (folder / CHECKPOINT).exists()

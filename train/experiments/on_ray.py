@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from pursuit.parts import allowed
 from train.experiments.kinds import open_run
 from train.experiments.sweep import ERROR, STOPPED, Told, status_of
 from train.experiments.worker import files_of, put_files, shipment, unpack, work_elsewhere
@@ -90,14 +91,16 @@ def make_exchange(ray: Any) -> Any:
 # -- tasks -----------------------------------------------------------------------------------------
 
 
-def do_one(name: str, files: Files, episodes: int, exchange: Any) -> Files:
+def do_one(
+    name: str, files: Files, episodes: int, exchange: Any, trusted: tuple[str, ...] = ()
+) -> Files:
     """Do one run on whatever machine this is; where another one has begun, from what that saved."""
     import ray
 
     def tell(progress: float, saved: Files | None) -> bool:
         return bool(ray.get(exchange.tell.remote(name, progress, saved)))
 
-    return work_elsewhere(files | ray.get(exchange.latest.remote(name)), episodes, tell)
+    return work_elsewhere(files | ray.get(exchange.latest.remote(name)), episodes, tell, trusted)
 
 
 def do_tasks(
@@ -118,7 +121,7 @@ def do_tasks(
     exchange = make_exchange(ray)
     remote = ray.remote(num_cpus=1, max_retries=5)(do_one)
     tasks = {
-        remote.remote(name, shipment(folder), episodes, exchange): name
+        remote.remote(name, shipment(folder), episodes, exchange, allowed()): name
         for name, folder in todo.items()
     }
     statuses = {name: status_of(folder) for name, folder in folders.items()}
@@ -176,7 +179,7 @@ def tune(
     from ray.tune.schedulers import ASHAScheduler
 
     exchange = make_exchange(ray)
-    given = {name: shipment(folder) for name, folder in todo.items()}
+    given, trusted = {name: shipment(folder) for name, folder in todo.items()}, allowed()
 
     def trainable(config: dict[str, Any]) -> None:
         name = config["run"]
@@ -186,7 +189,7 @@ def tune(
 
         with TemporaryDirectory(prefix="pursuit-") as temporary:
             folder = Path(temporary)
-            unpack(folder, given[name])
+            unpack(folder, given[name], trusted)
             run = open_run(folder)
             evaluations, heard = 0, time.monotonic()
 

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from pursuit.maze import load_maze
+from pursuit.parts import check_trusted
 from train.experiments.forms import (
     HINTS,
     LABEL,
@@ -126,16 +127,18 @@ def read_file(name: str, folder: Path, kind: str) -> tuple[Path, dict[str, Any]]
     """The path and the content of a TOML file, or of the one of that name in `folder`.
 
     Raises:
-        ValueError: no such file, or no TOML.
+        ValueError: no such file, no TOML, or parts named that are neither ours nor allowed.
     """
     path, names = Path(name), shipped(folder)
     if not path.exists() and name in names:
         path = folder / f"{name}.toml"
     check(path.is_file(), f"{name}: no such {kind} file; shipped are {', '.join(names)}")
     try:
-        return path, tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: not TOML: {error}") from None
+    check_trusted(path, content)
+    return path, content
 
 
 def read_form(form: type[FileForm], content: dict[str, Any], path: Path) -> FileForm:
@@ -260,7 +263,12 @@ def told(label: Mapping[str, Any]) -> str:
 
 def flat_settings(settings: Any) -> dict[str, Any]:
     """Settings by their names, without the levels that they lie in; budgets as `MEASURED` says."""
-    plain = asdict(settings)
+    return flat_plain(asdict(settings))
+
+
+def flat_plain(nested: Mapping[str, Any]) -> dict[str, Any]:
+    """The same of plain values."""
+    plain = dict(nested)
     flat = {"variant": None, "kind": None} | plain.pop("task")
     for name in ("hyper", "lessons"):
         plain |= {k: v for k, v in plain.pop(name, {}).items() if k not in plain}

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from pursuit.parts import references
 from train.experiments.forms import read_hints, read_label
 from train.experiments.kinds import read_settings
-from train.experiments.sweep import ERROR, MEASURED, flat_settings, status_of
+from train.experiments.sweep import ERROR, MEASURED, flat_plain, status_of
 from train.files import read_json, write_beside
-from train.runs.folder import CONFIG, METRICS, RESULTS, RUN, read_metrics
+from train.runs.folder import CONFIG, METRICS, RESULTS, RUN, read_config, read_metrics
+from train.runs.provenance import check_sources
 from train.runs.tasks import task_of
 from train.schemas import read_as
 from train.settings.checks import check
 from train.settings.self_play import ROLES
+from train.settings.task import TaskSettings, who_learns
 
 if TYPE_CHECKING:
     import polars
@@ -93,13 +97,18 @@ def collect(out: Path) -> tuple[polars.DataFrame, polars.DataFrame]:
 
 def row_of(folder: Path) -> dict[str, Any]:
     """One run as a flat row."""
-    kind, settings = read_settings(folder)
-    flat, label = flat_settings(settings), read_label(folder)
+    kind, plain = read_config(folder)
+    check_sources(folder / CONFIG, plain)
+    if not any(references(plain)):  # else it is read as it stands: no user's part is imported
+        kind, settings = read_settings(folder)
+        plain = asdict(settings)
+    task, label = plain["task"], read_label(folder)
+    flat = flat_plain(plain)
     row: dict[str, Any] = {"run": folder.name, "kind": kind, "status": status_of(folder)}
     row |= {name: value for name, value in flat.items() if name not in row}
     row["variant"] = label.get("variant")
-    row["maze"] = task_of(settings.task).mazes[0].name
-    row["role"] = settings.task.agent if kind == RUN else "both"
+    row["maze"] = task_of(TaskSettings(maze=task["maze"])).mazes[0].name
+    row["role"] = who_learns(task["task"], task["role"]) if kind == RUN else "both"
     if "members" in row:
         row["members"] = " ".join(row["members"])
     # What a sweep names is kept as it says it, so that reports can group by `preset`, say; and

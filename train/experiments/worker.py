@@ -14,13 +14,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
 
 from filelock import FileLock
 
+from pursuit.parts import allow, environment, look_in
 from train.experiments.forms import LABEL
 from train.experiments.identity import INPUTS, MODEL, named_policies, policy_files, put_policies
 from train.experiments.identity import put_files as put
@@ -29,6 +30,7 @@ from train.experiments.sweep import ERROR, PROGRESS, STOPPED
 from train.files import read_json, write_json, write_text
 from train.runs.folder import CHECKPOINT, CONFIG, RESULTS
 from train.runs.loop import Run
+from train.runs.provenance import SOURCES, source_files
 
 LOG = "log.txt"
 LAST_WORD = 60.0
@@ -78,16 +80,22 @@ def end_with_the_sweep() -> None:
 
 
 def worker_environment() -> dict[str, str]:
-    """One core a run: the libraries' own threads would get in each other's way."""
+    """One core a run: the libraries' own threads would get in each other's way. Users' modules are
+    found and trusted there as they are here."""
     single = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-    return {**os.environ, **single}
+    found = {**os.environ, **single, **environment()}
+    root = Path(__file__).parents[2]
+    if "site-packages" not in root.parts:  # a source tree that is not installed, perhaps
+        found["PYTHONPATH"] = os.pathsep.join(filter(None, (found.get("PYTHONPATH"), str(root))))
+    return found
 
 
 def start_worker(folder: Path, episodes: int) -> subprocess.Popen[bytes]:
     """A process that does the run in `folder`; what it says goes to `log.txt`."""
     with (folder / LOG).open("ab") as log:
         return subprocess.Popen(
-            [sys.executable, "-m", "train.experiments.worker", str(folder), str(episodes)],
+            # -P: a train.py where the user happens to be must not stand in for ours.
+            [sys.executable, "-P", "-m", "train.experiments.worker", str(folder), str(episodes)],
             stdin=subprocess.PIPE,  # closed when this process ends, however it ends
             stdout=log,
             stderr=subprocess.STDOUT,
@@ -120,7 +128,10 @@ def progress_of(folder: Path) -> float:
 
 
 def work_elsewhere(
-    files: dict[str, bytes], episodes: int, tell: Tell = lambda progress, files: False
+    files: dict[str, bytes],
+    episodes: int,
+    tell: Tell = lambda progress, files: False,
+    trusted: Sequence[str] = (),
 ) -> dict[str, bytes]:
     """Do one run on whatever machine this is: files of its folder in, files out.
 
@@ -131,13 +142,14 @@ def work_elsewhere(
         files: what `shipment` gave.
         episodes: of the final evaluation.
         tell: hears of it; when it says so, the run saves and stops.
+        trusted: modules that the files may name; users' own come with them.
 
     Returns:
         The files of the folder that belong to the run.
     """
     with TemporaryDirectory(prefix="pursuit-") as temporary:
         folder = Path(temporary)
-        unpack(folder, files)
+        unpack(folder, files, trusted)
         process = start_worker(folder, episodes)
         told, stopping = None, False
         try:
@@ -182,7 +194,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
     for path in folder.rglob("*"):
         inner = path.relative_to(folder)
         hidden = any(part.startswith(".") for part in inner.parts)
-        if hidden or inner.parts[0] == INPUTS or str(inner) in others:
+        if hidden or inner.parts[0] in (INPUTS, SOURCES) or str(inner) in others:
             continue
         with contextlib.suppress(FileNotFoundError, IsADirectoryError):  # renamed just now
             found[str(inner)] = path.read_bytes()
@@ -190,10 +202,12 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 
 def shipment(folder: Path) -> dict[str, bytes]:
-    """What a run needs to begin or to go on on another machine, the policies that it reads too."""
+    """What a run needs to begin or to go on on another machine, with the policies that it reads and
+    its users' own modules."""
     plain = read_json(folder / CONFIG)
     places = {}
     found = {name: c for name, c in files_of(folder).items() if name not in (LOG, ERROR)}
+    found |= {f"{SOURCES}/{name}": content for name, content in source_files(plain).items()}
     for name, value in named_policies(plain).items():
         if Path(value).exists():
             inner = f"{INPUTS}/{name}"
@@ -202,9 +216,12 @@ def shipment(folder: Path) -> dict[str, bytes]:
     return found | {CONFIG: json.dumps(put_policies(plain, places)).encode()}
 
 
-def unpack(folder: Path, files: dict[str, bytes]) -> None:
-    """Write what `shipment` gave; the settings name the policies where they are now."""
+def unpack(folder: Path, files: dict[str, bytes], trusted: Sequence[str] = ()) -> None:
+    """Write what `shipment` gave; the settings name the policies where they are now, and users'
+    modules are found among the files and `trusted`."""
     put(folder, files)
+    look_in(folder / SOURCES)
+    allow(*trusted)
     plain = read_json(folder / CONFIG)
     places = {
         name: str(folder / value)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
 import torch
 from torch import nn
 
@@ -115,10 +116,11 @@ class Flat(nn.Module):
 
 
 class Convolutions(nn.Module):
-    """Two 3×3 convolutions over "planes", then a linear layer."""
+    """Two 3×3 convolutions over "planes", scaled to about [0, 1], then a linear layer."""
 
     def __init__(self, features: Features, width: int) -> None:
         super().__init__()
+        self.scale = 1.0 / max(float(np.max(features.high)), 1.0)
         planes, height, columns = features.shape
         self.layers = nn.Sequential(
             nn.Conv2d(planes, 32, 3, padding=1),
@@ -130,8 +132,8 @@ class Convolutions(nn.Module):
         )
 
     def prepare(self, observation: torch.Tensor) -> torch.Tensor:
-        """The observation itself."""
-        return observation
+        """The observation itself, where it is float32 up to 1."""
+        return observation.float() * self.scale if self.scale < 1.0 else observation.float()
 
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:
         """[..., width] from [..., planes, height, width]."""

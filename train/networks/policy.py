@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pursuit.masks import action_masks
 from pursuit.maze import Maze
 from pursuit.maze_arrays import lay_out
-from pursuit.observations import Encoder
+from pursuit.observations import ENCODINGS, Encoder
 from pursuit.policy import GameView, Policy, pairs_of_cells
 from pursuit.rules.layout import Games
 from pursuit.task import Task
@@ -113,6 +113,24 @@ class Seat:
         return LearnedPolicy(network, self, greedy)
 
 
+@lru_cache(maxsize=64)
+def sees_cells_only(task: Task, encoding: Any) -> bool:
+    """Whether what is observed in a duel is a function of the two cells: not of time as well."""
+    if not task.is_duel:
+        return True
+    encoder = Encoder(task, encoding)
+    for maze in task.mazes:
+        pairs = pairs_of_cells(task, maze, 0)
+        step = 1 + len(pairs.steps) // 100_000  # a part of them will do in large mazes
+        games = Games(*(array[::step] for array in pairs))
+        at_first = encoder.encode(games)
+        for steps in (1, task.max_steps // 2, task.max_steps - 1):
+            games.steps[:] = steps
+            if not np.array_equal(at_first, encoder.encode(games)):
+                return False
+    return True
+
+
 class LearnedPolicy:
     """A network that fills a seat.
 
@@ -130,6 +148,9 @@ class LearnedPolicy:
         self.network, self.seat, self.greedy = network, seat, greedy
         self.task, self.agent, self.encoding = seat.task, seat.agent, seat.encoding
         self._shape = seat.features.shape
+        if self.encoding not in ENCODINGS and not sees_cells_only(self.task, self.encoding):
+            # None is how a class says that it is no `TabularPolicy` after all.
+            self.action_probabilities = None  # type: ignore[method-assign, assignment]
 
     def probabilities(
         self, observations: NDArray[Any], allowed: NDArray[np.bool_] | None = None

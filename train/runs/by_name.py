@@ -7,6 +7,7 @@ from dataclasses import asdict, fields
 from difflib import get_close_matches
 from typing import Any, TypeVar
 
+from pursuit.rewards import rewards_text
 from train.runs.parts import parts_of, setting_of
 from train.settings.checks import check
 from train.settings.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
@@ -99,6 +100,8 @@ def typed(form: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
             continue
         if "float" in kind and type(value) is int:
             value = float(value)
+        if name == "rewards" and isinstance(value, Mapping):
+            value = rewards_text(value)
         kinds = {"bool": bool, "int": int, "float": float, "str": str}
         if "tuple" in kind and isinstance(value, list | tuple):
             value, fits = tuple(value), all(isinstance(item, str) for item in value)

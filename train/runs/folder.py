@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from pursuit.maze import Maze, library_names
+from pursuit.parts import check_trusted
 from train.files import LOCK, is_leftover, read_json, write_csv, write_json
 from train.runs import forms
+from train.runs.provenance import COMMAND, PARTS, command_line, provenance
 from train.schemas import read_as
 from train.settings.checks import check
 from train.tensors import Misfit, read_tensors, write_tensors
@@ -54,17 +56,26 @@ def new_folder(path: Path) -> Path:
 
 
 def save_config(folder: Path, kind: str, settings: Any, maze: Maze) -> None:
-    """Write `config.json`: the kind of run, its settings, and the maze as text."""
+    """Write `config.json`: the kind of run, its settings, the maze as text, users' own parts with
+    the hashes of their source, and the command that runs."""
     plain = {"format": FORMAT, "kind": kind, **asdict(settings), "maze_text": maze.to_text()}
-    write_json(folder / CONFIG, plain)
+    write_json(folder / CONFIG, {**plain, PARTS: provenance(settings), COMMAND: command_line()})
 
 
 def load_config(folder: Path) -> tuple[str, dict[str, Any]]:
     """The kind of run in a folder, and its settings; a maze that was a file is its text.
 
     Raises:
-        ValueError: no run in this folder, or a damaged one.
+        ValueError: no run in this folder, a damaged one, or one that names parts which are neither
+            ours nor allowed.
     """
+    kind, plain = read_config(folder)
+    check_trusted(folder / CONFIG, plain)
+    return kind, plain
+
+
+def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
+    """`load_config` for whoever makes nothing of the settings, and so need not trust them."""
     path = folder / CONFIG
     if not path.exists():
         raise ValueError(f"{folder}: no run here ({CONFIG} is missing)")
@@ -76,7 +87,8 @@ def load_config(folder: Path) -> tuple[str, dict[str, Any]]:
         "version, or a new folder",
     )
     found = read_as(forms.Config, plain, path, forms.RESTORE)
-    del plain["kind"], plain["maze_text"]
+    for name in ("kind", "maze_text", PARTS, COMMAND):
+        plain.pop(name, None)
     if found.task.get("maze") not in library_names():
         plain["task"]["maze"] = found.maze_text
     return found.kind, plain

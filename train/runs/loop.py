@@ -17,8 +17,17 @@ from torchrl.record.loggers import TensorboardLogger
 import pursuit
 from train.files import cannot_write, write_json
 from train.machine import commit, processor
-from train.runs.folder import CHECKPOINT, CURVE, REPLAY, RESULTS, MetricsFile, save_checkpoint
+from train.runs.folder import (
+    CHECKPOINT,
+    CONFIG,
+    CURVE,
+    REPLAY,
+    RESULTS,
+    MetricsFile,
+    save_checkpoint,
+)
 from train.runs.interruption import Diverged, Interruption
+from train.runs.provenance import recorded_parts
 from train.runs.threads import ThreadChoice, random_states, set_random_states
 from train.tensors import Misfit, check_like, first_not_finite
 
@@ -271,6 +280,7 @@ class Run:
             "seconds": round(self.seconds, 3),
             "frames_per_second": round(trainee.frames / max(self.seconds, 1e-9), 1),
             "interrupted": self.stopped,
+            "parts": recorded_parts(self.folder / CONFIG),
             "versions": versions(),
             "machine": machine(),
         }

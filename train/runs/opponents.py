@@ -8,7 +8,13 @@ from typing import Any
 from pursuit.policy import Policy
 from pursuit.task import Task
 from scripted_agents import check_optimal
-from scripted_agents.environments import SCRIPTED, default_policies, scripted_policy
+from scripted_agents.environments import (
+    SCRIPTED,
+    default_policies,
+    is_own_policy,
+    own_policy,
+    scripted_policy,
+)
 from train.algorithms.registry import entry
 from train.networks.policy import Seat
 from train.runs.folder import MISFITS, load_checkpoint, misfit, part_of
@@ -74,7 +80,8 @@ def opponents_of(
     Args:
         task: the game.
         agent: who learns.
-        opponent: random, optimal, astar, the folder of a run or a model's .zip; None for A*.
+        opponent: random, optimal, astar, a user's own policy, the folder of a run or a model's
+            .zip; None for A*.
         epsilon: share of random moves of the scripted agents.
         played: how a learned opponent plays, "sampled" or "greedy".
 
@@ -94,6 +101,14 @@ def opponents_of(
                 check_optimal(task, other)
             rest: Any = (epsilon, task.move_order)
             policies[other] = scripted_policy(str(opponent), other, *rest)
+    elif opponent is not None and is_own_policy(opponent):
+        check(
+            task.num_agents > 1,
+            f"opponent={opponent!r}; task {task.name!r} has no other seats; leave it out",
+        )
+        learner = agent.split("_")[0]
+        for other in set(task.seat_roles) - {learner} or {learner}:
+            policies[other] = own_policy(opponent, task, other)
     elif opponent is not None:
         policy: Any = load_opponent(Path(opponent), played)
         role, seat = role_of(policy), task.seat(agent)

@@ -12,6 +12,7 @@ import msgspec
 from train.algorithms.registry import entry
 from train.runs.folder import CONFIG, RUN, SIDE, load_config
 from train.runs.forms import RESTORE
+from train.runs.provenance import check_sources
 from train.schemas import read_as
 from train.settings.checks import check
 from train.settings.curricula import curriculum_form
@@ -78,4 +79,5 @@ def load_settings(folder: Path) -> TrainSettings[Any]:
         f"{folder}: a run of kind {kind!r}, with a policy for each side; give {folder / 'chaser'} "
         f"or {folder / 'evader'}",
     )
+    check_sources(folder / CONFIG, plain)
     return from_plain(plain, str(folder / CONFIG))

@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from gymnasium.spaces import Discrete
 
+from pursuit.parts import check_trusted
 from pursuit.simulator import Simulator
 from train.files import read_json, write_json
 from train.networks.policy import LearnedPolicy, Seat
@@ -100,7 +101,9 @@ def load_stable_baselines(path: Path, greedy: bool | None = True) -> LearnedPoli
         "train.runs.third_party.save_stable_baselines",
     )
     where = description_of(path)
-    described = read_as(Description, read_json(where), where, RESTORE)
+    content = read_json(where)
+    check_trusted(where, content)
+    described = read_as(Description, content, where, RESTORE)
     task = read_as(TaskSettings, described.task, f"{where}: task", RESTORE)
     algorithm, encoding = described.algorithm, described.observation
     greedy = algorithm == "dqn" if greedy is None else greedy

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from pursuit.policy import Policy
 from pursuit.task import Task
 from scripted_agents import check_optimal
-from scripted_agents.environments import SCRIPTED, scripted_policy
+from scripted_agents.environments import (
+    SCRIPTED,
+    is_own_policy,
+    own_policy,
+    own_roles,
+    scripted_policy,
+)
 from train.algorithms.registry import entry as algorithm_entry
 from train.evaluation.games import half_width
 from train.evaluation.matchups import can_solve, match, play_pair
@@ -68,7 +74,7 @@ def enter(
     """The task of the league, and whoever takes part.
 
     Args:
-        names: folders of runs, and names of scripted agents.
+        names: folders of runs, and names of scripted agents and of users' own policies.
         maze: where scripted agents play if there is no run.
         opponent_epsilon: share of random moves of astar.
         greedy: learned policies take their most probable action instead of drawing.
@@ -79,12 +85,13 @@ def enter(
     runs: list[tuple[str, Path]] = []
     for name in names:
         check(list(names).count(name) == 1, f"two entries are called {name!r}; give it once")
-        if name in SCRIPTED:
+        if name in SCRIPTED or is_own_policy(name):
             continue
         folder = Path(name)
         check(
             folder.is_dir(),
-            f"{name}: no folder of a run, and no scripted agent ({', '.join(SCRIPTED)})",
+            f"{name}: no folder of a run, and no scripted agent ({', '.join(SCRIPTED)}, or "
+            "package.module:Name)",
         )
         check((folder / CONFIG).exists(), f"{name}: no run here ({CONFIG} is missing)")
         if load_config(folder)[0] == SELF_PLAY:
@@ -117,6 +124,9 @@ def enter(
                 if name == "optimal":
                     check_optimal(task, role)
                 entries.append(Entry(name, role, scripted_policy(name, role, *rest)))
+        elif is_own_policy(name):
+            for role in own_roles(name, task):
+                entries.append(Entry(name, role, own_policy(name, task, role)))
     for role in ROLES:
         check(
             any(entry.role == role for entry in entries),

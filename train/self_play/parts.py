@@ -12,7 +12,13 @@ import msgspec
 from pursuit.policy import Policy
 from pursuit.task import Task
 from scripted_agents import check_optimal
-from scripted_agents.environments import SCRIPTED, scripted_policy
+from scripted_agents.environments import (
+    SCRIPTED,
+    is_own_policy,
+    own_policy,
+    own_roles,
+    scripted_policy,
+)
 from train.algorithms.registry import Build, entry
 from train.networks.policy import Seat
 from train.runs.by_name import check_names, picked, typed
@@ -71,6 +77,12 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         )
         for name in SCRIPTED
         for role in ROLES
+    }
+    scripted |= {
+        (name, role): own_policy(name, task, role)
+        for name in settings.members
+        if name not in SCRIPTED
+        for role in own_roles(name, task)
     }
     frozen = {
         role: scripted[name, role]
@@ -140,13 +152,15 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
 
 
 def frozen_policy(name: str, role: str, task: Task, played: str = "sampled") -> Policy:
-    """Who plays a role that does not learn, from the folder of a run or a model's .zip.
+    """Who plays a role that does not learn: a user's own, a run by its folder or a model's .zip.
 
     It is `played` "sampled" or "greedy", as every learned opponent is.
 
     Raises:
-        ValueError: neither; or the run learned another role, or in other games.
+        ValueError: none of them; or it is of another role, or of other games.
     """
+    if is_own_policy(name):
+        return own_policy(name, task, role)
     policy = load_opponent(Path(name), played)
     check_fits(policy, role, task, name)
     return policy

@@ -134,7 +134,8 @@ class SelfPlay:
         size, newest = self.settings.pool_size, self.settings.sampling == "window"
         pool = OpponentPool(self.folder / "pool" / role, latest, size, load, newest)
         for name in self.settings.members:
-            pool.add_scripted(name, self.parts.scripted[name, role])
+            if (name, role) in self.parts.scripted:
+                pool.add_scripted(name, self.parts.scripted[name, role])
         return pool
 
     @property

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import ClassVar
+from typing import Any, ClassVar
 
+from pursuit.parts import Registry
 from train.settings.checks import check
 
 ACTIVATIONS = ("relu", "tanh")
@@ -291,3 +292,26 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "q_learning": QLearningSettings,
 }
 """The settings of every algorithm by its name; `algorithms/registry.py` says what each can do."""
+
+
+def is_algorithm(part: Any) -> bool:
+    """Whether a part is an `Algorithm`."""
+    form = getattr(part, "settings", None)
+    return isinstance(form, type) and issubclass(form, Hyperparameters)
+
+
+LEARNERS: Registry[Any] = Registry(
+    "algorithm",
+    "a train.algorithms.registry.Algorithm",
+    is_algorithm,
+    ours=tuple(HYPERPARAMETERS),
+)
+"""Algorithms of users' own."""
+
+
+def hyperparameter_form(algorithm: str) -> type[Hyperparameters]:
+    """The settings of an algorithm by its name; ValueError for an unknown one."""
+    if algorithm in HYPERPARAMETERS:
+        return HYPERPARAMETERS[algorithm]
+    form: type[Hyperparameters] = LEARNERS.get(algorithm).settings
+    return form

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from curricula import Schedule
+from curricula import Curriculum, Schedule
 from curricula.levels import SCORES
 from curricula.schedules import SHAPES, UNITS
+from pursuit.parts import Registry
 from train.settings.checks import check
 
 AXES = (
@@ -21,6 +22,17 @@ AXES = (
     "loops",
 )
 """What a curriculum can turn, from easy to hard."""
+
+
+def is_axis(part: Any) -> bool:
+    """Whether a part is a `Maker` of an axis."""
+    return callable(getattr(part, "make", None)) and hasattr(part, "scripted")
+
+
+AXIS_PARTS: Registry[Any] = Registry(
+    "axis", "a train.teaching.axes.Maker", is_axis, plural="axes", ours=("auto", *AXES)
+)
+"""Axes of users' own."""
 
 
 @dataclass(frozen=True)
@@ -153,14 +165,14 @@ class StagedSettings(AxisSettings):
 
     axis: str = "auto"
     """What is turned: opponent-epsilon, goal-spread-fixed, goal-spread-start, start-distance,
-    num-goals, maze-size or loops. auto: goal-spread-start where there are goals, else
-    start-distance."""
+    num-goals, maze-size, loops, or package.module:Name of your own. auto: goal-spread-start where
+    there are goals, else start-distance."""
     num_stages: int = 8
     """At most this many values from easiest to hardest."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_choice("axis", self.axis, ("auto", *AXES))
+        AXIS_PARTS.check(self.axis)
         check(self.num_stages >= 2, f"num_stages={self.num_stages}; at least 2")
 
 
@@ -294,7 +306,34 @@ CURRICULA: dict[str, type[CurriculumSettings]] = {
 }
 
 
+@dataclass(frozen=True)
+class OwnCurriculum:
+    """A curriculum of a user's own.
+
+    Attributes:
+        settings: the class of its settings; one of `StagedSettings` turns an axis, any other
+            chooses levels.
+        make: (settings, axis or None, seed) -> the curriculum, whose lessons are values of the axis
+            or seeds of levels.
+    """
+
+    settings: type[CurriculumSettings]
+    make: Callable[[Any, Any, int], Curriculum]
+
+
+CURRICULUM_PARTS: Registry[Any] = Registry(
+    "curriculum",
+    "a train.settings.curricula.OwnCurriculum, or the Maker of an axis",
+    lambda part: isinstance(part, OwnCurriculum) or is_axis(part),
+    plural="curricula",
+    ours=tuple(CURRICULA),
+)
+"""Curricula of users' own; an axis of his own is a schedule along it, as with ours."""
+
+
 def curriculum_form(name: str) -> type[CurriculumSettings]:
     """The settings of a curriculum by its name; ValueError for an unknown one."""
-    check_choice("curriculum", name, CURRICULA)
-    return CURRICULA[name]
+    if name in CURRICULA:
+        return CURRICULA[name]
+    part = CURRICULUM_PARTS.get(name)
+    return part.settings if isinstance(part, OwnCurriculum) else ScheduleSettings

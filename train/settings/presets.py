@@ -14,6 +14,7 @@ from train.settings.algorithms import (
     PPOSettings,
     QLearningSettings,
     RolloutSettings,
+    hyperparameter_form,
 )
 from train.settings.checks import check
 from train.settings.curricula import CurriculumSettings, ScheduleSettings, curriculum_form
@@ -154,10 +155,7 @@ def hyperparameters(algorithm: str, setting: Setting, preset: str = TUNED) -> Hy
     Raises:
         ValueError: an unknown algorithm or preset, or a preset of another algorithm.
     """
-    check(
-        algorithm in HYPERPARAMETERS,
-        f"unknown algorithm {algorithm!r}; one of {', '.join(HYPERPARAMETERS)}",
-    )
+    hyperparameter_form(algorithm)
     owner = preset_algorithm(preset)
     check(
         owner in (None, algorithm),
@@ -176,7 +174,9 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
     the tour that is best for it: on 5x5 with 3 goals 0.49 % above the shortest at 0.95, none at
     0.99.
     """
-    hyper = HYPERPARAMETERS[algorithm]()
+    hyper = hyperparameter_form(algorithm)()
+    if algorithm not in HYPERPARAMETERS:  # a user's own, whose defaults are as they are meant
+        return hyper
     if isinstance(hyper, QLearningSettings) and setting.task != "maze":
         # Against random opponents averages over visits count instead of the last outcome. Who is
         # paid for every step needs a discount, lest values grow without bound.
@@ -210,7 +210,7 @@ def lessons_for(
     """
     if curriculum is not None:
         return curriculum, curriculum_form(curriculum)()
-    if preset == TUNED and issubclass(HYPERPARAMETERS[algorithm], NetworkSettings):
+    if preset == TUNED and issubclass(hyperparameter_form(algorithm), NetworkSettings):
         if setting.large_chase and setting.duel:
             return "start-distance", ScheduleSettings(schedule_length=0.2)
         if setting.large_maze:

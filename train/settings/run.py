@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from pursuit.observations import ENCODINGS
+from pursuit.own_observations import OBSERVATIONS
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import check, check_budget, check_choice, check_seed
 from train.settings.curricula import CurriculumSettings, curriculum_form
@@ -27,14 +27,16 @@ class TrainSettings(Generic[S]):
     lessons: CurriculumSettings = field(default_factory=CurriculumSettings)
     """The settings of the curriculum."""
     algorithm: str = "ppo"
-    """The learner: ppo, a2c, reinforce, dqn, cross_entropy or q_learning."""
+    """The learner: ppo, a2c, reinforce, dqn, cross_entropy, q_learning, or package.module:Name of
+    your own."""
     curriculum: str = "none"
     """What is taught when. Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start,
     start-distance, num-goals, maze-size, loops. Adaptive: success-gated, learning-progress,
-    level-replay, learnability. Controls: none, uniform, reversed, shuffled."""
+    level-replay, learnability. Controls: none, uniform, reversed, shuffled. Or package.module:Name,
+    of a curriculum or an axis of your own."""
     observation: str = "index"
     """What the network is given: index (the same network as one_hot, faster), one_hot, positions,
-    cells, walls or planes (convolutions)."""
+    cells, walls or planes (convolutions), or package.module:Name of your own."""
     evaluate: str = "greedy"
     """Which policy is evaluated: greedy (the most probable action), or sampled (as learned: it
     gets away where the greedy one steps to and fro for ever). Final results have both."""
@@ -56,7 +58,7 @@ class TrainSettings(Generic[S]):
     whichever is the faster at the time."""
 
     def __post_init__(self) -> None:
-        check_choice("observation", self.observation, ENCODINGS)
+        OBSERVATIONS.check(self.observation)
         check_choice("evaluate", self.evaluate, EVALUATED)
         check_choice("precision", self.precision, PRECISIONS)
         check_choice("first_layer", self.first_layer, FIRST_LAYERS)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from scripted_agents.environments import SCRIPTED
+from pursuit.own_observations import OBSERVATIONS
+from scripted_agents.environments import SCRIPTED, is_own_policy
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import check, check_budget, check_choice, check_seed
 from train.settings.task import TaskSettings
@@ -29,7 +30,8 @@ class SelfPlaySettings:
     hyper: PPOSettings = field(default_factory=self_play_ppo)
     """The settings of PPO, for every role that learns by it."""
     chaser: str = LEARN
-    """learn, or who plays the chasers instead: astar, random, optimal, or the folder of a run."""
+    """learn, or who plays the chasers instead: astar, random, optimal, the folder of a run, or
+    package.module:Name of your own."""
     evader: str = LEARN
     """learn, or who plays the evaders instead."""
     chaser_algorithm: str = "ppo"
@@ -53,9 +55,11 @@ class SelfPlaySettings:
     """Snapshots kept for each role: a sample of all so far, each as likely as any other (of window
     the newest; of double-oracle all)."""
     members: tuple[str, ...] = ()
-    """Scripted agents in the pools from the start: astar, random, optimal."""
+    """Scripted agents in the pools from the start: astar, random, optimal, or package.module:Name
+    of your own."""
     observation: str = "index"
-    """What the networks are given: index, one_hot, positions, cells, walls or planes."""
+    """What the networks are given: index, one_hot, positions, cells, walls, planes, or
+    package.module:Name of your own."""
     seconds: float | None = None
     """Budget of training time; evaluations are not counted."""
     frames: int | None = None
@@ -72,6 +76,7 @@ class SelfPlaySettings:
     def __post_init__(self) -> None:
         object.__setattr__(self, "sampling", FORMER.get(self.sampling, self.sampling))
         check_choice("sampling", self.sampling, SAMPLING)
+        OBSERVATIONS.check(self.observation)
         check(
             self.task.role == "auto",
             f"role={self.task.role!r}; both sides learn here: freeze one by chaser or evader",
@@ -97,7 +102,10 @@ class SelfPlaySettings:
         )
         check(bool(self.learning), "chaser and evader are both frozen; let one of them learn")
         for name in self.members:
-            check(name in SCRIPTED, f"unknown member {name!r}; of {', '.join(SCRIPTED)}")
+            check(
+                name in SCRIPTED or is_own_policy(name),
+                f"unknown member {name!r}; of {', '.join(SCRIPTED)}, or package.module:Name",
+            )
             check(self.members.count(name) == 1, f"member {name!r} is given twice")
         both = all(self.algorithm(role) == "ppo" and role in self.learning for role in ROLES)
         check(

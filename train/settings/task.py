@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pursuit.rewards import kept_rewards, rewards_text
 from pursuit.task import TASK_NAMES
 from train.settings.checks import check, check_choice
 
@@ -37,12 +38,15 @@ class TaskSettings:
     min_start_distance: int = 1
     """Steps between chasers and evaders at the start, at least."""
     rewards: str = "default"
-    """goal, completion, distance, zero_sum, or the task's own (default)."""
+    """goal, completion, distance, zero_sum, or the task's own (default); coefficients, such as
+    step=-0.1,capture=2 or chaser.step=-0.1,evader.capture=-2 (of step, capture, goal, distance,
+    on_completion); or package.module:Name of a function of your own."""
     opponent_epsilon: float = 0.2
     """Share of random moves of the scripted agents in all other seats, in [0, 1]."""
     opponent: str | None = None
-    """Who plays the other side instead of A*: random, optimal (exactly), the folder of a run, or a
-    saved Stable-Baselines3 model (.zip). Learned ones play as opponent_policy says."""
+    """Who plays the other side instead of A*: random, optimal (exactly), the folder of a run, a
+    saved Stable-Baselines3 model (.zip), or package.module:Name of your own. Learned ones play as
+    opponent_policy says."""
     opponent_policy: str = "sampled"
     """How a learned opponent plays: sampled (as it was learned, where it is a distribution), or
     greedy (always the most probable action)."""
@@ -59,10 +63,18 @@ class TaskSettings:
         )
         check_choice("task", self.task, TASK_NAMES)
         check_choice("opponent_policy", self.opponent_policy, OPPONENT_POLICIES)
+        object.__setattr__(self, "rewards", rewards_text(self.rewards))
+        if self.rewards != "default":
+            kept_rewards("rewards", self.rewards)
 
     @property
     def agent(self) -> str:
         """Who learns."""
-        if self.role != "auto":
-            return self.role
-        return "runner" if self.task in ("maze", "race") else "chaser"
+        return who_learns(self.task, self.role)
+
+
+def who_learns(task: str, role: str) -> str:
+    """The role that is named, or the first of a task for "auto"."""
+    if role != "auto":
+        return role
+    return "runner" if task in ("maze", "race") else "chaser"

@@ -17,7 +17,7 @@ from pursuit.placements import check_placeable
 from pursuit.simulator import Simulator
 from pursuit.task import Task
 from train.settings.checks import check
-from train.settings.curricula import AxisSettings
+from train.settings.curricula import AXIS_PARTS, AxisSettings
 from train.teaching.mazes import training_mazes
 
 Apply = Callable[[Simulator, NDArray[np.intp], NDArray[np.float64]], None]
@@ -28,7 +28,7 @@ class Axis:
     """One quantity from easy to hard.
 
     Attributes:
-        name: one of `train.settings.curricula.AXES`.
+        name: one of `train.settings.curricula.AXES`, or a user's own.
         easiest, hardest: the ends.
         apply: (simulator, games [n], values [n]): has the next episode of each of the games played
             with its value.
@@ -140,9 +140,17 @@ def axis_of(name: str, ground: Ground, ends: AxisSettings) -> Axis:
         ValueError: the task has not what the axis turns, or ends that are not allowed.
     """
     name = default_axis(ground.task) if name == "auto" else name
-    check(name in AXIS_MAKERS, f"unknown axis {name!r}; one of {', '.join(AXIS_MAKERS)}")
-    AXIS_MAKERS[name].check(name, ground, ends)
-    return AXIS_MAKERS[name].make(name, ground, ends)
+    maker = maker_of(name)
+    maker.check(name, ground, ends)
+    return maker.make(name, ground, ends)
+
+
+def maker_of(name: str) -> Maker:
+    """What makes the axis of that name, one of ours or a user's; ValueError for an unknown one."""
+    if name in AXIS_MAKERS:
+        return AXIS_MAKERS[name]
+    maker: Maker = AXIS_PARTS.get(name)
+    return maker
 
 
 def _ends(ends: AxisSettings, easiest: float, hardest: float) -> tuple[float, float]:

@@ -21,11 +21,14 @@ from pursuit.task import Task
 from train.algorithms.registry import Algorithm
 from train.settings.checks import check
 from train.settings.curricula import (
+    CURRICULA,
+    CURRICULUM_PARTS,
     AxisSettings,
     CurriculumSettings,
     LearnabilitySettings,
     LearningProgressSettings,
     LevelReplaySettings,
+    OwnCurriculum,
     ReversedSettings,
     ScheduleSettings,
     ShuffledSettings,
@@ -33,7 +36,7 @@ from train.settings.curricula import (
     SuccessGatedSettings,
     UniformSettings,
 )
-from train.teaching.axes import AXIS_MAKERS, Axis, Ground, axis_of
+from train.teaching.axes import Axis, Ground, axis_of, maker_of
 from train.teaching.mazes import training_mazes
 from train.teaching.optimum import Optimum, optimum_of
 
@@ -60,7 +63,7 @@ class Plan:
 
     def curriculum(self) -> Curriculum:
         """A fresh curriculum."""
-        return make_curriculum(self.lessons, self.axis, self.seed)
+        return make_curriculum(self.name, self.lessons, self.axis, self.seed)
 
 
 def plan_lessons(
@@ -91,7 +94,7 @@ def plan_lessons(
     """
     if name == "none":
         return None
-    axis = None
+    axis, turned = None, None
     if isinstance(lessons, AxisSettings):
         ground = Ground(task, agent, opponent_epsilon, learned_opponent)
         turned = axis_name(name, lessons)
@@ -106,7 +109,7 @@ def plan_lessons(
         )
     optimum, played = None, training_task(name, lessons, task)
     if lessons.needs_optimum:
-        steady = axis is None or not AXIS_MAKERS[axis.name].scripted
+        steady = axis is None or turned == "auto" or not maker_of(str(turned)).scripted
         optimum = optimum_of(played, agent, opponents) if steady else None
         check(
             optimum is not None,
@@ -130,12 +133,12 @@ def training_task(name: str, lessons: CurriculumSettings, task: Task) -> Task:
     Raises:
         ValueError: mazes that the curriculum cannot have.
     """
-    turned = (
-        AXIS_MAKERS.get(axis_name(name, lessons)) if isinstance(lessons, AxisSettings) else None
-    )
-    if turned is None or not turned.mazes or not isinstance(lessons, AxisSettings):
+    if not isinstance(lessons, AxisSettings):
         return task
-    mazes = training_mazes(axis_name(name, lessons), lessons.curriculum_mazes, task)
+    turned = axis_name(name, lessons)
+    if turned == "auto" or not maker_of(turned).mazes:
+        return task
+    mazes = training_mazes(turned, lessons.curriculum_mazes, task)
     return replace(task, maze=mazes)
 
 
@@ -156,8 +159,13 @@ def check_learner(plan: Plan, algorithm: Algorithm) -> None:
 # -- curricula of their settings -------------------------------------------------------------------
 
 
-def make_curriculum(lessons: CurriculumSettings, axis: Axis | None, seed: int) -> Curriculum:
+def make_curriculum(
+    name: str, lessons: CurriculumSettings, axis: Axis | None, seed: int
+) -> Curriculum:
     """A fresh curriculum; ValueError for a schedule that does not fit the axis' ends."""
+    own = None if name in CURRICULA else CURRICULUM_PARTS.get(name)
+    if isinstance(own, OwnCurriculum):
+        return own.make(lessons, axis, seed)
     return CURRICULUM_MAKERS[type(lessons)](lessons, axis, seed)
 
 

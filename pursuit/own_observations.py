@@ -1,0 +1,84 @@
+"""Observations of a user's own: what they must have, and how the games are shown to them."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.moments import Before, distances_of, moment_of, roles_of
+from pursuit.parts import Registry
+from pursuit.rules.layout import Games
+from pursuit.task import Task
+
+ENCODINGS = ("one_hot", "positions", "cells", "walls", "planes", "index")
+"""The names of ours; see `pursuit.observations.Encoder`."""
+
+
+class Observation(Protocol):
+    """An observation of a user's own, which brings its space."""
+
+    def space(self, task: Task) -> gymnasium.spaces.Box:
+        """The space of what one agent observes: numbers of any shape.
+
+        Networks see [channels, height, width] by convolutions, everything else as a vector.
+        """
+
+    def encode(self, task: Task, games: Before, seats: NDArray[np.intp]) -> NDArray[Any]:
+        """[games, seats, *shape]: what the agents in `seats` [k] observe; `games` is read-only."""
+
+
+OBSERVATIONS: Registry[Any] = Registry(
+    "observation",
+    "an object or class with space(task) and encode(task, games, seats)",
+    lambda part: callable(getattr(part, "space", None)) and callable(getattr(part, "encode", None)),
+    ours=ENCODINGS,
+)
+
+
+class OwnEncoding:
+    """A user's observation of one task.
+
+    Args:
+        task: the task.
+        encoding: its name, the object, or its class.
+
+    Raises:
+        ValueError: no observation, or one without a Box as its space.
+
+    Attributes:
+        space: its Gymnasium space.
+    """
+
+    def __init__(self, task: Task, encoding: Any) -> None:
+        part = OBSERVATIONS.take(encoding)
+        self.task, self.encoding = task, encoding
+        self.part: Observation = part() if isinstance(part, type) else part
+        self.space = self.part.space(task)
+        if not isinstance(self.space, gymnasium.spaces.Box) or not self.space.shape:
+            raise ValueError(
+                f"observation {encoding!r} has the space {self.space}; it must be a "
+                "gymnasium.spaces.Box of at least one dimension"
+            )
+
+    def encode(self, games: Games, seats: slice) -> NDArray[Any]:
+        """[games, seats, *shape], a fresh array of the dtype of the space.
+
+        Raises:
+            ValueError: what it gave has another shape, or a dtype that does not fit.
+        """
+        task, chosen = self.task, np.arange(self.task.num_agents)[seats]
+        moment = moment_of(games, roles_of(task.seat_roles), distances_of(task.mazes))
+        shown = Before(*(array.view() for array in moment))
+        for view in shown:
+            view.flags.writeable = False
+        seen = np.asarray(self.part.encode(task, shown, chosen))
+        shape, dtype = (len(games.steps), len(chosen), *self.space.shape), self.space.dtype
+        if seen.shape != shape or not np.can_cast(seen.dtype, dtype, "same_kind"):
+            raise ValueError(
+                f"observation {self.encoding!r} gave {seen.dtype} of shape {seen.shape}; its space "
+                f"asks for {dtype} [games, seats, *shape] = {shape}"
+            )
+        return np.array(seen, dtype=dtype, order="C")

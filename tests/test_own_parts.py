@@ -1,0 +1,377 @@
+"""A user's own parts come in by one door: by name, in every environment and in training."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+
+import pursuit
+from pursuit import Rewards, Simulator, chase_v0, make_task, parts
+from pursuit.conformance import check_parallel_env
+from pursuit.observations import Encoder
+from pursuit.parts import Registry
+from pursuit.rewards import REWARDS, rewards_from_text, rewards_text
+from scripted_agents.environments import make_env, make_vector_env
+from train.environments.simulator_env import SimulatorEnv
+from train.experiments.kinds import resume, start
+from train.networks.policy import LearnedPolicy, Seat, sees_cells_only
+from train.runs.by_name import settings_of
+from train.runs.folder import RUN, load_checkpoint
+from train.runs.parts import contest_of
+from train.self_play.league import enter, play_league
+from train.self_play.parts import self_play_parts, self_play_settings_of
+from train.settings.task import TaskSettings
+
+OWN = Path(__file__).with_name("own_parts")
+ARRAYS = (
+    "positions", "active", "events", "goals", "steps", "maze_index", "streams", "rewards",
+    "returns", "terminated", "truncated", "episode_returns", "final_positions", "episode_lengths",
+)  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The user's module can be imported; nothing is allowed, or was named before."""
+    monkeypatch.syspath_prepend(str(OWN))
+    monkeypatch.setattr(parts, "_allowed", set())
+    monkeypatch.setattr(parts, "_resolved", set())
+
+
+# -- rewards ---------------------------------------------------------------------------------------
+
+
+def as_the_rule_book(before: Any, actions: Any, after: Any) -> Any:
+    return after.rewards
+
+
+@pytest.mark.parametrize("auto_restart", [True, False])
+@pytest.mark.parametrize(
+    "name, teams", [("chase", {}), ("chase", {"num_evaders": 2}), ("maze", {})]
+)
+def test_a_reward_function_changes_nothing_but_the_rewards(
+    name: str, teams: dict[str, int], auto_restart: bool
+) -> None:
+    """Bit for bit the games of the fused kernel, where the function pays what that does."""
+    settings: dict[str, Any] = {"maze": ["5x5", "3x3"], "max_steps": 12, **teams}
+    fused, paid = (
+        Simulator(make_task(name, **settings, **more), 32, 5, auto_restart=auto_restart)
+        for more in ({}, {"rewards": as_the_rule_book})
+    )
+    rng = np.random.default_rng(0)
+    for step in range(40):
+        actions = rng.integers(4, size=(32, fused.num_agents), dtype=np.int32)
+        for simulator in (fused, paid):
+            simulator.step(actions)
+        for array in ARRAYS:
+            np.testing.assert_array_equal(getattr(fused, array), getattr(paid, array), array)
+        if not auto_restart and step % 5 == 0:
+            for simulator in (fused, paid):
+                simulator.reset(games=simulator.ended)
+    bad = np.full((32, fused.num_agents), 9)
+    flags = paid.terminated.copy(), paid.truncated.copy()
+    with pytest.raises(ValueError, match="out of range"):
+        paid.step(bad)
+    np.testing.assert_array_equal(flags, (paid.terminated, paid.truncated))
+
+
+def test_the_functions_payment_reaches_every_environment() -> None:
+    """-1 for whoever changes the cell, compiled by Numba: the same in all of them."""
+    name = "my_parts:tired"
+    parallel = chase_v0.parallel_env(maze="3x3", rewards=name)
+    parallel.reset(seed=1)
+    cells = parallel.simulator.positions[0].copy()
+    _, rewards, *_ = parallel.step({"chaser_0": 0, "evader_0": 1})
+    moved = parallel.simulator.positions[0] != cells
+    assert list(rewards.values()) == (-1.0 * moved).tolist()
+
+    single = make_env("chase", "chaser", maze="3x3", rewards=name)
+    many = make_vector_env("chase", "chaser", num_envs=4, maze="3x3", rewards=name)
+    for env in (single, many):
+        env.reset(seed=1)
+        before = env.simulator.positions[:, 0].copy()
+        step: Any = env.step
+        reward = step(np.ones(4, dtype=int) if env is many else 1)[1]
+        assert np.all(reward == -1.0 * (env.simulator.positions[:, 0] != before))
+
+    task = make_task("chase", maze="3x3", rewards=name)
+    simulator = Simulator(task, 8, auto_restart=False)
+    games = SimulatorEnv(simulator, Seat(task, "chaser"), [None, *many.policies[1:]])
+    before = simulator.positions[:, 0].copy()
+    after, _ = games.step_and_maybe_reset(games.reset().set("action", torch.ones(8).long()))
+    moved = simulator.positions[:, 0] != before
+    assert (after["next", "reward"][:, 0].numpy() == -1.0 * moved).all()
+    for algorithm in ("q_learning", "ppo"):
+        settings = settings_of(
+            algorithm=algorithm, maze="2x2", rewards=name, frames=64, num_games=64,
+            **({"minibatch_size": 64} if algorithm == "ppo" else {}),
+        )  # fmt: skip
+        assert settings.task.rewards == name
+
+
+def test_stable_baselines_sees_it_as_well() -> None:
+    pytest.importorskip("stable_baselines3")
+    from pursuit.stable_baselines import StableBaselinesVecEnv
+
+    inner = make_vector_env("chase", "chaser", 4, maze="3x3", rewards="my_parts:tired")
+    envs = StableBaselinesVecEnv(inner)
+    envs.reset()
+    before = inner.simulator.positions[:, 0].copy()
+    _, rewards, _, _ = envs.step(np.ones(4, dtype=int))
+    assert (rewards == -1.0 * (inner.simulator.positions[:, 0] != before)).all()
+
+
+def test_whoever_has_left_is_paid_nothing() -> None:
+    task = make_task("chase", maze="2x2", num_evaders=2, rewards=lambda b, a, c: np.ones(a.shape))
+    simulator = Simulator(task, 64, auto_restart=False)
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        there, over = simulator.active.copy(), simulator.ended
+        simulator.step(rng.integers(4, size=(64, 3)))
+        assert (simulator.rewards == (there & ~over[:, None])).all()
+    assert (simulator.active == 0).any()
+
+
+@pytest.mark.parametrize(
+    ("paid", "message"),
+    [
+        (lambda b, a, c: np.zeros(3), r"<lambda> gave float64 of shape \(3,\); it must give"),
+        (
+            lambda b, a, c: np.where(np.arange(4)[:, None] == 2, np.nan, 0.0 * a),
+            "agent 0 of game 2",
+        ),
+        (lambda b, a, c: 1e300 * np.ones(a.shape), "pays 1e.300 to agent 0 of game 0"),
+        (lambda b, a, c: "much", "must give numbers"),
+    ],
+)
+def test_payments_that_are_none_are_refused_with_name_and_game(paid: Any, message: str) -> None:
+    simulator = Simulator(make_task("chase", maze="3x3", rewards=paid), 4)
+    with pytest.raises(ValueError, match=message):
+        simulator.step(np.zeros((4, 2), dtype=np.int32))
+
+
+def test_rewards_that_are_none_are_refused_at_birth() -> None:
+    for given in ({"chaser": as_the_rule_book}, 5, type, [Rewards()]):
+        with pytest.raises(ValueError, match="rewards"):
+            make_task("chase", rewards=given)
+
+
+def test_coefficients_are_read_from_text_and_tables() -> None:
+    assert rewards_from_text("chaser.step=-0.1, evader.capture=-2") == {
+        "chaser": Rewards(step=-0.1),
+        "evader": Rewards(capture=-2.0),
+    }
+    everybody = rewards_from_text("step=-1,chaser.step=-2,capture=1")
+    assert everybody["chaser"] == Rewards(step=-2, capture=1)
+    assert everybody["runner"] == Rewards(step=-1, capture=1)
+    for text in ("step=-0.1,capture=2,distance=-0.01", "chaser.step=1,chaser.on_completion=true"):
+        assert rewards_text(text) == text == rewards_text(rewards_text(text))
+    assert rewards_text({"capture": 2, "step": -0.1}) == "step=-0.1,capture=2"
+    assert rewards_text({"evader": {"step": 1.0}}) == "evader.step=1"
+    for text, told in {
+        "stepp=1": "no 'stepp'; give step, capture",
+        "hunter.step=1": "no 'hunter.step'",
+        "step=much": "'step=much'; give a number",
+        "step=1,step=2": "'step' is given twice",
+        "on_completion=1": "give true or false",
+        "step=nan": "step=nan; it is finite",
+        "=": "rewards='='",
+    }.items():
+        with pytest.raises(ValueError, match=told):
+            TaskSettings(rewards=text)
+
+
+def test_coefficients_reach_training() -> None:
+    for given in ("chaser.step=-0.5,chaser.capture=3", {"chaser": {"step": -0.5, "capture": 3}}):
+        settings = settings_of(maze="3x3", seconds=1.0, rewards=given)
+        assert settings.task.rewards == "chaser.step=-0.5,chaser.capture=3"
+        task = contest_of(settings.task, 2).task
+        assert task.role_rewards["chaser"] == Rewards(step=-0.5, capture=3.0)
+    assert make_task("chase", rewards="my_parts:THRIFTY").role_rewards["chaser"].capture == 2.0
+
+
+# -- observations ----------------------------------------------------------------------------------
+
+
+def test_an_observation_brings_its_space_to_every_environment() -> None:
+    name = "my_parts:Compass"
+    check_parallel_env(chase_v0.parallel_env(maze="3x3", observation=name, num_evaders=2))
+    single = make_env("maze", "runner", observation=name, maze="3x3", num_goals=2)
+    assert single.reset(seed=0)[0] in single.observation_space
+    many = gymnasium.make_vec("pursuit/Chaser-v0", num_envs=3, maze="3x3", observation=name)
+    seen, _ = many.reset(seed=0)
+    assert seen.shape == (3, 4) and seen in many.observation_space
+    own = sys.modules["my_parts"].Compass
+    task = make_task("chase", maze="3x3")
+    games = Simulator(task, 5)
+    assert (games.observe(name) == Encoder(task, own()).encode(games.games)).all()
+    out = np.zeros((5, 2, 4), dtype=np.float32)
+    assert (games.observe(name, out=out) == games.observe(own)).all()
+
+
+@pytest.mark.parametrize("observation", ["my_parts:Compass", "my_parts:Map"])
+@pytest.mark.parametrize("algorithm", ["ppo", "dqn"])
+def test_networks_learn_from_it(observation: str, algorithm: str, tmp_path: Path) -> None:
+    settings = settings_of(
+        maze="3x3", observation=observation, algorithm=algorithm, frames=600, num_games=32,
+        **({"minibatch_size": 64} if algorithm == "ppo" else {"learning_starts": 100}),
+    )  # fmt: skip
+    run = start(RUN, settings, tmp_path / "run")
+    run.train()
+    assert run.results(10)["evaluation"]["exact"]  # a table over cells, so exactly evaluated
+    kind = "planes" if observation.endswith("Map") else "flat"
+    assert run.trainee.parts.seat.features.kind == kind
+
+
+def test_what_sees_the_time_is_no_table() -> None:
+    """Exact values are of policies that are functions of the cells."""
+    task = make_task("chase", maze="3x3")
+    assert sees_cells_only(task, "my_parts:Compass") and not sees_cells_only(task, "my_parts:Clock")
+    network: Any = SimpleNamespace()
+    for name, table in (("my_parts:Compass", True), ("my_parts:Clock", False)):
+        policy = LearnedPolicy(network, Seat(task, "chaser", name))
+        assert isinstance(policy, pursuit.policy.TabularPolicy) == table
+
+
+class Wrong:
+    """Gives what its space does not say."""
+
+    def space(self, task: Any) -> Any:
+        return gymnasium.spaces.Box(0, 1, (3,))
+
+    def encode(self, task: Any, games: Any, seats: Any) -> Any:
+        return np.zeros((len(games.steps), len(seats), 2))
+
+
+class Spaceless(Wrong):
+    def space(self, task: Any) -> Any:
+        return gymnasium.spaces.Discrete(3)
+
+
+class Writing(Wrong):
+    def encode(self, task: Any, games: Any, seats: Any) -> Any:
+        games.positions[:] = 0
+
+
+@pytest.mark.parametrize(
+    ("observation", "message"),
+    [
+        (Wrong, r"of shape \(1, 2, 2\); its space asks for float32"),
+        (Spaceless, "it must be a gymnasium.spaces.Box"),
+        (Writing, "read-only"),
+        (5, "observation=5; it must be an object or class with space"),
+        ("onehot", "unknown observation 'onehot'.*did you mean 'one_hot'"),
+    ],
+)
+def test_observations_that_are_none_are_refused(observation: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Simulator(make_task("chase", maze="3x3")).observe(observation)
+
+
+# -- policies, curricula, algorithms ---------------------------------------------------------------
+
+
+def test_an_opponent_is_named_wherever_one_plays() -> None:
+    name = "my_parts:Sneaky"
+    own = type(make_env("chase", "chaser", maze="3x3", opponent=name).policies[1])
+    assert own.__name__ == "Sneaky"
+    contest = contest_of(TaskSettings(maze="3x3", opponent=name), 10)
+    assert "with Sneaky" in contest.line() and not contest.is_exact
+    assert contest.baselines()[0].name == "random"
+    flat: dict[str, Any] = {"maze": "3x3", "frames": 1000}
+    made = self_play_parts(self_play_settings_of(**flat, evader=name, members=["astar", name]))
+    assert isinstance(made.frozen["evader"], own) and (name, "evader") in made.scripted
+    assert (name, "chaser") not in made.scripted  # `roles` says that it is an evader
+    task, entries = enter(["astar", name], "3x3")
+    assert [(e.name, e.role) for e in entries[2:]] == [(name, "evader")]
+    assert play_league(task, entries, 4, 0).payoff.shape == (1, 2)
+    with pytest.raises(ValueError, match="plays evader; 'chaser' is asked for"):
+        make_env("chase", "evader", maze="3x3", opponent=name)
+    with pytest.raises(ValueError, match="unknown policy 'sneaky'; one of astar, random, optimal"):
+        make_env("chase", "evader", maze="3x3", opponent="sneaky")
+
+
+OWN_RUN: dict[str, Any] = {
+    "maze": "3x3",
+    "rewards": "my_parts:shaped",
+    "observation": "my_parts:Compass",
+    "opponent": "my_parts:Sneaky",
+    "curriculum": "my_parts:ALTERNATING",
+    "axis": "my_parts:FAR",
+    "algorithm": "my_parts:SARSA",
+    "num_games": 32,
+    "period": 2,
+    "frames": 8 * 16 * 32,
+}
+
+
+def test_a_run_of_own_parts_alone_ends_where_one_that_was_resumed_does(tmp_path: Path) -> None:
+    settings = settings_of(**OWN_RUN)
+    assert settings.hyper.epsilon_start == 0.1 and settings.lessons.num_stages == 8
+    whole = start(RUN, settings, tmp_path / "whole")
+    whole.train()
+    assert whole.results(10)["algorithm"] == "my_parts:SARSA"
+    assert {row["reason"] for row in whole.trainee.teacher.rows} >= {"turn after 2 updates"}
+    half = start(RUN, settings, tmp_path / "half")
+    half.train(lambda run, row: setattr(run, "stopped", run.progress >= 0.5))
+    again = resume(tmp_path / "half", RUN)
+    assert again.progress == 0.5
+    again.train()
+    ends = [load_checkpoint(tmp_path / name)["trainee"]["learner"] for name in ("whole", "half")]
+    for name, weight in ends[0]["network"].items():
+        assert torch.equal(weight, ends[1]["network"][name])
+
+
+def test_an_axis_of_ones_own_is_a_schedule_too() -> None:
+    settings = settings_of(maze="3x3", curriculum="my_parts:FAR", schedule="cosine", frames=100)
+    assert settings.lessons.schedule == "cosine"
+    with pytest.raises(ValueError, match=r"unknown setting 'periode'.*did you mean 'period'"):
+        settings_of(**{**OWN_RUN, "periode": 3})
+
+
+# -- the registry ----------------------------------------------------------------------------------
+
+
+def test_names_that_lead_nowhere_say_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "broken_parts.py").write_text("import nowhere_at_all\n")
+    (tmp_path / "leaving_parts.py").write_text("raise SystemExit('gone')\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for name, told in {
+        "gaol": r"unknown rewards 'gaol'; one of goal, .*\(did you mean 'goal'\?\); or your own as",
+        "my_parts:shapes": "module my_parts has no 'shapes'; did you mean 'shaped'",
+        "my_parts:Compass": "must be a function",
+        "no_parts:f": "module no_parts cannot be imported .ModuleNotFoundError: No module",
+        "broken_parts:f": "broken_parts cannot be imported .ModuleNotFoundError.*nowhere_at_all",
+        "leaving_parts:f": "cannot be imported .SystemExit: gone",
+    }.items():
+        with pytest.raises(ValueError, match=told) as error:
+            make_task("chase", rewards=name)
+        assert "\n" not in str(error.value)
+
+
+def test_installed_packages_bring_parts_by_entry_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = {"pursuit.rewards": {"shaped": "my_parts:shaped"}}
+    monkeypatch.setattr(parts, "installed", lambda group: points.get(group, {}))
+    task = make_task("chase", maze="3x3", rewards="shaped")
+    assert task.reward_function is sys.modules["my_parts"].shaped
+    assert REWARDS.origin("shaped") == "my_parts" and REWARDS.origin("goal") is None
+
+
+def test_parts_are_registered_under_names_of_their_own() -> None:
+    registry: Registry[Any] = Registry("thing", "a function", callable, ours=("first",))
+    registry.register("second", len)
+    assert registry.names() == ("first", "second") and registry.get("second") is len
+    assert registry.origin("second") == __name__
+    for name, part, told in (
+        ("second", len, "called 'second' is there already"),
+        ("a:b", len, "without a colon"),
+        ("third", 3, "thing 'third' is 3; it must be a function"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            registry.register(name, part)

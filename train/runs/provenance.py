@@ -1,0 +1,137 @@
+"""What a run is made of beside Pursuit: its users' own parts with their source, and its command."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from pursuit.own_observations import OBSERVATIONS
+from pursuit.parts import Registry, is_reference, sha256_of, source_of
+from pursuit.rewards import REWARDS
+from scripted_agents.environments import POLICIES
+from train.files import read_json
+from train.schemas import read_as
+from train.settings.algorithms import LEARNERS
+from train.settings.curricula import AXIS_PARTS, CURRICULUM_PARTS
+
+PARTS, COMMAND = "parts", "command"
+"""Keys of `config.json` beside the settings."""
+SOURCES = "parts"
+"""The folder beside a run's files in which users' modules travel to other machines."""
+
+KINDS: dict[str, Registry[Any]] = {
+    "rewards": REWARDS,
+    "observation": OBSERVATIONS,
+    "opponent": POLICIES,
+    "chaser": POLICIES,
+    "evader": POLICIES,
+    "members": POLICIES,
+    "axis": AXIS_PARTS,
+    "curriculum": CURRICULUM_PARTS,
+    "algorithm": LEARNERS,
+    "chaser_algorithm": LEARNERS,
+    "evader_algorithm": LEARNERS,
+}
+"""Which settings name parts, and of which kind."""
+
+Records = dict[str, dict[str, str | None]]
+
+
+def own_parts(settings: Any) -> Iterator[tuple[str, str, str]]:
+    """(setting, name, module) of every part of settings (or of their plain values) that is a
+    user's."""
+    plain = settings if isinstance(settings, Mapping) else asdict(settings)
+    for setting, value in plain.items():
+        if isinstance(value, Mapping):
+            yield from own_parts(value)
+        elif setting in KINDS:
+            several = isinstance(value, list | tuple)
+            for number, name in enumerate(value if several else [value]):
+                module = KINDS[setting].origin(name) if isinstance(name, str) else None
+                if module is not None:
+                    yield f"{setting}[{number}]" if several else setting, name, module
+
+
+def provenance(settings: Any) -> Records:
+    """{"rewards": {"name": "my_parts:shaped", "sha256": ...}, ...}: every user's part.
+
+    The hash is that of the module's source file, or of all files of its package
+    (`pursuit.parts.sha256_of`); None where there is no source. Nothing is imported for it.
+    """
+    return {
+        setting: {"name": name, "sha256": sha256_of(module)}
+        for setting, name, module in own_parts(settings)
+    }
+
+
+def modules_of(settings: Any) -> list[str]:
+    """The modules of users' parts."""
+    return list(dict.fromkeys(module for _, _, module in own_parts(settings)))
+
+
+def source_files(settings: Any) -> dict[str, bytes]:
+    """The sources of users' parts, for a machine that has them not: content by relative path.
+
+    Put into a folder, that folder is where their modules are found. What is installed there by
+    itself (in site-packages) does not travel.
+    """
+    files: dict[str, bytes] = {}
+    for module in modules_of(settings):
+        root, paths = source_of(module) or (Path(), [])
+        if "site-packages" not in root.parts:
+            files |= {path.relative_to(root).as_posix(): path.read_bytes() for path in paths}
+    return files
+
+
+def command_line() -> str:
+    """The command that runs, to be given to a shell again; "Python" where there is none."""
+    if not sys.argv or sys.argv[0] in ("", "-c"):
+        return "Python"
+    return shlex.join(sys.argv)
+
+
+def recorded_parts(config: Path) -> Records:
+    """What `config.json` says of its users' parts; nothing where there is no such file.
+
+    Raises:
+        ValueError: it is damaged.
+    """
+    content = read_json(config) if config.exists() else {}
+    found = content.get(PARTS, {}) if isinstance(content, dict) else {}
+    return read_as(Records, found, f"{config}, {PARTS}", "restore it from a copy")
+
+
+def check_sources(config: Path, settings: Any, resuming: bool = False) -> None:
+    """Compare the sources of users' parts with those that a run began with.
+
+    Warns where they have changed.
+
+    Raises:
+        ValueError: they have, and the run is to go on.
+    """
+    recorded = recorded_parts(config)
+    for setting, now in provenance(settings).items():
+        before = recorded.get(setting, {})
+        missing = now["sha256"] is None and not resuming  # nothing that it could be held against
+        same = before.get("name") != now["name"] or before.get("sha256") == now["sha256"]
+        if not same and not missing:
+            name = str(now["name"])
+            module = name.partition(":")[0] if is_reference(name) else name
+            told = f"{config.parent}: the source of {module} has changed since this run began"
+            if resuming:
+                raise ValueError(f"{told}; restore it, or start a new run")
+            warnings.warn(f"{told}; what was learned with it may mean something else", stacklevel=2)
+
+
+def allow_options(config: Path) -> str:
+    """The options that going on with a run needs: " --allow my_parts", or nothing."""
+    names = [str(record["name"]) for record in recorded_parts(config).values()]
+    tops = dict.fromkeys(
+        name.partition(":")[0].split(".")[0] for name in filter(is_reference, names)
+    )
+    return "".join(f" --allow {top}" for top in tops)
