@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,8 +15,11 @@ import pytest
 from test_sweeps import TINY, silent, write
 
 from train.commands.main import main
+from train.experiments import on_ray
 from train.experiments.executors import run_locally, run_on_ray
-from train.experiments.sweep import load_sweep
+from train.experiments.kinds import open_run
+from train.experiments.on_ray import make_exchange
+from train.experiments.sweep import load_sweep, status_of
 from train.experiments.tables import collect
 
 # -- Ray -------------------------------------------------------------------------------------------
@@ -111,3 +118,77 @@ def test_asha_stops_the_worst_early(cluster: Any, tmp_path: Path) -> None:
     assert set(statuses.values()) <= {"complete", "stopped"} and "complete" in statuses.values()
     runs, _ = collect(out)
     assert runs["mean_steps"].null_count() == 0
+
+
+LONG = """
+episodes = 5
+[settings]
+task = "maze"
+maze = "3x3"
+algorithm = "a2c"
+frames = 2000000
+num_games = 32
+[search]
+samples = 4
+{scheduler}
+learning_rate = {{low = 1e-4, high = 1e-2}}
+"""
+
+
+@pytest.mark.slow
+def test_control_c_brings_back_what_ray_did(cluster: Any, tmp_path: Path) -> None:
+    import ray
+
+    sweep = load_sweep(write(tmp_path / "long.toml", LONG.format(scheduler="")))
+    out = tmp_path / "out"
+
+    def interrupt(statuses: dict[str, str], progress: dict[str, float]) -> None:
+        if any(progress.values()):
+            raise KeyboardInterrupt
+
+    ray.init(address=cluster.address, log_to_driver=False)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_on_ray(sweep, out, None, interrupt)
+    finally:
+        ray.shutdown()
+    statuses = [status_of(out / "runs" / run.name) for run in sweep.runs]
+    assert "interrupted" in statuses and set(statuses) <= {"interrupted", "new"}
+    for run, status in zip(sweep.runs, statuses, strict=True):
+        if status == "interrupted":
+            found = open_run(out / "runs" / run.name)
+            assert found.trainee.frames > 0 and found.metrics.rows
+
+
+@pytest.mark.slow
+def test_control_c_under_asha_stops_nobody_for_ever(
+    cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import ray
+
+    scheduler = 'scheduler = "asha"'
+    sweep = load_sweep(write(tmp_path / "long.toml", LONG.format(scheduler=scheduler)))
+    out, begun = tmp_path / "out", threading.Event()
+
+    def watched(ray: Any) -> Any:
+        exchange = make_exchange(ray)
+
+        def interrupt() -> None:
+            while not ray.get(exchange.all.remote()):
+                time.sleep(0.5)
+            begun.set()
+            os.kill(os.getpid(), signal.SIGINT)
+
+        threading.Thread(target=interrupt, daemon=True).start()
+        return exchange
+
+    monkeypatch.setattr(on_ray, "make_exchange", watched)
+    ray.init(address=cluster.address, log_to_driver=False)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_on_ray(sweep, out, None, silent)
+    finally:
+        ray.shutdown()
+    statuses = [status_of(out / "runs" / run.name) for run in sweep.runs]
+    assert begun.is_set()
+    assert "interrupted" in statuses and set(statuses) <= {"interrupted", "new"}

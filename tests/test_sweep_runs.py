@@ -229,7 +229,7 @@ def test_a_killed_sweep_leaves_no_run_behind_and_the_next_waits_for_it(tmp_path:
     driver = subprocess.Popen([*command, "--out", str(out), "--workers", "1"])
     folder = out / "runs" / sweep.runs[0].name
     lock, deadline = FileLock(folder / ".worker.lock"), time.monotonic() + 120
-    while time.monotonic() < deadline and not list(folder.glob("tensorboard/*/events*")):
+    while time.monotonic() < deadline and not list(folder.rglob("events*")):
         time.sleep(0.1)
     with pytest.raises(Timeout), lock.acquire(blocking=False):
         pass
@@ -240,8 +240,12 @@ def test_a_killed_sweep_leaves_no_run_behind_and_the_next_waits_for_it(tmp_path:
         assert status_of(folder) == "interrupted"
         before = open_run(folder).trainee.frames
     assert before > 0
-    driver = subprocess.Popen([*command, "--out", str(out), "--workers", "1"])
-    time.sleep(10)
-    driver.send_signal(signal.SIGTERM)
-    assert driver.wait(timeout=120) == 143
+    command += ["--out", str(out), "--workers", "1"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as driver:
+        assert driver.stdout is not None
+        while "1 running" not in driver.stdout.readline():
+            pass
+        driver.send_signal(signal.SIGTERM)
+        driver.communicate(timeout=120)
+    assert driver.returncode == 143
     assert open_run(folder).trainee.frames >= before

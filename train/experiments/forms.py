@@ -139,8 +139,12 @@ def check_keys(table: Mapping[str, Any], form: type[msgspec.Struct], where: str)
     """ValueError for a key that the form has not, naming those that it has."""
     known = form.__struct_fields__
     for name in table:
-        told = unknown(name, list(known)).removeprefix("unknown field ")
-        check(name in known, f"unknown key {told}{where}; one of {', '.join(known)}")
+        hint = unknown(name, list(known)).partition(", ")[2]
+        check(
+            name in known,
+            f"unknown key {name!r}{where}; {hint + ' It is ' if hint else ''}one of "
+            f"{', '.join(known)}",
+        )
 
 
 def check_table(table: Any, where: str, values: bool = False) -> None:

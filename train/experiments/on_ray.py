@@ -126,15 +126,14 @@ def do_tasks(
     }
     statuses = {name: status_of(folder) for name, folder in folders.items()}
 
-    def bring(ready: Iterable[Any]) -> None:
+    def bring(ready: Iterable[Any], stopping: bool = False) -> None:
         for task in ready:
             name = tasks[task]
             try:
                 put_files(todo[name], ray.get(task))
-            except ray.exceptions.TaskCancelledError:
-                pass
             except ray.exceptions.RayError as error:
-                put_files(todo[name], {ERROR: f"{type(error).__name__}: {error}\n".encode()})
+                if not stopping:  # else it was cancelled before it began
+                    put_files(todo[name], {ERROR: f"{type(error).__name__}: {error}\n".encode()})
             ray.get(exchange.end.remote(name))
             statuses[name] = status_of(todo[name])
             del tasks[task]
@@ -156,7 +155,7 @@ def do_tasks(
         until = time.monotonic() + LAST_WORD
         while tasks and time.monotonic() < until:
             ready, _ = ray.wait(list(tasks), timeout=0.5)
-            bring(ready)
+            bring(ready, stopping=True)
         for name, files in ray.get(exchange.all.remote()).items():
             put_files(todo[name], files)
         raise
