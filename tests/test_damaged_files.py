@@ -70,8 +70,19 @@ def iterate(folder: Path) -> None:
     run.trainee.close()
 
 
+def enter_league(folder: Path) -> None:
+    """Take part in a league."""
+    enter([str(folder), "astar"], "2x2")
+
+
 READERS: dict[str, list[Callable[[Path], object]]] = {
-    "config.json": [load_settings, load_policy, open_run, row_of, lambda f: enter([str(f)], "2x2")],
+    "config.json": [
+        load_settings,
+        load_policy,
+        open_run,
+        row_of,
+        lambda f: enter([str(f), "astar"], "2x2"),
+    ],
     "results.json": [is_complete, load_results, row_of],
     "metrics.csv": [read_metrics, open_run, lambda f: (load_results(f), row_of(f))],
     "curriculum.csv": [read_log],
