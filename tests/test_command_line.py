@@ -7,6 +7,7 @@ import os
 import pickle
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -16,7 +17,8 @@ from typing import Any
 import pytest
 import torch
 
-from train.commands.main import main
+from train.commands.main import in_words, main
+from train.experiments.address import check_answers
 from train.files import write_beside
 from train.runs.folder import load_checkpoint, read_metrics
 
@@ -198,7 +200,18 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
         (["train", "--learning-rate", "0"], ["learning_rate"]),
         (["train", "--gamma", "1.1"], ["gamma"]),
         (["train", "--minibatch-size", "99999999"], ["minibatch_size"]),
-        (["train", "--width", "wide"], ["wide"]),
+        (["train", "--width", "wide"], ["--width 'wide': a whole number is needed"]),
+        (["train", "--frames", "abc"], ["--frames 'abc': a whole number is needed"]),
+        (["train", "--seconds", "x"], ["--seconds 'x': a number is needed"]),
+        (["train", "--frams", "3"], ["Perhaps you meant: --frames Budget"]),
+        (["train", "--num-games", "1000000000"], ["num_games=1000000000", "this machine has"]),
+        (["train", "--width", "1000000000"], ["width=1000000000", "EB of memory", "lower width"]),
+        (["self-play", "--width", "1000000000"], ["width=1000000000", "this machine has"]),
+        (
+            ["train", "--algorithm", "dqn", "--buffer-size", "100000000000"],
+            ["buffer_size=100000000000", "TB of memory"],
+        ),
+        (["train", "--task", "maze", "--opponent", "random"], ["random", "nobody of another role"]),
         (["train", "--no-such-option", "3"], ["no-such-option"]),
         (["train", "--device", "tpu"], ["tpu", "cuda"]),
         (["train", "--precision", "float8"], ["float8"]),
@@ -218,11 +231,13 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
 def test_wrong_arguments_are_one_line_that_names_value_and_remedy(
     arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    if arguments[0] == "train" and "--resume" not in arguments:
+    if arguments[0] in ("train", "self-play") and "--resume" not in arguments:
         arguments = [*arguments, "--out", str(tmp_path / "run")]
     line = error_of(capsys, *arguments)
     for word in words:
         assert word in line
+    for other in ("None}", "<class", "Errno", ".part", " | None", "Traceback"):
+        assert other not in line
     assert not (tmp_path / "run" / "config.json").exists()
 
 
@@ -290,6 +305,28 @@ def test_a_full_disk_loses_nothing_that_was_saved(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="No space left"):
         write_beside(path, fail)
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_an_address_where_no_cluster_answers_is_refused_at_once() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))  # and nobody listens
+        port = taken.getsockname()[1]
+        for address in (f"127.0.0.1:{port}", f"ray://127.0.0.1:{port}"):
+            with pytest.raises(ValueError, match="no Ray cluster answers there"):
+                check_answers(address)
+        taken.listen()
+        check_answers(f"127.0.0.1:{port}")
+    for address in ("nowhere", "host:", "host:0", ":6379", "host:99999"):
+        with pytest.raises(ValueError, match="give auto, HOST:PORT"):
+            check_answers(address)
+    for address in (None, "auto", "local"):
+        check_answers(address)
+
+
+def test_an_error_of_the_system_is_told_without_its_number(tmp_path: Path) -> None:
+    with pytest.raises(OSError) as caught:
+        (tmp_path / "missing").read_text()
+    assert in_words(caught.value) == f"{tmp_path / 'missing'}: No such file or directory"
 
 
 def test_every_command_has_a_help_that_names_its_options(

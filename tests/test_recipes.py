@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -97,7 +98,7 @@ def test_damaged_and_foreign_models_are_refused(models: dict[str, Path], tmp_pat
     with pytest.raises(ValueError, match="description"):
         load_opponent(path)
     description_of(path).write_text(description_of(models["dqn"]).read_text())
-    with pytest.raises(ValueError, match="another network"):
+    with pytest.raises(ValueError, match=r"does not fit model\.json"):
         load_opponent(path)
     description_of(path).write_text(description_of(models["ppo"]).read_text())
     path.write_bytes(models["ppo"].read_bytes()[:500])
@@ -107,6 +108,37 @@ def test_damaged_and_foreign_models_are_refused(models: dict[str, Path], tmp_pat
         load_opponent(tmp_path / "model.pt")
     with pytest.raises(ValueError, match="no distribution"):
         load_stable_baselines(models["dqn"], greedy=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("net_arch", "wide", "field net_arch: "),
+        ("net_arch", {"pi": [8], "q": [8]}, "net_arch"),
+        ("net_arch", [64, 0], "at least 1 unit"),
+        (
+            "net_arch",
+            [10**9, 10**9],
+            "its weights are not of the network that model.json",
+        ),
+        ("net_arch", [3], "does not fit model.json"),
+        ("algorithm", "sac", "field algorithm"),
+        ("observation", 3, "field observation: a text expected, a whole number found"),
+        ("observation", "pixels", "unknown observation 'pixels'"),
+        ("task", {"maze": 5}, "maze: a text expected, a whole number found"),
+        ("task", "chase", "field task: a table expected, a text found"),
+    ],
+)
+def test_a_description_of_another_form_is_one_line(
+    name: str, value: Any, said: str, models: dict[str, Path], tmp_path: Path
+) -> None:
+    path = tmp_path / "model.zip"
+    path.write_bytes(models["ppo"].read_bytes())
+    described = json.loads(description_of(models["ppo"]).read_text())
+    description_of(path).write_text(json.dumps({**described, name: value}))
+    with pytest.raises(ValueError) as caught:
+        load_stable_baselines(path)
+    assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_no_code_in_a_model_is_run(models: dict[str, Path], tmp_path: Path) -> None:

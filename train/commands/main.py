@@ -13,7 +13,7 @@ from typing import Any
 import pursuit
 from pursuit.parts import look_in
 from train.commands.parse import fail
-from train.runs.interruption import Diverged, Signals
+from train.runs.interruption import Diverged, Signals, Stopped
 
 # A table of our own rather than tyro's subcommands: those want every form at hand, and so every
 # module, with torch, before `pursuit maze --help` can answer.
@@ -57,10 +57,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             fail(in_words(error))
         except MemoryError:
             fail("this machine has not enough memory for that; take less of it")
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as stop:
             if sys.stderr.isatty():
                 print(file=sys.stderr)  # after the terminal's ^C
-            sys.exit(signals.status or 130)
+            sys.exit(stop.status if isinstance(stop, Stopped) else signals.status or 130)
 
 
 def obey(given: list[str]) -> None:

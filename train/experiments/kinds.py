@@ -129,7 +129,11 @@ def open_run(folder: Path) -> Run:
     lock = hold(folder, "run", shared=True)
     remove_leftovers(folder)
     begun = (folder / CHECKPOINT).exists()
-    run = KINDS[kind].make(settings, folder, load_checkpoint(folder) if begun else None)
+    state = load_checkpoint(folder) if begun else None
+    try:
+        run = KINDS[kind].make(settings, folder, state)
+    except ValueError as error:
+        raise error if str(folder) in str(error) else ValueError(f"{folder}: {error}") from None
     run.lock = lock
     return run
 

@@ -13,6 +13,7 @@ from train.algorithms.registry import entry
 from train.runs.folder import CONFIG, RUN, SIDE, load_config
 from train.runs.forms import RESTORE
 from train.runs.provenance import check_sources
+from train.runs.tasks import agent_of, task_of
 from train.schemas import read_as
 from train.settings.checks import check
 from train.settings.curricula import curriculum_form
@@ -62,9 +63,11 @@ def from_plain(plain: Mapping[str, Any], where: str) -> TrainSettings[Any]:
         for name, form in zip(("task", "hyper", "lessons"), forms, strict=True)
     }
     try:
-        return TrainSettings(**parts, **msgspec.structs.asdict(own))
+        settings = TrainSettings(**parts, **msgspec.structs.asdict(own))
+        agent_of(settings.task, task_of(settings.task))
     except ValueError as error:
         raise ValueError(f"{where}: {error}; {RESTORE}") from None
+    return settings
 
 
 def load_settings(folder: Path) -> TrainSettings[Any]:

@@ -13,14 +13,14 @@ UNITS = ("bytes", "KB", "MB", "GB", "TB", "PB", "EB")
 
 
 def bytes_of(hyper: Hyperparameters, seat: Seat) -> dict[str, int]:
-    """What a learner in this seat takes at least, in bytes, by the setting that it grows with."""
+    """What a learner in this seat takes at least, in bytes, by the settings that it grows with."""
     given: dict[str, Any] = vars(hyper)
     observation = 4 * prod(seat.features.shape)
     game = 100 * seat.task.num_agents + 20 * seat.task.num_goals + observation
     frame = 2 * observation + 40
     needs = {
         "num_games": hyper.num_games * game,
-        "rollout_steps": hyper.num_games * given.get("rollout_steps", 0) * frame,
+        "num_games × rollout_steps": hyper.num_games * given.get("rollout_steps", 0) * frame,
         "buffer_size": given.get("buffer_size", 0) * frame,
     }
     if "width" in given:
@@ -31,7 +31,7 @@ def bytes_of(hyper: Hyperparameters, seat: Seat) -> dict[str, int]:
         weights = width * (inputs + width + seat.num_actions)
         # Of each weight the gradient and Adam's two moments, or the candidates' own.
         needs["width"] = 4 * weights * 4
-        needs["population"] = 2 * 4 * weights * given.get("population", 0)
+        needs["population × width"] = 2 * 4 * weights * given.get("population", 0)
     return needs
 
 
@@ -39,15 +39,16 @@ def check_memory(hyper: Hyperparameters, seat: Seat) -> None:
     """Refuse what is beyond the memory of this machine.
 
     Raises:
-        ValueError: naming the bytes, and the setting that asks for most of them.
+        ValueError: naming the bytes, and the settings that ask for most of them.
     """
     needs = bytes_of(hyper, seat)
     total, there = sum(needs.values()), memory()
     if total > there:
-        most = max(needs, key=lambda name: needs[name])
+        most = max(needs, key=lambda names: needs[names])
+        given = " × ".join(f"{name}={getattr(hyper, name)}" for name in most.split(" × "))
         raise ValueError(
-            f"{most}={getattr(hyper, most)}: this run would take at least {in_units(total)} of "
-            f"memory, and this machine has {in_units(there)}; lower {most}"
+            f"{given}: this run would take at least {in_units(total)} of memory, and this machine "
+            f"has {in_units(there)}; lower {most.replace(' × ', ' or ')}"
         )
 
 

@@ -193,6 +193,8 @@ def self_play_from_plain(plain: Mapping[str, Any], where: str) -> SelfPlaySettin
     task = read_part(TaskSettings, plain, "task", where)
     hyper = read_part(PPOSettings, plain, "hyper", where)
     try:
-        return SelfPlaySettings(task=task, hyper=hyper, **msgspec.structs.asdict(own))
+        settings = SelfPlaySettings(task=task, hyper=hyper, **msgspec.structs.asdict(own))
+        check_sides(settings, task_of(task))
     except ValueError as error:
         raise ValueError(f"{where}: {error}; {RESTORE}") from None
+    return settings

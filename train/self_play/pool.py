@@ -171,7 +171,7 @@ class OpponentPool:
                 path = self.folder / f"{Path(name).name}.pt"
                 try:
                     saved = read_tensors(path)
-                    check_like(saved, {"network": {}}, "snapshot", more=True)
+                    check_like(saved, {}, "snapshot")
                     member = Member(name, self._load(saved), False)
                 except MISFITS as error:
                     reason = (str(error) or type(error).__name__).splitlines()[0]
