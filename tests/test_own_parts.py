@@ -21,7 +21,7 @@ from pursuit.rewards import REWARDS, rewards_from_text, rewards_text
 from scripted_agents.environments import make_env, make_vector_env
 from train.environments.simulator_env import SimulatorEnv
 from train.experiments.kinds import resume, start
-from train.networks.policy import LearnedPolicy, Seat, sees_cells_only
+from train.networks.policy import Seat, sees_cells_only
 from train.runs.by_name import settings_of
 from train.runs.folder import RUN, load_checkpoint
 from train.runs.parts import contest_of
@@ -235,8 +235,11 @@ def test_what_sees_the_time_is_no_table() -> None:
     assert sees_cells_only(task, "my_parts:Compass") and not sees_cells_only(task, "my_parts:Clock")
     network: Any = SimpleNamespace()
     for name, table in (("my_parts:Compass", True), ("my_parts:Clock", False)):
-        policy = LearnedPolicy(network, Seat(task, "chaser", name))
+        policy = Seat(task, "chaser", name).policy(network)
         assert isinstance(policy, pursuit.policy.TabularPolicy) == table
+        assert isinstance(policy, pursuit.policy.DistributionPolicy) == table
+    team = make_task("chase", maze="3x3", num_chasers=2)
+    assert sees_cells_only(team, "my_parts:Compass") and not sees_cells_only(team, "my_parts:Clock")
 
 
 class Wrong:

@@ -21,7 +21,7 @@ from train.environments.simulator_env import SimulatorEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Convolutions, Flat, Hidden, IndexLayer
 from train.networks.masks import masked
-from train.networks.policy import LearnedPolicy, Player
+from train.networks.policy import NetworkPolicy, Player
 from train.settings.algorithms import CrossEntropySettings
 
 
@@ -277,7 +277,7 @@ class CrossEntropy:
         chosen = np.tile(np.arange(each), population)
         simulator.set_state(simulator.get_state(chosen))
 
-    def policy(self, greedy: bool = True) -> LearnedPolicy:
+    def policy(self, greedy: bool = True) -> NetworkPolicy:
         """That of the mean."""
         return self.env.player.policy(self.network, greedy)
 

@@ -1,4 +1,4 @@
-"""LearnedPolicy: a trained network in any seat, and as a table for the exact solvers."""
+"""A trained network in any seat, and where it sees cells only as a table for the exact solvers."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from pursuit.maze_arrays import lay_out
 from pursuit.observations import ENCODINGS, Encoder
 from pursuit.policy import GameView, Policy, pairs_of_cells
 from pursuit.rules.layout import Games
+from pursuit.simulator import Simulator
 from pursuit.task import Task
 from train.networks.features import Features, features_of
 from train.networks.masks import masked
@@ -108,21 +109,25 @@ class Seat:
         """Of its encoding."""
         return features_of(Encoder(self.task, self.encoding), self.task.num_agents)
 
-    def policy(self, network: PolicyNetwork, greedy: bool = True) -> LearnedPolicy:
-        """A network in this seat."""
-        return LearnedPolicy(network, self, greedy)
+    def policy(self, network: PolicyNetwork, greedy: bool = True) -> NetworkPolicy:
+        """A network in this seat; one that sees cells only is known as a distribution over them."""
+        sees_more = self.encoding not in ENCODINGS and not sees_cells_only(self.task, self.encoding)
+        return (NetworkPolicy if sees_more else LearnedPolicy)(network, self, greedy)
 
 
 @lru_cache(maxsize=64)
 def sees_cells_only(task: Task, encoding: Any) -> bool:
-    """Whether what is observed in a duel is a function of the two cells: not of time as well."""
-    if not task.is_duel:
-        return True
-    encoder = Encoder(task, encoding)
-    for maze in task.mazes:
-        pairs = pairs_of_cells(task, maze, 0)
-        step = 1 + len(pairs.steps) // 100_000  # a part of them will do in large mazes
-        games = Games(*(array[::step] for array in pairs))
+    """Whether what is observed is a function of the cells (and goals): not of time as well.
+
+    Tried on all pairs of cells of a duel, and on a thousand starts of other tasks.
+    """
+    encoder, samples = Encoder(task, encoding), [Simulator(task, 1000).games]
+    if task.is_duel:
+        samples = [pairs_of_cells(task, maze, 0) for maze in task.mazes]
+    for sample in samples:
+        step = 1 + len(sample.steps) // 100_000  # a part of them will do in large mazes
+        games = Games(*(array[::step].copy() for array in sample))
+        games.steps[:] = 0
         at_first = encoder.encode(games)
         for steps in (1, task.max_steps // 2, task.max_steps - 1):
             games.steps[:] = steps
@@ -131,8 +136,8 @@ def sees_cells_only(task: Task, encoding: Any) -> bool:
     return True
 
 
-class LearnedPolicy:
-    """A network that fills a seat.
+class NetworkPolicy:
+    """A network that fills a seat, whatever it observes.
 
     Args:
         network: gives the logits.
@@ -148,9 +153,6 @@ class LearnedPolicy:
         self.network, self.seat, self.greedy = network, seat, greedy
         self.task, self.agent, self.encoding = seat.task, seat.agent, seat.encoding
         self._shape = seat.features.shape
-        if self.encoding not in ENCODINGS and not sees_cells_only(self.task, self.encoding):
-            # None is how a class says that it is no `TabularPolicy` after all.
-            self.action_probabilities = None  # type: ignore[method-assign, assignment]
 
     def probabilities(
         self, observations: NDArray[Any], allowed: NDArray[np.bool_] | None = None
@@ -213,6 +215,10 @@ class LearnedPolicy:
         chosen = (scaled >= cumulative).sum(axis=-1).clip(max=view.task.num_actions - 1)
         return chosen.astype(np.int32)
 
+
+class LearnedPolicy(NetworkPolicy):
+    """A network in a seat that observes cells and goals: a known distribution for any of them."""
+
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
         """[games, actions] float64: the network run on what `seat` observes in these games.
 
@@ -235,9 +241,17 @@ class LearnedPolicy:
         for first in range(0, len(found), GAMES_AT_ONCE):
             some = slice(first, first + GAMES_AT_ONCE)
             part = Games(*(array[some] for array in games))
-            observed = encoder.encode(part, slice(seat, seat + 1))[:, 0]
-            found[some] = self.probabilities(observed)
+            found[some] = self._played(encoder, task, part, seat)
         return found
+
+    def _played(self, encoder: Encoder, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
+        """[games, actions] float64."""
+        own = slice(seat, seat + 1)
+        observed, allowed = encoder.encode(games, own)[:, 0], None
+        if self.seat.mask_bumps:
+            world = lay_out(task.mazes).world
+            allowed = action_masks(games, world, task.num_actions, own)[:, 0]
+        return self.probabilities(observed, allowed)
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: the network run once on all pairs of cells.
@@ -254,9 +268,5 @@ class LearnedPolicy:
             )
         size, seat = maze.num_cells, task.seat(self.agent)
         pairs = pairs_of_cells(task, maze, seat)
-        own = slice(seat, seat + 1)
-        observed, allowed = Encoder(task, self.encoding).encode(pairs, own)[:, 0], None
-        if self.seat.mask_bumps:
-            world = lay_out(task.mazes).world
-            allowed = action_masks(pairs, world, task.num_actions, own)[:, 0]
-        return self.probabilities(observed, allowed).reshape(size, size, task.num_actions)
+        found = self._played(Encoder(task, self.encoding), task, pairs, seat)
+        return found.reshape(size, size, task.num_actions)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pursuit.policy import GameView, Policy
 from scripted_agents import solve_matrix_game
-from train.networks.policy import LearnedPolicy
+from train.networks.policy import NetworkPolicy
 from train.runs.folder import MISFITS
 from train.settings.checks import check
 from train.tensors import Misfit, check_like, read_tensors, write_tensors
@@ -252,7 +252,7 @@ class PoolPolicy:
         draws = view.uniform()
         for place, first, last in zip(present, bounds, bounds[1:], strict=False):
             games, policy = order[first:last], self.pool.members[int(place)].policy
-            if isinstance(policy, LearnedPolicy):
+            if isinstance(policy, NetworkPolicy):
                 if policy.encoding not in observed:
                     observed[policy.encoding] = view.observe(policy.encoding)
                 seen = observed[policy.encoding][games]
