@@ -287,7 +287,7 @@ def spoiled(table: Table, place: tuple[int, ...], value: float) -> Table:
         ({"spoil": -0.25}, "give non-negative ones"),
         ({"spoil": float("nan")}, "self cell 1 and other cell 3"),
         ({"role": "runner"}, "role 'runner'; the roles here"),
-        ({"horizon": 0}, "horizon 0; give at least 1"),
+        ({"horizon": 0}, "horizon=0; it is at least 1"),
         ({"discount": 0.0}, "discount 0.0; it lies"),
         ({"move_order": "evaders_first"}, "move_order 'evaders_first'; choose"),
     ],

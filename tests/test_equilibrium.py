@@ -283,8 +283,8 @@ def test_an_evader_that_cannot_be_reached_is_never_caught() -> None:
     [
         ({"discount": 1.0}, "discount 1.0"),
         ({"discount": 0.0}, "discount 0.0"),
-        ({"horizon": 0}, "horizon 0"),
-        ({"num_chasers": 0}, "num_chasers 0"),
+        ({"horizon": 0}, "horizon=0"),
+        ({"num_chasers": 0}, "num_chasers=0"),
         ({"num_chasers": 3}, "GB"),
         ({"move_order": "evaders_first"}, "move_order"),
     ],

@@ -161,8 +161,8 @@ def test_states_are_counted_as_formula_3_2_counts_them() -> None:
         (lambda: tour.tour_lengths(CORRIDOR, [0], [4]), "give .placements. and"),
         (lambda: tour.tour_lengths(CORRIDOR, [0], [[0.5]]), "cells are integers"),
         (lambda: tour.expected_tour_length(CORRIDOR, 5), "num_goals 5; 5 cells hold"),
-        (lambda: tour.expected_tour_length(CORRIDOR, 0), "num_goals 0"),
-        (lambda: tour.expected_tour_length(CORRIDOR, 4, samples=1), "samples 1"),
+        (lambda: tour.expected_tour_length(CORRIDOR, 0), "num_goals=0"),
+        (lambda: tour.expected_tour_length(CORRIDOR, 4, samples=1), "samples=1"),
         (lambda: tour.expected_tour_length(TWO_PARTS, 1), "falls into parts"),
     ],
 )
