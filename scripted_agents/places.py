@@ -50,6 +50,15 @@ class Places:
         return (self.teams[:, :, None] != np.arange(self.size)).all(axis=1)
 
     @cached_property
+    def random_moves(self) -> NDArray[np.float64]:
+        """[cells, actions] float64: uniform over the moves that change the cell, as `RandomAgent`
+        plays; an enclosed agent stays, or bumps into the north wall."""
+        moves = (self.neighbors != np.arange(self.size)[:, None]).astype(np.float64)
+        moves[moves.sum(axis=1) == 0.0, -1 if moves.shape[1] == 5 else 0] = 1.0
+        chances: NDArray[np.float64] = moves / moves.sum(axis=1, keepdims=True)
+        return chances
+
+    @cached_property
     def sorted_teams(self) -> NDArray[np.int64]:
         """The teams whose cells are in order: every other one is one of them with names changed."""
         found: NDArray[np.int64] = np.flatnonzero((np.diff(self.teams, axis=1) >= 0).all(axis=1))

@@ -69,7 +69,7 @@ class TeamPolicy:
         if self.epsilon == 0.0:
             return joint
         actions, agents = task.num_actions, self._agents()
-        moves = random_moves(self.places)
+        moves = self.places.random_moves
         joint = joint.reshape(-1, *(actions,) * len(agents))
         for axis, agent in enumerate(agents, start=1):
             others = joint.sum(axis=axis, keepdims=True)
@@ -163,15 +163,6 @@ def check_place(policy: TeamPolicy | TeamPlan, task: Task, seat: int) -> None:
         )
 
 
-def random_moves(places: Places) -> NDArray[np.float64]:
-    """[cells, actions] float64: uniform over the moves that change the cell; what
-    `RandomAgent` plays."""
-    moves = (places.neighbors != np.arange(places.size)[:, None]).astype(np.float64)
-    enclosed = moves.sum(axis=1) == 0.0
-    moves[enclosed, -1 if moves.shape[1] == 5 else 0] = 1.0
-    return moves / moves.sum(axis=1, keepdims=True)
-
-
 def with_random_moves(
     places: Places, view: GameView, chosen: NDArray[np.integer], default: float
 ) -> NDArray[np.int32]:
@@ -182,6 +173,6 @@ def with_random_moves(
     epsilon = view.epsilon[:, view.seat]
     epsilon = np.where(np.isnan(epsilon), default, epsilon)
     random, draw = view.uniform() < epsilon, view.uniform()
-    moves = random_moves(places)[view.positions[:, view.seat]].cumsum(axis=1)
+    moves = places.random_moves[view.positions[:, view.seat]].cumsum(axis=1)
     moved = (draw[:, None] * moves[:, -1:] >= moves[:, :-1]).sum(axis=1)
     return np.where(random, moved, chosen).astype(np.int32)

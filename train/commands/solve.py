@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.maze import Maze, load_maze
-from scripted_agents import ChaseSolution, cop_number, mean_over_starts, solve_chase
+from scripted_agents import ChaseSolution, cop_number, solve_chase
 from train.commands.parse import parse
 from train.commands.progress import Alive
 from train.figures import BLUE, ORANGE, pyplot, save
@@ -102,7 +103,8 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
         f"{solution.move_order}, {'with' if solution.stay_action else 'no'} stay, {how}",
     ]
     most = float(horizon) if horizon is not None else 1.0 / (1.0 - discount)
-    mean = mean_over_starts(values, maze) if chasers == 1 else float(values[apart].mean())
+    own = [a != b for a, b in itertools.combinations(cells, 2)]  # at a start all stand apart
+    mean = float(values[np.logical_and.reduce(own)].mean())
     lines.append(
         f"{'value (mean over starts)':<32}{mean:.6f} steps"
         f"{'' if horizon is not None else ', discounted'}; at most {most:g}"
