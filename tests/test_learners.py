@@ -158,14 +158,16 @@ def test_what_a_learner_cannot_do_it_says_at_once() -> None:
             settings_of(**{"seconds": 1, **flat})
 
 
-def test_runners_look_far_ahead_and_others_as_before() -> None:
+def test_runners_look_as_far_ahead_as_their_learner_can() -> None:
     """At 0.95 the best tour by discounted goals is 0.49 % longer than the shortest on 5x5."""
+    small = {"ppo": 0.99, "a2c": 0.95, "reinforce": 0.95, "dqn": 0.95, "q_learning": 1.0}
+    for algorithm, gamma in small.items():
+        assert settings_of(algorithm=algorithm, task="maze", frames=1).hyper.gamma == gamma
+    for algorithm, gamma in {"ppo": 0.99, "a2c": 0.97, "dqn": 0.97}.items():
+        large = settings_of(algorithm=algorithm, task="maze", maze="9x9", frames=1)
+        assert large.hyper.gamma == gamma
     for algorithm in ("ppo", "a2c", "reinforce", "dqn"):
-        for maze in ("5x5", "9x9"):
-            runner = settings_of(algorithm=algorithm, task="maze", maze=maze, frames=1)
-            assert runner.hyper.gamma == 0.99
         assert settings_of(algorithm=algorithm, frames=1).hyper.gamma == 0.95
-    assert settings_of(algorithm="q_learning", task="maze", frames=1).hyper.gamma == 1.0
 
 
 def test_the_learners_are_made_of_their_settings() -> None:

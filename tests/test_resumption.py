@@ -222,7 +222,7 @@ def test_every_learner_resumes_in_every_scheme(
         ),
         {"task": {"num_chasers": 2}, "hyper": replace(PPO, central_critic=True)},
     ],
-    ids=str,
+    ids=["one trunk", "a frozen side", "teams", "a central critic"],
 )  # fmt: skip
 def test_teams_and_shared_networks_resume(changes: Any, tmp_path: Path) -> None:
     check_resumption(SELF_PLAY, both(**changes), tmp_path)

@@ -170,9 +170,10 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
     The defaults were tuned on maze 5x5 with 3 goals. On larger mazes rewards are farther off: the
     discount is weaker there, and chance is kept for longer. See `lessons_for` for the curriculum.
 
-    Runners are judged by the length of the tour. The shorter the sight of a discount, the longer
-    the tour that is best for it: on 5x5 with 3 goals 0.49 % above the shortest at 0.95, none at
-    0.99.
+    Runners are judged by the length of the tour, and the tour that is best by discounted rewards is
+    longer: on 5x5 with 3 goals 0.49 % at 0.95, none at 0.99. PPO learns with 0.99. REINFORCE does
+    not: on 3x3 with 2 goals, 100 k frames and 3 seeds, it ends within 4 % of the optimum at 0.95
+    and leaves a quarter and more of the starts unsolved at 0.97 and 0.99.
     """
     hyper = hyperparameter_form(algorithm)()
     if algorithm not in HYPERPARAMETERS:  # a user's own, whose defaults are as they are meant
@@ -184,16 +185,18 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
         return replace(hyper, learning_rate_power=0.7, gamma=gamma)
     if not isinstance(hyper, NetworkSettings):
         return hyper
-    if setting.role == "runner":
+    if setting.role == "runner" and isinstance(hyper, PPOSettings):
         hyper = replace(hyper, gamma=0.99)
     if setting.large_chase:
         hyper = replace(hyper, gamma=0.98)
         if isinstance(hyper, RolloutSettings):
             return replace(hyper, entropy_coef=0.06, gae_lambda=0.8)
-    elif setting.large_maze and isinstance(hyper, PPOSettings):
-        return replace(
-            hyper, num_games=2048, minibatch_size=8192, learning_rate=8e-3, entropy_coef=3e-3
-        )
+    elif setting.large_maze:
+        if isinstance(hyper, PPOSettings):
+            return replace(
+                hyper, num_games=2048, minibatch_size=8192, learning_rate=8e-3, entropy_coef=3e-3
+            )
+        hyper = replace(hyper, gamma=0.97)
     return hyper
 
 
