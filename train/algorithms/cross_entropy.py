@@ -155,8 +155,8 @@ class Candidates:
                 self._hidden,
             )
             return
-        logits = self.logits(torch.from_numpy(observation))
-        logits = masked(logits, torch.from_numpy(allowed)).numpy()
+        every = self.logits(torch.from_numpy(observation))
+        logits = masked(every, torch.from_numpy(allowed)).numpy()
         uniform = np.empty(logits.shape)
         for action in range(logits.shape[1]):
             draw_uniform(streams, 0, uniform[:, action])
