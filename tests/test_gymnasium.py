@@ -33,7 +33,7 @@ SEATS = [
     for agent in agents
 ]
 
-pytestmark = pytest.mark.filterwarnings("error::UserWarning")
+pytestmark = pytest.mark.filterwarnings("error::UserWarning", "ignore:mask_bumps=True")
 
 
 class Eastward:
@@ -114,7 +114,6 @@ def twin(task: pursuit.Task, agent: str, game: int, observation: str) -> SingleA
     return env
 
 
-@pytest.mark.filterwarnings("ignore:mask_bumps=True")
 @pytest.mark.parametrize("observation", ["one_hot", "index", "cells", "planes"])
 @pytest.mark.parametrize(
     ("settings", "agent"),

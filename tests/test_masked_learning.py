@@ -26,6 +26,8 @@ from train.algorithms.a2c import actor_of, critic_of
 from train.algorithms.dqn import NEXT_MASK, dqn_loss
 from train.algorithms.ppo import ppo_loss
 from train.algorithms.registry import ALGORITHMS, Build, entry
+from train.commands.parse import parse
+from train.commands.train import TrainCommand, _defaults
 from train.evaluation.games import table_in
 from train.experiments.kinds import start
 from train.networks.actor_critic import ActorCritic
@@ -253,6 +255,15 @@ def test_learners_without_masks_are_not_given_any(tmp_path: Path) -> None:
 
     with pytest.raises(ValueError, match="know no masks"):
         Recipe(TaskSettings(mask_bumps=True), out=tmp_path / "model.zip")
+
+
+def test_the_command_line_takes_the_flags_of_a_task() -> None:
+    for given in (["--mask-bumps"], ["--stay-action"], ["--stay-action", "--mask-bumps"], []):
+        default = _defaults(given)
+        form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
+        task = parse(form, given, "train", default).settings.task
+        assert task.mask_bumps == ("--mask-bumps" in given)
+        assert task.stay_action == ("--stay-action" in given)
 
 
 def test_every_kind_of_run_has_the_setting() -> None:

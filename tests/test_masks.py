@@ -33,7 +33,9 @@ NORTH, SOUTH, EAST, WEST, STAY = range(5)
 WAITING = "mask_bumps=True in task 'chase' without stay_action forbids waiting"
 Role = Literal["chaser", "evader"]
 
-pytestmark = pytest.mark.filterwarnings("ignore:mask_bumps=True")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:mask_bumps=True", "ignore:PettingZoo in TorchRL:UserWarning"
+)
 
 
 # -- the masks -------------------------------------------------------------------------------------

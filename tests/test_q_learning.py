@@ -219,9 +219,10 @@ def test_only_truncation_is_bootstrapped_and_steps_shrink_with_visits(kind: str)
     ended = (np.array([kind == "terminated"]), np.array([kind == "truncated"]))
     done = np.zeros(1, dtype=bool)
     target, expected = 2.0 + (0.5 * 5.0 if kind == "truncated" else 0.0), 5.0
+    every = np.ones((4, 4), dtype=bool)
     for visit in (1, 2, 3):
         learn(
-            q_values, visits, *games, numbers.for_kernels, np.array([before]),
+            q_values, visits, *games, numbers.for_kernels, every, np.array([before]),
             np.array([[0, 3, 0]], dtype=np.int32), 1, np.array([[0, 2, 0]], dtype=np.float32),
             *ended, done, 0.5, 0.8, 0.7,
         )  # fmt: skip

@@ -156,8 +156,8 @@ class Candidates:
                 self._hidden,
             )
             return
-        found = self.logits(torch.from_numpy(observation))
-        logits = masked(found, torch.from_numpy(allowed)).numpy()
+        every = self.logits(torch.from_numpy(observation))
+        logits = masked(every, torch.from_numpy(allowed)).numpy()
         uniform = np.empty(logits.shape)
         for action in range(logits.shape[1]):
             draw_uniform(streams, 0, uniform[:, action])

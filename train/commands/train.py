@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import strftime
 from typing import Any, Generic, TypeVar
@@ -104,8 +104,10 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
     hyper = hyperparameters(algorithm, setting, first.preset)
     curriculum, lessons = lessons_for(algorithm, setting, first.preset, first.curriculum)
     budget = budget_of(arguments, 60.0)
+    # With a flag on by default the command line would offer to turn it off, and refuse it as given.
+    task = replace(first.task, stay_action=False, mask_bumps=False)
     settings: TrainSettings[Any] = TrainSettings(
-        first.task, hyper, lessons, algorithm, curriculum, **budget
+        task, hyper, lessons, algorithm, curriculum, **budget
     )
     return TrainCommand(settings, first.preset)
 
