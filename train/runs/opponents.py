@@ -78,13 +78,13 @@ def opponents_of(task: Task, agent: str, opponent: str | None, epsilon: float) -
     """
     policies = default_policies(task, epsilon, own=agent)
     if opponent in SCRIPTED:
-        others = set(task.seat_roles) - {agent.split("_")[0]}
+        elsewhere = set(task.seat_roles) - {agent.split("_")[0]}
         check(
-            bool(others),
+            bool(elsewhere),
             f"opponent={opponent!r}, but task {task.name!r} has nobody of another role; leave it "
             "out",
         )
-        for other in others:
+        for other in elsewhere:
             rest: Any = (epsilon, task.move_order)
             policies[other] = scripted_policy(str(opponent), other, *rest)
     elif opponent is not None:
