@@ -94,8 +94,9 @@ class Seat:
         return features_of(Encoder(self.task, self.encoding), self.task.num_agents)
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> LearnedPolicy:
-        """A network in this seat."""
-        return LearnedPolicy(network, self, greedy)
+        """A network in this seat; a table over cells only where cells are all that it sees."""
+        timed = self.encoding not in ENCODINGS and not sees_cells_only(self.task, self.encoding)
+        return (TimedPolicy if timed else LearnedPolicy)(network, self, greedy)
 
 
 @lru_cache(maxsize=64)
@@ -133,9 +134,6 @@ class LearnedPolicy:
         self.network, self.seat, self.greedy = network, seat, greedy
         self.task, self.agent, self.encoding = seat.task, seat.agent, seat.encoding
         self._shape = seat.features.shape
-        if self.encoding not in ENCODINGS and not sees_cells_only(self.task, self.encoding):
-            # None is how a class says that it is no `TabularPolicy` after all.
-            self.action_probabilities = None  # type: ignore[method-assign, assignment]
 
     def probabilities(self, observations: NDArray[Any]) -> NDArray[np.float64]:
         """[..., actions] float64: the distribution played, for observations [..., *shape]."""
@@ -195,3 +193,9 @@ class LearnedPolicy:
         pairs = pairs_of_cells(task, maze, seat)
         observed = Encoder(task, self.encoding).encode(pairs, slice(seat, seat + 1))[:, 0]
         return self.probabilities(observed).reshape(size, size, task.num_actions)
+
+
+class TimedPolicy(LearnedPolicy):
+    """A network that sees more than the cells, the time say, and so is no `TabularPolicy`."""
+
+    action_probabilities = None  # type: ignore[assignment]  # how a class says so to a protocol

@@ -129,4 +129,4 @@ def load_stable_baselines(path: Path, greedy: bool = True) -> LearnedPolicy:
         ) from None
     policy.set_training_mode(False)
     seat = Seat(built, agent_of(task, built), encoding)
-    return LearnedPolicy(StableBaselinesNetwork(policy), seat, greedy)
+    return seat.policy(StableBaselinesNetwork(policy), greedy)
