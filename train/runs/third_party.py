@@ -19,7 +19,7 @@ from gymnasium.spaces import Discrete
 from pursuit.parts import check_trusted
 from pursuit.simulator import Simulator
 from train.files import read_json, write_json
-from train.networks.policy import LearnedPolicy, Seat
+from train.networks.policy import NetworkPolicy, Seat
 from train.runs.forms import RESTORE, Description
 from train.runs.tasks import agent_of, task_of
 from train.schemas import read_as
@@ -75,7 +75,7 @@ def save_stable_baselines(
     )
 
 
-def load_stable_baselines(path: Path, greedy: bool | None = True) -> LearnedPolicy:
+def load_stable_baselines(path: Path, greedy: bool | None = True) -> NetworkPolicy:
     """A saved model as a policy; no code that the file may hold is run.
 
     Args:
@@ -129,7 +129,7 @@ def load_stable_baselines(path: Path, greedy: bool | None = True) -> LearnedPoli
     policy.load_state_dict(weights)
     policy.set_training_mode(False)
     seat = Seat(built, agent_of(task, built), encoding, task.mask_bumps)
-    return LearnedPolicy(StableBaselinesNetwork(policy), seat, greedy)
+    return seat.policy(StableBaselinesNetwork(policy), greedy)
 
 
 def _weights_in(path: Path) -> dict[str, Any]:
