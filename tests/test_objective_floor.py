@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,15 @@ def test_rewards_that_pay_for_the_length_alone_have_no_floor() -> None:
 )
 def test_where_a_floor_is_not_known_nothing_is_said(name: str, role: str, settings: Any) -> None:
     assert objective_floor(contest_of(name, role, **settings), 0.95) is None
+
+
+def test_nothing_is_said_of_what_masks_or_a_function_change() -> None:
+    for name, role in (("chase", "chaser"), ("maze", "runner")):
+        paid = contest_of(name, role, rewards=lambda before, actions, after: after.positions)
+        assert objective_floor(paid, 0.95) is None
+    free = contest_of("chase", "chaser")
+    assert objective_floor(free, 0.95) is not None
+    assert objective_floor(replace(free, mask_bumps=True), 0.95) is None
 
 
 def test_what_would_take_too_long_or_too_much_memory_is_not_known(

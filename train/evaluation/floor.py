@@ -33,17 +33,19 @@ def objective_floor(contest: GameContest, discount: float) -> float | None:
 
     Returns:
         A ratio less 1, as `optimality_gap`: negative for evaders. None where it is not known:
-        teams, goals among opponents, rewards by distance, several mazes, starts at marks, more
-        goals than can be enumerated, or rewards by which it does not pay to hurry (an evader: to
-        live on).
+        teams, goals among opponents, masks in a duel, rewards by distance or by a user's function,
+        several mazes, starts at marks, more goals than can be enumerated, or rewards by which it
+        does not pay to hurry (an evader: to live on).
     """
     task = contest.task
     paid = task.role_rewards[contest.role]
-    if len(task.mazes) > 1 or task.start != "random" or paid.distance != 0.0:
+    if len(task.mazes) > 1 or task.start != "random":
+        return None
+    if paid.distance != 0.0 or task.reward_function is not None:
         return None
     if (task.num_agents, task.num_runners) == (1, 1):
         return _tour(task, paid, discount)
-    if contest.is_exact and task.max_cells <= MAX_CELLS:
+    if contest.is_exact and not contest.mask_bumps and task.max_cells <= MAX_CELLS:
         return _duel(contest, paid, discount)
     return None
 
