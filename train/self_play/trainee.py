@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,21 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pursuit.policy import Policy
-from scripted_agents import best_team_response, why_not_optimal, work_of
-from scripted_agents.environments import SCRIPTED
-from train.evaluation.exploitability import (
-    Exploitability,
-    exploitability,
-    nash_conv,
-    team_exploitability,
-)
-from train.evaluation.games import (
-    MAX_EXACT_WORK,
-    MAX_FINAL_WORK,
-    is_exact,
-    is_exact_team,
-    table_in,
-)
+from train.evaluation.games import MAX_EXACT_WORK, MAX_FINAL_WORK, is_exact_team
 from train.evaluation.matchups import can_solve, discounted_steps, match
 from train.runs.folder import (
     CONFIG,
@@ -43,30 +29,19 @@ from train.runs.threads import prepare_torch
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
 from train.self_play.pool import LATEST, OpponentPool, nash_mixtures, weights
 from train.self_play.side import Side, share_trunk
+from train.self_play.standing import (
+    exact_best_responses,
+    exploited,
+    matches,
+    other_role,
+    scripted_beside,
+)
 from train.settings.checks import evaluation_seed
 from train.settings.self_play import LEARN, ROLES, SelfPlaySettings
 from train.tensors import check_like
 
-MAX_GAME_CELLS = 256
-"""Above this number of cells the value of the game is not solved in every run (minutes)."""
 PAIR_EPISODES = 200
 """Games for an entry of the payoff matrix that has no exact value."""
-
-
-def other_role(role: str) -> str:
-    """Of two."""
-    return ROLES[1 - ROLES.index(role)]
-
-
-def exploited(found: Exploitability) -> dict[str, float]:
-    """The columns of an exact exploitability."""
-    return {
-        "nash_conv": found.nash_conv,
-        "chaser_exploitability": found.mean_chaser,
-        "evader_exploitability": found.mean_evader,
-        "value": found.mean_value,
-        "game_value": found.mean_game_value,
-    }
 
 
 class SelfPlay:
@@ -235,33 +210,15 @@ class SelfPlay:
         for side in self.sides.values():
             side.env.finished_returns.clear()
             side.env.finished_lengths.clear()
-        task, row = self.task, {}
         chaser, evader = (self.policy(role) for role in ROLES)
-        if is_exact(task, chaser, evader):
-            maze = task.mazes[0]
-            tables = [table_in(task, policy) for policy in (chaser, evader)]
-            rest: Any = (self.parts.discount, task.move_order)
-            if maze.num_cells <= MAX_GAME_CELLS:
-                row = exploited(exploitability(maze, tables[0], tables[1], *rest))
-            else:
-                row = {"nash_conv": nash_conv(maze, tables[0], tables[1], *rest)}
-        elif is_exact_team(task, {"chaser": chaser, "evader": evader}):
-            row = exploited(team_exploitability(task, chaser, evader, self.parts.discount))
-        row["steps"] = match(task, chaser, evader, episodes, most=most).steps
-        for name in self._scripted():
+        row = exploited(self.task, chaser, evader, self.parts.discount)
+        row["steps"] = match(self.task, chaser, evader, episodes, most=most).steps
+        for name in scripted_beside(self.task):
             for role in self.sides:
                 other = self.parts.scripted[name, other_role(role)]
                 one, two = (chaser, other) if role == "chaser" else (other, evader)
-                row[f"{role}_vs_{name}"] = match(task, one, two, episodes, most=most).steps
+                row[f"{role}_vs_{name}"] = match(self.task, one, two, episodes, most=most).steps
         return row
-
-    def _scripted(self) -> tuple[str, ...]:
-        """The scripted agents that stand beside the learned ones: optimal only where it is so."""
-        task = self.task
-        solved = all(why_not_optimal(task, role) is None for role in ROLES) and (
-            task.max_cells <= MAX_GAME_CELLS if task.is_duel else work_of(task) <= MAX_EXACT_WORK
-        )
-        return tuple(name for name in SCRIPTED if name != "optimal" or solved)
 
     def told(self, row: dict[str, float]) -> list[str]:
         """Exploitability, steps, and both sides against A*."""
@@ -277,23 +234,15 @@ class SelfPlay:
                 parts.append(f"{role} vs A* {row[f'{role}_vs_astar']:6.1f}")
         return parts
 
-    def matches(self, episodes: int) -> list[dict[str, Any]]:
-        """Learned and scripted agents of both roles, everybody against everybody."""
-        players = {
-            role: {"learned" if role in self.sides else "frozen": self.policy(role)}
-            | {name: self.parts.scripted[name, role] for name in self._scripted()}
-            for role in ROLES
-        }
-        return [
-            {"chaser": c, "evader": e, **asdict(match(self.task, chaser, evader, episodes))}
-            for c, chaser in players["chaser"].items()
-            for e, evader in players["evader"].items()
-        ]
-
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
         """Exploitability, everybody against everybody, pools; for teams how well a best response
         to each side does, an exact one where the game fits, else an approximate one."""
-        settings = self.settings
+        settings, pair = self.settings, {role: self.policy(role) for role in ROLES}
+        players = {
+            role: {"learned" if role in self.sides else "frozen": pair[role]}
+            | {name: self.parts.scripted[name, role] for name in scripted_beside(self.task)}
+            for role in ROLES
+        }
         content: dict[str, Any] = {
             "task": settings.task.task,
             "maze": self.task.mazes[0].name,
@@ -301,30 +250,17 @@ class SelfPlay:
             "sampling": settings.sampling,
             "seed": settings.seed,
             "evaluation": self.evaluate(episodes, MAX_FINAL_WORK),
-            "matches": self.matches(episodes),
+            "matches": matches(self.task, players, episodes),
             "pools": {role: pool.described() for role, pool in self.pools.items()},
             "mixtures": self.mixtures,
         }
         exact = "nash_conv" in content["evaluation"]
-        pair = {role: self.policy(role) for role in ROLES}
         if is_exact_team(self.task, pair, MAX_FINAL_WORK):
-            content["exact_best_response"] = self.exact_best_responses()
+            learned = {role: pair[role] for role in self.sides}
+            content["exact_best_response"] = exact_best_responses(self.task, learned, self.tell)
         elif not exact and settings.best_response_seconds and not interrupted:
             content["approximate_best_response"] = self.approximate_best_responses(episodes)
         return content
-
-    def exact_best_responses(self) -> dict[str, float]:
-        """Mean steps of the exact best response to each learned side, the chasers as one player.
-
-        {"against_evader": steps, ...}.
-        """
-        found = {}
-        for number, role in enumerate(self.sides):
-            self.tell(f"exact best response against the {role}", number / len(self.sides))
-            other, policies = other_role(role), {role: self.policy(role)}
-            best = best_team_response(self.task, other, policies, self.task.max_steps)
-            found[f"against_{role}"] = best.mean_over_starts
-        return found
 
     def _tell_of(self, role: str, run: Run, row: dict[str, float]) -> None:
         self.tell(f"approximate best response against the {role}", run.progress)

@@ -1,0 +1,83 @@
+"""How two sides stand: exploitability, everybody against everybody, best responses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import Any
+
+from pursuit.policy import Policy
+from pursuit.task import Task
+from scripted_agents import best_team_response, why_not_optimal, work_of
+from scripted_agents.environments import SCRIPTED
+from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
+from train.evaluation.games import MAX_EXACT_WORK, is_exact, is_exact_team, table_in
+from train.evaluation.matchups import match
+from train.settings.self_play import ROLES
+
+MAX_GAME_CELLS = 256
+"""Above this number of cells the value of the game is not solved in every run (minutes)."""
+
+
+def other_role(role: str) -> str:
+    """Of two."""
+    return ROLES[1 - ROLES.index(role)]
+
+
+def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> dict[str, float]:
+    """The columns of the exact exploitability in discounted steps; none where it is not known.
+
+    In mazes above `MAX_GAME_CELLS` cells "nash_conv" alone, which needs no value of the game.
+    """
+    if is_exact(task, chaser, evader):
+        maze = task.mazes[0]
+        tables = [table_in(task, policy) for policy in (chaser, evader)]
+        rest: Any = (discount, task.move_order)
+        if maze.num_cells > MAX_GAME_CELLS:
+            return {"nash_conv": nash_conv(maze, tables[0], tables[1], *rest)}
+        found = exploitability(maze, tables[0], tables[1], *rest)
+    elif is_exact_team(task, {"chaser": chaser, "evader": evader}):
+        found = team_exploitability(task, chaser, evader, discount)
+    else:
+        return {}
+    return {
+        "nash_conv": found.nash_conv,
+        "chaser_exploitability": found.mean_chaser,
+        "evader_exploitability": found.mean_evader,
+        "value": found.mean_value,
+        "game_value": found.mean_game_value,
+    }
+
+
+def scripted_beside(task: Task) -> tuple[str, ...]:
+    """The scripted agents that stand beside the learned ones: optimal only where it is so."""
+    solved = all(why_not_optimal(task, role) is None for role in ROLES) and (
+        task.max_cells <= MAX_GAME_CELLS if task.is_duel else work_of(task) <= MAX_EXACT_WORK
+    )
+    return tuple(name for name in SCRIPTED if name != "optimal" or solved)
+
+
+def matches(
+    task: Task, players: Mapping[str, Mapping[str, Policy]], episodes: int
+) -> list[dict[str, Any]]:
+    """Everybody against everybody, of the players of both roles by name."""
+    return [
+        {"chaser": c, "evader": e, **asdict(match(task, chaser, evader, episodes))}
+        for c, chaser in players["chaser"].items()
+        for e, evader in players["evader"].items()
+    ]
+
+
+def exact_best_responses(
+    task: Task, learned: Mapping[str, Policy], tell: Callable[[str, float], None]
+) -> dict[str, float]:
+    """Mean steps of the exact best response to each learned side, the chasers as one player.
+
+    {"against_evader": steps, ...}; `tell` hears what it is at, and its share in [0, 1].
+    """
+    found = {}
+    for number, (role, policy) in enumerate(learned.items()):
+        tell(f"exact best response against the {role}", number / len(learned))
+        best = best_team_response(task, other_role(role), {role: policy}, task.max_steps)
+        found[f"against_{role}"] = best.mean_over_starts
+    return found
