@@ -152,7 +152,7 @@ class Simulator:
         Raises:
             ValueError: a seed or game out of range.
         """
-        seed, chosen = whole("seed", seed, 0, 2**64 - 1), self._slots(games)
+        seed, chosen = whole("seed", seed, 0, 2**64 - 1), slots(games, self.num_games)
         fresh = np.empty_like(self.streams)
         rules.seed_streams(fresh, np.uint64(seed), self.first_game)  # type: ignore[arg-type]
         self.streams[chosen] = fresh[chosen]
@@ -167,13 +167,10 @@ class Simulator:
             ValueError: a seed or game out of range.
         """
         chosen = np.zeros(self.num_games, dtype=bool)
-        chosen[self._slots(games)] = True
+        chosen[slots(games, self.num_games)] = True
         if seed is not None:
             self.seed(seed, games)
         self._check(rules.start_games(*self._kernel_arrays, chosen))
-
-    def _slots(self, games: ArrayLike | None) -> NDArray[np.intp]:
-        return slots(games, self.num_games)
 
     def step(self, actions: ArrayLike) -> None:
         """Move every game by one step. Results are in the attributes.
@@ -253,7 +250,7 @@ class Simulator:
         next_episode.configure(
             self.task,
             self._coming,
-            self._slots(games),
+            slots(games, self.num_games),
             epsilon=epsilon,
             seat=seat,
             goals_around=goals_around,
@@ -278,13 +275,13 @@ class Simulator:
         Raises:
             ValueError: a seed out of range, or a wrong number of them.
         """
-        next_episode.seed_starts(self.streams, self._slots(games), seeds)
+        next_episode.seed_starts(self.streams, slots(games, self.num_games), seeds)
 
     # -- copies ----------------------------------------------------------------------------------
 
     def get_state(self, games: ArrayLike | None = None) -> SimulatorState:
         """Copies of all games, or of those of the index list `games`, exact to the last bit."""
-        chosen = self._slots(games)
+        chosen = slots(games, self.num_games)
         live = vars(live_state(self, self._epsilon, self._coming))
         state = SimulatorState(**{name: array[chosen] for name, array in live.items()})
         if self.auto_restart:  # the episodes that ended are over, these games are not
@@ -298,7 +295,7 @@ class Simulator:
             ValueError: the number of games, or the task, is another one; or a game is over, and
                 this simulator restarts games by itself. Nothing is changed then.
         """
-        chosen = self._slots(games)
+        chosen = slots(games, self.num_games)
         live = live_state(self, self._epsilon, self._coming)
         check_fits(state, live, self.task, len(chosen))
         if self.auto_restart and (state.terminated | state.truncated).any():
@@ -360,7 +357,7 @@ class Simulator:
         """What the agents observed as the last finished episode ended, of all games or `games`."""
         final = self._outcome.final
         if games is not None:
-            chosen = self._slots(games)
+            chosen = slots(games, self.num_games)
             final = layout.Games(*(array[chosen] for array in final))
         return self._views.encode(final, encoding, seat)
 
@@ -374,14 +371,17 @@ class Simulator:
         Raises:
             ValueError: a wrong shape, another number of seats, or a policy that is none.
         """
-        if getattr(actions, "shape", None) != self._actions_shape:
-            raise ValueError(f"actions={actions!r}; an array of shape {self._actions_shape}")
-        if not isinstance(policies, Sequence) or len(policies) != self.num_agents:
-            raise ValueError(f"policies={policies!r}; one, or None, for each of the seats")
+        try:
+            fit = actions.shape == self._actions_shape and len(policies) == self.num_agents
+        except (AttributeError, TypeError):
+            fit = False
+        if not fit:
+            needed = f"a policy or None a seat, actions of shape {self._actions_shape}"
+            raise ValueError(f"policies={policies!r}, actions={actions!r}; {needed}")
         for seat, policy in enumerate(policies):
             if policy is not None:
                 if not hasattr(policy, "act"):
-                    raise ValueError(f"policies[{seat}]={policy!r}; it has no method `act`")
+                    raise ValueError(f"{policy!r} is no policy; it has no method `act`")
                 actions[:, seat] = policy.act(self.view(seat))
 
 
