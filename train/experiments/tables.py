@@ -12,9 +12,9 @@ from train.experiments.sweep import ERROR, HINTS, LABEL, status_of
 from train.files import read_json, write_beside
 from train.runs.folder import CONFIG, METRICS, RESULTS, RUN, read_config, read_metrics
 from train.runs.provenance import check_sources
-from train.runs.tasks import task_of
+from train.runs.tasks import maze_of
 from train.settings.checks import check
-from train.settings.task import TaskSettings, who_learns
+from train.settings.task import who_learns
 
 if TYPE_CHECKING:
     import polars
@@ -64,7 +64,7 @@ def row_of(folder: Path) -> dict[str, Any]:
         kind, settings = read_settings(folder)
         plain = asdict(settings)
     task = plain.pop("task")
-    task["maze"] = task_of(TaskSettings(maze=task["maze"])).mazes[0].name
+    task["maze"] = maze_of(task["maze"]).name
     task["role"] = who_learns(task["task"], task["role"]) if kind == RUN else "both"
     for name in ("hyper", "lessons"):
         plain |= {k: v for k, v in plain.pop(name, {}).items() if k not in plain}
