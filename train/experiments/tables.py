@@ -15,11 +15,11 @@ from train.experiments.sweep import ERROR, MEASURED, flat_plain, status_of
 from train.files import read_json, write_beside
 from train.runs.folder import CONFIG, METRICS, RESULTS, RUN, read_config, read_metrics
 from train.runs.provenance import check_sources
-from train.runs.tasks import task_of
+from train.runs.tasks import maze_of
 from train.schemas import read_as
 from train.settings.checks import check
 from train.settings.self_play import ROLES
-from train.settings.task import TaskSettings, who_learns
+from train.settings.task import who_learns
 
 if TYPE_CHECKING:
     import polars
@@ -107,7 +107,7 @@ def row_of(folder: Path) -> dict[str, Any]:
     row: dict[str, Any] = {"run": folder.name, "kind": kind, "status": status_of(folder)}
     row |= {name: value for name, value in flat.items() if name not in row}
     row["variant"] = label.get("variant")
-    row["maze"] = task_of(TaskSettings(maze=task["maze"])).mazes[0].name
+    row["maze"] = maze_of(task["maze"]).name
     row["role"] = who_learns(task["task"], task["role"]) if kind == RUN else "both"
     if "members" in row:
         row["members"] = " ".join(row["members"])

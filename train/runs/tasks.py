@@ -23,10 +23,9 @@ def task_of(settings: TaskSettings) -> Task:
     }
     if settings.rewards != "default":
         given["rewards"] = settings.rewards
-    maze = settings.maze
     return make_task(
         settings.task,
-        maze=Maze.from_text(maze) if "\n" in maze else load_maze(maze),
+        maze=maze_of(settings.maze),
         max_steps=settings.max_steps,
         stay_action=settings.stay_action,
         move_order=settings.move_order,
@@ -34,6 +33,11 @@ def task_of(settings: TaskSettings) -> Task:
         start=settings.start,
         **given,
     )
+
+
+def maze_of(maze: str) -> Maze:
+    """The maze of settings: the text of one, a name, or a path; ValueError for none."""
+    return Maze.from_text(maze) if "\n" in maze else load_maze(maze)
 
 
 def agent_of(settings: TaskSettings, task: Task) -> str:
