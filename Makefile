@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SETUP := .venv/.complete
 
-.PHONY: setup train test test-all lint bench clean
+.PHONY: setup train test test-all lint bench campaign clean
 
 train: $(SETUP)
 	$(BIN)/pursuit train --task chase --role chaser --maze 5x5 --seconds 30
@@ -28,6 +28,9 @@ bench: $(SETUP)
 	$(BIN)/python tests/benchmarks/bench_learning.py
 	$(BIN)/python tests/benchmarks/bench_curricula.py
 	$(BIN)/python tests/benchmarks/bench_self_play.py
+
+campaign: $(SETUP)
+	$(BIN)/python tests/campaign/campaign.py
 
 setup: $(SETUP)
 

@@ -1,0 +1,161 @@
+"""Runs that are killed at any moment: one command carries each on, to the same end."""
+
+from __future__ import annotations
+
+import json
+import signal
+from functools import cache
+from pathlib import Path
+from random import Random
+from shutil import rmtree
+from typing import Any
+
+import torch
+from children import Outcome, call
+
+CASES = 40
+SMALL = "--maze 3x3 --max-steps 40 --threads 1 --num-games 16 --frames 4000 --episodes 50"
+BATCH = "--minibatch-size 64"
+SWEEP = """
+title = "two"
+seeds = [0, 1]
+episodes = 20
+[settings]
+maze = "3x3"
+frames = 3000
+num_games = 16
+max_steps = 40
+threads = 1
+minibatch_size = 64
+[grid]
+algorithm = ["ppo"]
+"""
+KINDS = {
+    "ppo": f"train {BATCH} {SMALL}",
+    "a2c": f"train --algorithm a2c {SMALL}",
+    "reinforce": f"train --algorithm reinforce {SMALL}",
+    "dqn": f"train --algorithm dqn {SMALL} --learning-starts 200",
+    "cross_entropy": "train --algorithm cross_entropy --maze 3x3 --max-steps 40 --threads 1 "
+    "--frames 20000 --episodes 50",
+    "q_learning": f"train --algorithm q_learning {SMALL}",
+    "epsilon": f"train {BATCH} --curriculum opponent-epsilon {SMALL}",
+    "gated": f"train {BATCH} {SMALL} --curriculum success-gated --axis opponent-epsilon "
+    "--solved-within 0",
+    "replay": f"train {BATCH} --curriculum level-replay --task maze --num-goals 2 {SMALL}",
+    "self-play": f"self-play {BATCH} {SMALL} --snapshots 4",
+    "psro": f"self-play {BATCH} {SMALL} --snapshots 4 --sampling psro",
+    "frozen": f"self-play {BATCH} {SMALL} --snapshots 4 --evader astar",
+    "sweep": "sweep two.toml --workers 1",
+}
+SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+PROMISED = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
+
+
+def case(random: Random, folder: Path, number: int) -> tuple[str, list[str]]:
+    """One run, killed once or twice and carried on: what it was, and what is wrong."""
+    kind = list(KINDS)[number % len(KINDS)]
+    whole, seconds = uninterrupted(kind, folder.parent / f"whole-{kind}")
+    told, faults = [kind], []
+    command = first = begin(kind, folder)
+    for _ in range(random.choice((1, 1, 2))):
+        number_sent = random.choice(SIGNALS)
+        moment = random.uniform(0.0, 1.1 * seconds)
+        outcome = call(command, folder, limit=60.0, kill=(moment, number_sent))
+        told.append(f"{signal.Signals(number_sent).name} after {moment:.2f} s")
+        faults += outcome.faults((0, PROMISED[number_sent]))
+        command = carry_on(kind, folder, first)
+    if outcome.status != 0:
+        outcome = call(command, folder, limit=60.0)
+        told.append(f"then `pursuit {' '.join(command)}`")
+        faults += [f"{fault}: {outcome.told()}" for fault in outcome.faults((0, 2))]
+        faults += dead_end(outcome, kind, folder)
+    faults += [] if faults else compare(kind, whole, folder)
+    return ", ".join(told), faults
+
+
+def begin(kind: str, folder: Path) -> list[str]:
+    """The command that starts a run of a kind."""
+    (folder / "two.toml").write_text(SWEEP)
+    return [*KINDS[kind].split(), "--out", "run"]
+
+
+def carry_on(kind: str, folder: Path, first: list[str]) -> list[str]:
+    """The command that goes on: what was killed before it was a run is begun again."""
+    if kind == "sweep" or not (folder / "run" / "config.json").exists():
+        return first
+    return [first[0], "--resume", "run"]
+
+
+def dead_end(outcome: Outcome, kind: str, folder: Path) -> list[str]:
+    """Nothing, where the run is complete now, or was before it was killed."""
+    if outcome.status == 2 and "complete" in outcome.err and missing(kind, folder) == []:
+        return []
+    if outcome.status != 0:
+        return [f"a dead end: {outcome.told()}"]
+    return [f"{name} is missing" for name in missing(kind, folder)]
+
+
+def missing(kind: str, folder: Path) -> list[str]:
+    """The files that a complete run has and this one has not."""
+    names = ["config.json", "metrics.csv", "results.json", "checkpoint.pt"]
+    if kind != "sweep":
+        names.append("learning_curve.png")
+    found = [name for run in runs(kind, folder) for name in names if not (run / name).exists()]
+    left = [str(path.name) for path in folder.rglob("*.part")]
+    return found + left if runs(kind, folder) else ["a run"]
+
+
+def runs(kind: str, folder: Path) -> list[Path]:
+    """The folders of the runs."""
+    if kind != "sweep":
+        return [folder / "run"]
+    return sorted(path.parent for path in (folder / "run").rglob("config.json"))
+
+
+def compare(kind: str, whole: Path, folder: Path) -> list[str]:
+    """What differs from the run that nobody killed; budgets in frames end bit for bit alike."""
+    pairs = list(zip(runs(kind, whole), runs(kind, folder), strict=False))
+    if not pairs:
+        return ["no run"]
+    faults = []
+    for theirs, ours in pairs:
+        if json.loads((ours / "results.json").read_text()).get("interrupted"):
+            faults.append("results.json says interrupted")
+        one, other = (
+            torch.load(run / "checkpoint.pt", weights_only=True) for run in (theirs, ours)
+        )
+        faults += [f"{place} differs" for place in different(one["trainee"], other["trainee"])[:3]]
+    return faults
+
+
+def different(one: Any, other: Any, place: str = "trainee") -> list[str]:
+    """The places at which two states differ."""
+    if type(one) is not type(other):
+        return [place]
+    if isinstance(one, dict):
+        if one.keys() != other.keys():
+            return [place]
+        return [d for key in one for d in different(one[key], other[key], f"{place}.{key}")]
+    if isinstance(one, list | tuple):
+        if len(one) != len(other):
+            return [place]
+        inner = zip(one, other, strict=True)
+        return [d for i, pair in enumerate(inner) for d in different(*pair, f"{place}.{i}")]
+    if isinstance(one, torch.Tensor):
+        same = one.shape == other.shape and torch.equal(
+            one.nan_to_num() if one.is_floating_point() else one,
+            other.nan_to_num() if other.is_floating_point() else other,
+        )
+        return [] if same else [place]
+    return [] if one == other or one != one else [place]
+
+
+@cache
+def uninterrupted(kind: str, folder: Path) -> tuple[Path, float]:
+    """The same run without a kill, and its seconds."""
+    rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    outcome = call(begin(kind, folder), folder, limit=120.0)
+    if outcome.status != 0:
+        raise RuntimeError(f"{kind}: {outcome.told()}")
+    return folder, outcome.seconds
