@@ -379,17 +379,6 @@ def test_wrong_actions_move_nobody(actions: Any) -> None:
         assert (envs.step(zeros)[0] == untouched.step(zeros)[0]).all()
 
 
-@pytest.mark.parametrize("dtype", [np.int8, np.uint8, np.int32, np.int64])
-def test_actions_of_any_integer_type(dtype: Any) -> None:
-    seen = []
-    for kind in (dtype, np.int64):
-        envs, env = make_vector_env("chase", "chaser", 3), make_env("chase", "chaser")
-        envs.reset(seed=0)
-        env.reset(seed=0)
-        seen.append((envs.step(np.array([0, 1, 3], dtype=kind))[0], env.step(kind(3))[0]))
-    assert (seen[0][0] == seen[1][0]).all() and (seen[0][1] == seen[1][1]).all()
-
-
 def test_a_list_of_seeds_is_refused() -> None:
     with pytest.raises(ValueError, match="give one integer"):
         make_vector_env("chase", "chaser", 2).reset(seed=[1, 2])
@@ -404,10 +393,3 @@ def test_resets_without_a_seed_go_on_and_differ() -> None:
     assert len(np.unique(first, axis=0)) == 8
     unseeded = [make_vector_env("maze", "runner", num_envs=8).reset()[0] for _ in range(2)]
     assert (unseeded[0] != unseeded[1]).any()
-
-
-def test_truncation_without_termination() -> None:
-    env = make_env("chase", "chaser", maze=ENCLOSED, max_steps=3)
-    env.reset(options={"positions": [0, 2]})
-    ends = [env.step(NORTH)[2:4] for _ in range(3)]
-    assert ends == [(False, False), (False, False), (False, True)]

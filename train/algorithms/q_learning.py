@@ -394,11 +394,7 @@ def build(settings: QLearningSettings, env: SimulatorEnv, how: Build) -> QLearni
 def load(
     settings: QLearningSettings, seat: Seat, state: dict[str, Any], greedy: bool = True
 ) -> QTablePolicy:
-    """The policy in what `QLearning.state_dict` gave.
-
-    Raises:
-        Misfit: a table of another shape.
-    """
+    """The policy in what `QLearning.state_dict` gave; Misfit for a table of another shape."""
     shape = (StateNumbers(seat.task).count, seat.num_actions)
     check_tensor(state.get("q_values"), torch.float64, shape, "q_values")
     return QTablePolicy(seat.task, seat.agent, state["q_values"].numpy(), seat.mask_bumps)
