@@ -62,12 +62,12 @@ def test_stable_baselines_learns_and_its_model_is_a_table(
 
 def test_a_saved_model_is_an_opponent(models: dict[str, Path], tmp_path: Path) -> None:
     flat = {"role": "evader", "maze": "3x3", "frames": 3000, "num_games": 16, "minibatch_size": 64}
-    chosen = settings_of(**flat, opponent=str(models["ppo"]))
+    chosen = settings_of(**flat, threads=1, opponent=str(models["ppo"]))
     run = start(RUN, chosen, tmp_path)
     run.train()
     assert run.trainee.optimum.exact
     learned = run.trainee.contest.opponents["chaser"]
-    assert isinstance(learned, LearnedPolicy)
+    assert isinstance(learned, LearnedPolicy) and not learned.greedy  # as it was learned
     with pytest.raises(ValueError, match="another role"):
         settings_of(maze="3x3", frames=1, opponent=str(models["ppo"]))
 
