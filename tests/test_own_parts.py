@@ -324,6 +324,7 @@ OWN_RUN: dict[str, Any] = {
     "period": 2,
     "frames": 4 * 16 * 32,
     "max_steps": 20,
+    "threads": 1,
 }
 
 
