@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -178,9 +179,9 @@ def test_what_is_reported_is_never_played_from_a_training_seed(
     seeds: list[int] = []
 
     class Spied(Simulator):
-        def seed(self, seed: int) -> None:
+        def seed(self, seed: int, games: Any = None) -> None:
             seeds.append(seed)
-            super().seed(seed)
+            super().seed(seed, games)
 
     for module in ("contest", "matchups"):
         monkeypatch.setattr(f"train.evaluation.{module}.Simulator", Spied)

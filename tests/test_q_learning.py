@@ -239,7 +239,7 @@ def test_a_chaser_on_5x5_comes_within_a_per_cent_of_the_exact_best_response(tmp_
     run.train()
     contest = contest_of(chosen.task, 100)
     task = contest.task
-    best = best_response("chaser", task.mazes[0], contest._opponent_table(), horizon=200)
+    best = best_response("chaser", task.mazes[0], contest.opponent_table(), horizon=200)
     optimum = mean_over_starts(best.values, task.mazes[0])
     assert optimum <= contest.score("learned", run.trainee.policy).mean_steps < 1.01 * optimum
 
@@ -251,7 +251,7 @@ def test_a_chaser_comes_within_a_per_cent_of_the_exact_best_response(tmp_path: P
     contest = contest_of(chosen.task, 100)
     task = contest.task
     score = contest.score("learned", run.trainee.policy)
-    opponent = contest._opponent_table()
+    opponent = contest.opponent_table()
     best = best_response("chaser", task.mazes[0], opponent, horizon=task.max_steps)
     optimum = mean_over_starts(best.values, task.mazes[0])
     assert score.exact and optimum <= score.mean_steps < 1.01 * optimum

@@ -198,7 +198,7 @@ def test_damaged_labels_results_errors_and_progress_are_no_tracebacks(tmp_path: 
         read_label(folder)
     (folder / LABEL).unlink()
     (folder / "results.json").write_text(json.dumps({"frames": 3, "seconds": "many"}))
-    with pytest.raises(ValueError, match=r"results\.json: .*; restore it"):
+    with pytest.raises(ValueError, match=r"results\.json: .*; delete it"):
         collect(tmp_path / "out")
     (folder / "results.json").unlink()
     for content in (b"", b"\xff\xfe\n", b"boom\nmore"):

@@ -13,21 +13,16 @@ import pytest
 import pursuit
 from pursuit import parts
 from train.commands.main import main
-from train.experiments.executors import (
-    SOURCES,
-    files_of,
-    sources_of,
-    work_elsewhere,
-    worker_environment,
-)
+from train.experiments.identity import fingerprint
 from train.experiments.kinds import open_run, resume, start
-from train.experiments.sweep import fingerprint, load_sweep, prepare
+from train.experiments.sweep import load_sweep, prepare
 from train.experiments.tables import row_of
+from train.experiments.worker import shipment, work_elsewhere, worker_environment
 from train.files import write_json
 from train.runs.by_name import settings_of
 from train.runs.folder import RUN, load_config
 from train.runs.opponents import load_policy
-from train.runs.provenance import provenance, source_files
+from train.runs.provenance import SOURCES, provenance, source_files
 from train.runs.saved import load_settings
 from train.runs.third_party import description_of, load_stable_baselines
 
@@ -165,11 +160,11 @@ def test_a_run_knows_the_source_of_its_parts(module: str, tmp_path: Path, recwar
     assert json.loads((folder / "config.json").read_text())["parts"] == said == provenance(settings)
     assert run.results(2)["parts"] == said
     assert "parts" not in load_config(folder)[1] and "command" not in load_config(folder)[1]
-    before = fingerprint(RUN, settings)
+    before = fingerprint(RUN, settings, 4, {})
     assert load_settings(folder) == settings and not recwarn.list
 
     edited(module, scale=3)
-    assert fingerprint(RUN, settings) != before
+    assert fingerprint(RUN, settings, 4, {}) != before
     with pytest.warns(UserWarning, match=f"the source of {module} has changed"):
         load_policy(folder)
     with pytest.warns(UserWarning, match=f"the source of {module} has changed"):
@@ -236,11 +231,11 @@ def test_a_sweep_of_own_parts_runs_in_its_workers(module: str, tmp_path: Path) -
 def test_sources_travel_to_machines_that_have_them_not(module: str, tmp_path: Path) -> None:
     Path("sweep.toml").write_text(SWEEP.format(name=f"{module}:pay"))
     pursuit.allow(module)
-    ((run, folder),) = prepare(load_sweep("sweep.toml"), tmp_path / "out")
-    files = files_of(folder) | sources_of(run.settings)
+    ((_, folder),) = prepare(load_sweep("sweep.toml"), tmp_path / "out")
+    files = shipment(folder)
     assert f"{SOURCES}/{module}.py" in files
     Path(f"{module}.py").unlink()
     forgotten(module)
-    back = work_elsewhere(files, 4, (module,))
+    back = work_elsewhere(files, 4, trusted=(module,))
     assert "results.json" in back and "error.txt" not in back
     assert not any(name.startswith(SOURCES) for name in back)
