@@ -2,10 +2,12 @@
 
 import os
 import stat
+import subprocess
+import sys
 
 import pytest
 
-from train.files import write_text
+from train.files import only_one, write_text
 
 
 def test_a_failing_write_leaves_what_was_there(tmp_path):
@@ -22,3 +24,16 @@ def test_a_device_or_folder_is_not_replaced_by_a_file(tmp_path):
         with pytest.raises(ValueError, match="not a file"):
             write_text(path, "content")
     assert stat.S_ISFIFO(os.stat(tmp_path / "pipe").st_mode)
+
+
+def test_whoever_holds_a_folder_clears_what_the_dead_left_half_written(tmp_path):
+    gone = subprocess.run(
+        [sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True
+    )
+    left = tmp_path / "runs" / f".results.parquet.{int(gone.stdout)}.part"
+    left.parent.mkdir()
+    left.write_text("half")
+    own = tmp_path / f".a.txt.{os.getpid()}.part"
+    own.write_text("still being written")
+    with only_one(tmp_path, "sweep"):
+        assert not left.exists() and own.exists()

@@ -62,6 +62,7 @@ def test_the_commands_from_self_play_to_league(
     assert "optimal" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_sampling_schemes_are_compared_by_a_sweep(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -38,6 +38,7 @@ def cluster() -> Any:
     found.shutdown()
 
 
+@pytest.mark.slow
 def test_ray_gives_the_results_that_this_machine_gives(cluster: Any, tmp_path: Path) -> None:
     import ray
 

@@ -179,9 +179,14 @@ def hold(folder: Path, what: str, shared: bool = False) -> FileLock:
 
 @contextlib.contextmanager
 def only_one(folder: Path, what: str) -> Iterator[None]:
-    """Holds `folder` for this process; ValueError naming `what` where another one works on it."""
+    """Holds `folder` for this process, and clears it of what the dead left half written.
+
+    Raises:
+        ValueError: naming `what`, where another one works on it.
+    """
     lock = hold(folder, what)
     try:
+        remove_leftovers(folder)
         yield
     finally:
         lock.release()
