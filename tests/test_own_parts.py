@@ -82,6 +82,20 @@ def test_a_reward_function_changes_nothing_but_the_rewards(
     np.testing.assert_array_equal(flags, (paid.terminated, paid.truncated))
 
 
+def test_starts_that_are_counted_out_are_the_same_with_a_reward_function() -> None:
+    """Where drawing finds no start, one is chosen outside the kernels: on both ways of stepping."""
+    tasks = [
+        make_task("chase", maze="15x15", min_start_distance=28, max_steps=3, rewards=rewards)
+        for rewards in ("goal", lambda before, actions, after: np.ones(actions.shape))
+    ]
+    paid, plain = (Simulator(task, 16, seed=1) for task in reversed(tasks))
+    for _ in range(12):
+        for games in (paid, plain):
+            games.step(np.zeros((16, 2), dtype=np.int32))
+        assert (paid.positions == plain.positions).all() and (paid.steps == plain.steps).all()
+        assert (paid.returns == paid.steps[:, None]).all()
+
+
 def test_the_functions_payment_reaches_every_environment() -> None:
     """-1 for whoever changes the cell, compiled by Numba: the same in all of them."""
     name = "my_parts:tired"
