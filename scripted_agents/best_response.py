@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from pursuit.declared import as_array, number, truth, whole
 from pursuit.masks import bump_masks
 from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
-from scripted_agents.memory import check_memory
+from pursuit.memory import check_memory
 from scripted_agents.pair_kernels import (
     AT_ONCE,
     OTHER_FIRST,
@@ -247,9 +247,9 @@ def _check_settings(maze: Maze, horizon: int | None, discount: float, move_order
     # Both players' tables laid out, and the values of two steps.
     grid = maze.height * maze.width
     check_memory(
+        f"{maze.name}, {maze.num_cells} cells,",
         8 * maze.num_cells * (2 * 5 * grid + 2 * (grid + 2 * maze.width)),
-        f"{maze.name}, {maze.num_cells} cells",
-        "Use a smaller maze, or play episodes",
+        "use a smaller maze, or play episodes",
     )
     if horizon is not None:
         whole("horizon", horizon, 1)

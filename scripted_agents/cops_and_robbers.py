@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pursuit.declared import truth, whole
 from pursuit.maze import Maze, load_maze
-from scripted_agents.memory import check_memory
+from pursuit.memory import check_memory
 from scripted_agents.places import distinct_moves
 from scripted_agents.turn_kernels import extend, join, trap
 
@@ -80,9 +80,9 @@ def solve_in_turns(
     teams = size**num_chasers
     needed = 3 * 8 * teams * words + teams * size
     check_memory(
+        f"{maze.name} in turns, {size} cells and {num_chasers} chaser(s),",
         needed,
-        f"{maze.name} in turns, {size} cells and {num_chasers} chaser(s)",
-        "Take a smaller maze or fewer chasers",
+        "take a smaller maze or fewer chasers",
         MAX_BYTES,
     )
     timed = needed + 2 * teams * size <= MAX_BYTES

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pursuit.declared import as_array, number, truth, whole
 from pursuit.maze import Maze, load_maze
+from pursuit.memory import check_memory
 from scripted_agents.best_response import MoveOrder
 from scripted_agents.game_kernels import solve_matrix
-from scripted_agents.memory import check_memory
 from scripted_agents.places import places_of
 from scripted_agents.shapley_iteration import (
     Game,
@@ -139,9 +139,9 @@ def solve_chase(
     if move_order not in ("simultaneous", "chasers_first"):
         raise ValueError(f"move_order {move_order!r}; choose 'simultaneous' or 'chasers_first'")
     check_memory(
+        f"{maze.name}, {maze.num_cells} cells and {num_chasers} chaser(s),",
         bytes_to_solve(maze.num_cells, whole("num_chasers", num_chasers, 1), stay_action),
-        f"{maze.name}, {maze.num_cells} cells and {num_chasers} chaser(s)",
-        "Take a smaller maze or fewer chasers",
+        "take a smaller maze or fewer chasers",
         MAX_BYTES,
     )
     return _solve(

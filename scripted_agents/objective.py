@@ -12,8 +12,8 @@ from math import comb
 import numpy as np
 
 from pursuit.maze import MAX_TABLE_CELLS, Maze
+from pursuit.memory import free_memory
 from pursuit.rules import UNREACHABLE
-from scripted_agents.memory import available_bytes
 from scripted_agents.tour_objective_kernels import one_goal_more, sum_of_lengths
 
 MAX_STEPS_OF_WORK = 3_000_000_000
@@ -59,7 +59,7 @@ def tour_floor(
     work = sum(comb(cells, i) * i * cells for i in range(1, num_goals + 1))
     # Values and both lengths of two layers, the last of which is only summed.
     needed = 12 * cells * sum(comb(cells, i) for i in (num_goals - 1, num_goals - 2) if i >= 0)
-    room = min(MAX_BYTES, available_bytes() or MAX_BYTES)
+    room = min(MAX_BYTES, free_memory())
     if work > MAX_STEPS_OF_WORK or needed > room or (maze.distances == UNREACHABLE).any():
         return None
     distances = maze.distances.astype(np.int16)

@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.memory import check_memory
 from pursuit.policy import DistributionPolicy, Policy, places_of_agents
 from pursuit.rules import layout
 from pursuit.rules.layout import Games
 from pursuit.task import Task
 from scripted_agents.game_kernels import CHASERS, EVADER, respond
-from scripted_agents.memory import check_memory
 from scripted_agents.places import Places, places_of
 from scripted_agents.team_policy import TeamPlan
 
@@ -217,9 +217,9 @@ def _check(task: Task, horizon: int | None, discount: float) -> None:
     # Weights, their making, the evader's chances, and what is played at each place.
     per_place = 8 * (2 * actions**chasers + 3 * actions + 4) + 16 * (chasers + 1)
     check_memory(
+        f"{task.mazes[0].name}, {cells} cells and {chasers} chaser(s),",
         per_place * cells ** (chasers + 1),
-        f"{task.mazes[0].name}, {cells} cells and {chasers} chaser(s)",
-        "Take a smaller maze or fewer chasers, or play episodes",
+        "take a smaller maze or fewer chasers, or play episodes",
         MAX_BYTES,
     )
 

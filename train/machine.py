@@ -6,18 +6,12 @@ py-cpuinfo 9 knows more systems, but takes 1.2 s and processes of its own, at ev
 
 from __future__ import annotations
 
-import contextlib
-import os
 import platform
 import subprocess
 from functools import cache
 from pathlib import Path
 
 CPUINFO = Path("/proc/cpuinfo")
-MEMORY_LIMITS = (
-    Path("/sys/fs/cgroup/memory.max"),
-    Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"),
-)
 
 
 @cache
@@ -40,17 +34,6 @@ def processor() -> str:
 def has_fast_bfloat16() -> bool:
     """Whether this processor multiplies bfloat16 matrices in hardware."""
     return "avx512_bf16" in _cpuinfo() or "amx_bf16" in _cpuinfo()
-
-
-def memory() -> int:
-    """Bytes that this process may take: those of the machine, or of its control group."""
-    limits = [2**63 - 1]
-    with contextlib.suppress(OSError, ValueError, AttributeError):
-        limits.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    for path in MEMORY_LIMITS:
-        with contextlib.suppress(OSError, ValueError):
-            limits.append(int(path.read_text(encoding="utf-8")))
-    return min(limit for limit in limits if limit > 0)
 
 
 @cache

@@ -12,24 +12,11 @@ from typing import Any
 
 import torch
 from children import Outcome, call
+from damage import SWEEP
 
 CASES = 40
 SMALL = "--maze 3x3 --max-steps 20 --threads 1 --num-games 16 --frames 1500 --episodes 20"
 BATCH = "--minibatch-size 64"
-SWEEP = """
-title = "two"
-seeds = [0, 1]
-episodes = 20
-[settings]
-maze = "3x3"
-frames = 1500
-num_games = 16
-max_steps = 40
-threads = 1
-minibatch_size = 64
-[grid]
-algorithm = ["ppo"]
-"""
 KINDS = {
     "ppo": f"train {BATCH} {SMALL}",
     "a2c": f"train --algorithm a2c {SMALL}",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import prod
 from typing import Any
 
-from train.machine import memory
+from pursuit.memory import free_memory
 from train.networks.policy import Seat
 from train.settings.algorithms import Hyperparameters
 
@@ -36,19 +36,19 @@ def bytes_of(hyper: Hyperparameters, seat: Seat) -> dict[str, int]:
 
 
 def check_memory(hyper: Hyperparameters, seat: Seat) -> None:
-    """Refuse what is beyond the memory of this machine.
+    """Refuse what is beyond the free memory of this machine.
 
     Raises:
         ValueError: naming the bytes, and the settings that ask for most of them.
     """
     needs = bytes_of(hyper, seat)
-    total, there = sum(needs.values()), memory()
+    total, there = sum(needs.values()), free_memory()
     if total > there:
         most = max(needs, key=lambda names: needs[names])
         given = " × ".join(f"{name}={getattr(hyper, name)}" for name in most.split(" × "))
         raise ValueError(
             f"{given}: this run would take at least {in_units(total)} of memory, and this machine "
-            f"has {in_units(there)}; lower {most.replace(' × ', ' or ')}"
+            f"has {in_units(there)} free; lower {most.replace(' × ', ' or ')}"
         )
 
 
