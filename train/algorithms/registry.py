@@ -15,6 +15,7 @@ from pursuit.policy import Policy
 from train.algorithms import a2c, cross_entropy, dqn, ppo, q_learning
 from train.algorithms.learner import Build, Learner, network_loader
 from train.algorithms.rollouts import actor_critic_of
+from train.networks.policy import Player
 from train.settings.algorithms import (
     HYPERPARAMETERS,
     LEARNERS,
@@ -49,7 +50,7 @@ class Algorithm:
         one_maze: it has a table for one maze.
         cpu_only: it has nothing to put on a GPU.
         observations: the encodings that it can use; None for all.
-        actions: the kinds of action spaces that it can use.
+        actions: the kinds of actions that it can learn: "discrete", "continuous".
         check_player: (settings, player) raises ValueError for a player that it cannot learn to be.
     """
 
@@ -85,6 +86,15 @@ class Algorithm:
             if self.one_maze
             else f"observation={observation!r}; {self.name} can use "
             f"{', '.join(self.observations or ())}",
+        )
+
+    def check_actions(self, player: Player) -> None:
+        """Raise ValueError where it cannot choose such actions as `player`'s."""
+        kind = "continuous" if player.continuous else "discrete"
+        able = [name for name, other in ALGORITHMS.items() if kind in other.actions]
+        check(
+            kind in self.actions,
+            f"algorithm={self.name!r} cannot choose {kind} actions; take {' or '.join(able)}",
         )
 
     def check_self_play(self, role: str, agents: int) -> None:

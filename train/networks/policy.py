@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import torch
@@ -50,8 +50,12 @@ class Player(Protocol):
         """What it observes."""
 
     @property
+    def continuous(self) -> bool:
+        """Whether an action is a row of numbers in [-1, 1], and no choice of one of several."""
+
+    @property
     def num_actions(self) -> int:
-        """How many actions it chooses from."""
+        """How many actions it chooses from; where they are continuous, numbers of an action."""
 
     @property
     def members(self) -> int:
@@ -76,6 +80,7 @@ class Seat:
     agent: str
     encoding: str = "index"
     mask_bumps: bool = False
+    continuous: ClassVar[bool] = False
 
     @property
     def number(self) -> int:

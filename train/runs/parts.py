@@ -88,6 +88,7 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
     seat = Seat(
         task if plan is None else plan.task, agent, settings.observation, settings.task.mask_bumps
     )
+    algorithm.check_actions(seat)
     algorithm.check_player(settings.hyper, seat)
     check_memory(settings.hyper, seat)
     bfloat16 = uses_bfloat16(settings.precision, settings.device)
