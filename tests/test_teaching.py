@@ -223,7 +223,7 @@ def test_the_regret_of_an_episode_is_against_the_optimum_of_its_own_start(tmp_pa
             best: Any = tour_lengths(maze, positions[:, 0], goals)
         else:
             role = str(flat["role"])
-            table = run.trainee.parts.opponents["evader" if role == "chaser" else "chaser"]
+            table = run.trainee.parts.world.opponents["evader" if role == "chaser" else "chaser"]
             probabilities = table.action_probabilities(maze)  # type: ignore[attr-defined]
             values = best_response(role, maze, probabilities, horizon=200).values  # type: ignore[arg-type]
             best = values[positions[:, 0], positions[:, 1]]

@@ -15,7 +15,7 @@ from pursuit.masks import action_masks
 from pursuit.maze import Maze
 from pursuit.maze_arrays import lay_out
 from pursuit.observations import ENCODINGS, Encoder
-from pursuit.policy import GameView, Policy, pairs_of_cells
+from pursuit.policy import GameView, pairs_of_cells
 from pursuit.rules.layout import Games
 from pursuit.simulator import Simulator
 from pursuit.task import Task
@@ -61,7 +61,11 @@ class Player(Protocol):
     def members(self) -> int:
         """How many agents have its role, itself included."""
 
-    def policy(self, network: PolicyNetwork, greedy: bool = True) -> Policy:
+    @property
+    def bytes_of_game(self) -> int:
+        """What one game takes, about, without its observation."""
+
+    def policy(self, network: Any, greedy: bool = True) -> Any:
         """A network as this player."""
 
 
@@ -96,6 +100,11 @@ class Seat:
     def members(self) -> int:
         """Agents of that role."""
         return self.task.count(self.role)
+
+    @property
+    def bytes_of_game(self) -> int:
+        """About."""
+        return 100 * self.task.num_agents + 20 * self.task.num_goals
 
     @property
     def num_actions(self) -> int:

@@ -32,6 +32,7 @@ class Setting:
         cells: of the largest maze.
         random_start: or from the marks of the maze.
         duel: whether one chaser plays against one evader.
+        joints: of an arm.
     """
 
     task: str
@@ -39,6 +40,7 @@ class Setting:
     cells: int
     random_start: bool = True
     duel: bool = False
+    joints: int = 0
 
     @property
     def large_chase(self) -> bool:
