@@ -16,6 +16,7 @@ from scripted_agents.equilibrium import (
     solve_matrix_game,
 )
 from scripted_agents.evader import AStarEvader
+from scripted_agents.least_steps import least_steps, least_steps_of
 from scripted_agents.optimal import (
     BestResponder,
     OptimalChaser,
@@ -72,6 +73,8 @@ __all__ = [
     "evaluate_team",
     "expected_tour_length",
     "has_distributions",
+    "least_steps",
+    "least_steps_of",
     "mean_over_starts",
     "mean_over_team_starts",
     "num_states",
