@@ -53,10 +53,12 @@ class SimulatorEnv(EnvBase):
         idle: [num_games, k] bool.
         finished_returns, finished_lengths: of the episodes that ended since they were last cleared.
         resume: set it to have the next full reset go on with the games as they stand.
+        carries_over: whether episodes begin where the last ones ended: not in mazes.
         begun: whether `begin` was called.
     """
 
     central = False
+    carries_over = False
     scale = 1.0
 
     def __init__(
@@ -212,6 +214,45 @@ class SimulatorEnv(EnvBase):
         alive = np.zeros(self.num_games, dtype=bool)
         alive[running.numpy()] = True
         return self._play(actions, alive)[0]
+
+    # -- without tensors, for learners that step the games themselves ------------------------------
+
+    @property
+    def returns(self) -> NDArray[np.float64]:
+        """[num_games]: what the learner's first seat has been paid in the episode so far."""
+        returns: NDArray[np.float64] = self.simulator.returns[:, self.seat]
+        return returns
+
+    def observe(self) -> NDArray[Any]:
+        """[num_games, ...]: what the learner's first seat observes."""
+        return self.simulator.observe(self.encoding, self.seat)
+
+    def advance(self, actions: NDArray[np.int32], running: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """A step without restarts, as `step_episodes`; one seat a game.
+
+        Args:
+            actions: [num_games]; those of games that have ended are ignored.
+            running: [num_games], whose episode is not over yet.
+
+        Returns:
+            [num_games]: those of them whose episode is over now.
+        """
+        simulator = self.simulator
+        simulator.act(self.policies, self._actions)
+        self._actions[:, self.seat] = actions
+        simulator.step(self._actions)
+        ending = simulator.ended
+        if simulator.task.num_evaders > 1:
+            ending |= simulator.active[:, self.seat] == 0
+        ending &= running
+        if ending.any():
+            self.finish(ending)
+        return ending
+
+    def share_starts(self, each: int) -> None:
+        """Make every game the copy of the one of its number modulo `each`, random streams too."""
+        chosen = np.arange(self.num_games) % each
+        self.simulator.set_state(self.simulator.get_state(chosen))
 
     def step_and_maybe_reset(
         self, tensordict: TensorDictBase
