@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from torch.distributions import Independent, Normal, TransformedDistribution, kl_divergence
 from torch.distributions import Categorical as TorchCategorical
+from torch.distributions import Independent, Normal, TransformedDistribution, kl_divergence
 from torch.distributions.transforms import TanhTransform
 
 from train.networks.actor_critic import ActorCritic

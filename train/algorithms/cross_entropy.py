@@ -18,7 +18,7 @@ from pursuit.policy import Policy
 from pursuit.rules import draw_uniform, next_uniform
 from train.algorithms.exploration import exploration_streams
 from train.algorithms.learner import Build
-from train.environments.simulator_env import SimulatorEnv
+from train.environments.lockstep import LockstepEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import SquashedNormal
 from train.networks.layers import Convolutions, Flat, Hidden, IndexLayer
@@ -221,7 +221,7 @@ class CrossEntropy:
     """
 
     def __init__(
-        self, settings: CrossEntropySettings, env: SimulatorEnv, network: ActorCritic, seed: int
+        self, settings: CrossEntropySettings, env: LockstepEnv, network: ActorCritic, seed: int
     ) -> None:
         self.settings, self.env, self.network, self.frames = settings, env, network, 0
         self._named = {
@@ -276,7 +276,7 @@ class CrossEntropy:
             ending = env.advance(self._actions, running)
             self.frames += int(running.sum())
             if ending.any():
-                returns[ending] = env.returns[ending]
+                returns[ending] = env.finished_returns[-1]
                 running &= ~ending
         return torch.from_numpy(returns).reshape(population, -1).mean(dim=1)
 
@@ -315,6 +315,6 @@ def network_of(settings: CrossEntropySettings, player: Player, how: Build) -> Ac
     return ActorCritic(player.features, player.num_actions, hidden, action_std=action_std)
 
 
-def build(settings: CrossEntropySettings, env: SimulatorEnv, how: Build) -> CrossEntropy:
+def build(settings: CrossEntropySettings, env: LockstepEnv, how: Build) -> CrossEntropy:
     """The learner over its games."""
     return CrossEntropy(settings, env, network_of(settings, env.player, how), how.seed)
