@@ -85,6 +85,7 @@ class Reinforce(NetworkLearner):
         self.settings = settings
         actor = actor_of(network, has_masks(env))
         self.loss = ReinforceLoss(actor, critic_of(network), loss_critic_type="l2")
+        self.loss.set_keys(action=network.form.DRAWN)
 
     def iterate(self, progress: float) -> dict[str, float]:
         """Play the episodes and take one gradient step on all their frames."""
