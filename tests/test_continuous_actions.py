@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
@@ -14,20 +13,16 @@ from torch.distributions import Independent, Normal, kl_divergence
 from torchrl.modules import TanhNormal
 from torchrl.objectives import A2CLoss, ClipPPOLoss, ReinforceLoss
 
-from pursuit.reacher.policy import ArmPolicy, ArmView
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
 from train.algorithms.a2c import A2C, Reinforce
-from train.algorithms.cross_entropy import Candidates, CrossEntropy
-from train.algorithms.ppo import PPO, ppo_loss
-from train.algorithms.registry import ALGORITHMS, Build, entry
+from train.algorithms.ppo import ppo_loss
 from train.environments.arm_env import ArmEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.arm_policy import ArmSeat
 from train.networks.distributions import SquashedNormal
 from train.networks.layers import Hidden
-from train.networks.losses import NormalHead, actor_of, critic_of
-from train.networks.policy import Seat
+from train.networks.losses import NormalHead, critic_of
 from train.settings.algorithms import A2CSettings, PPOSettings, ReinforceSettings
 
 
