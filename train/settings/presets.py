@@ -79,6 +79,16 @@ def thesis_ppo() -> PPOSettings:
     )
 
 
+def thesis_reacher_ppo() -> PPOSettings:
+    """The thesis' table A.3; whatever it does not name is as in `thesis_ppo`.
+
+    The table's "use critic: False" is taken at its word: nothing is subtracted from the returns.
+    RLlib's PPO of 2020 first ignored that option while generalised advantages, its default, were
+    on, and later refused the two together; which of them the thesis' runs met is not known.
+    """
+    return replace(thesis_ppo(), critic=False, kl_target=0.005, clip=0.3, width=512)
+
+
 def thesis_a2c() -> A2CSettings:
     """The thesis' table A.6 (no critic, no generalised advantages), else RLlib's defaults.
 
@@ -135,6 +145,7 @@ def thesis_dqn() -> DQNSettings:
 
 THESIS: dict[str, Callable[[], Hyperparameters]] = {
     "thesis-ppo": thesis_ppo,
+    "thesis-reacher-ppo": thesis_reacher_ppo,
     "thesis-a2c": thesis_a2c,
     "thesis-dqn": thesis_dqn,
 }
@@ -148,7 +159,7 @@ def preset_algorithm(preset: str) -> str | None:
         ValueError: an unknown preset.
     """
     check(preset in PRESETS, f"unknown preset {preset!r}; one of {', '.join(PRESETS)}")
-    return None if preset == TUNED else preset.removeprefix("thesis-")
+    return None if preset == TUNED else preset.removeprefix("thesis-").removeprefix("reacher-")
 
 
 def hyperparameters(algorithm: str, setting: Setting, preset: str = TUNED) -> Hyperparameters:
