@@ -90,7 +90,7 @@ class Planned:
     def act(self, view: ArmView) -> NDArray[np.float64]:
         """[num_games, joints] float64 in [-1, 1]."""
         max_turn = view.task.max_turn
-        aims = {
+        aims: dict[str, NDArray[Any]] = {
             "targets": view.targets,
             "tolerance": view.tolerance,
             "free": view.free_joints,
@@ -112,8 +112,13 @@ class Planned:
             for name, array in aims.items():
                 old[name][games] = array[games]
             old["angles"][games] = view.angles[games]
-            given = (array[games] for array in (view.angles, *list(aims.values())[:3]))
-            old["actions"][games], old["left"][games] = self.plan(*given, max_turn)
+            old["actions"][games], old["left"][games] = self.plan(
+                view.angles[games],
+                view.targets[games],
+                view.tolerance[games],
+                view.free_joints[games],
+                max_turn,
+            )
         part = np.minimum(old["left"], 1.0)
         actions: NDArray[np.float64] = part[:, None] * old["actions"]
         old["left"] -= part
