@@ -3,7 +3,8 @@
 Numba's own cache looks at the file of the compiled function only. A kernel that inlines a function
 of another file would go on running the old rules after an edit, silently. Here the cache entry is
 stamped with the contents of the kernel's file *and* of the rule book, so the one law is: a kernel
-calls kernels of its own file and of the package `pursuit.rules`, and nothing else that is compiled.
+calls kernels of its own file and of the rule books (the package `pursuit.rules`, and
+`pursuit.reacher.rules`), and nothing else that is compiled.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Any, TypeVar
 import numba
 from numba.core import event
 
-RULE_BOOK = Path(__file__).with_name("rules")
+HERE = Path(__file__).parent
 
 NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
@@ -29,7 +30,8 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 def source_stamp(path: str) -> str:
     """A fingerprint of the kernel file `path` together with the rule book and of this file."""
     digest = hashlib.sha256()
-    for file in (Path(path), *sorted(RULE_BOOK.glob("*.py")), Path(__file__)):
+    books = (*sorted((HERE / "rules").glob("*.py")), *(HERE / "reacher").glob("rules.py"))
+    for file in (Path(path), *books, Path(__file__)):
         digest.update(file.read_bytes())
     return digest.hexdigest()
 

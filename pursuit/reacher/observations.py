@@ -1,0 +1,55 @@
+"""What is observed of an arm, and the space of it."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.declared import one_of
+from pursuit.reacher import rules
+from pursuit.reacher.rules import Arms
+from pursuit.reacher.task import ReacherTask
+
+ENCODINGS = ("positions", "positions_angles")
+
+
+@lru_cache
+def space_of(task: ReacherTask, encoding: str) -> gymnasium.spaces.Box:
+    """The space of an encoding: the same object at every call.
+
+    Numbers: 1 where the tip is in reach, else 0; x and y of the base and of the end of every link,
+    relative to the target, in lengths of a link; with "positions_angles" the angles, in radians.
+
+    Raises:
+        ValueError: an unknown encoding.
+    """
+    one_of("observation", encoding, ENCODINGS)
+    joints = task.joints
+    # A target lies in reach, so `tolerance` beyond the rim at most.
+    most = [1.0] + [2.0 * joints + task.tolerance] * (2 * joints + 2)
+    if encoding == "positions_angles":
+        most += [np.pi] * joints
+    high = np.array(most, dtype=np.float32)
+    low = -high
+    low[0] = 0.0
+    return gymnasium.spaces.Box(low, high, dtype=np.float32)
+
+
+def encode(task: ReacherTask, arms: Arms, encoding: str, out: Any = None) -> NDArray[np.float32]:
+    """[arms, numbers] float32 of what is observed: a fresh array, or `out`.
+
+    Raises:
+        ValueError: an unknown encoding, or an `out` of another form.
+    """
+    shape = (len(arms.steps), *space_of(task, encoding).shape)
+    if out is None:
+        out = np.empty(shape, dtype=np.float32)
+    elif not (isinstance(out, np.ndarray) and out.shape == shape and out.dtype == np.float32):
+        raise ValueError(f"out={out!r}; a float32 array of shape {shape} is needed")
+    rules.observe_arms(*arms, encoding == "positions_angles", out)
+    seen: NDArray[np.float32] = out
+    return seen

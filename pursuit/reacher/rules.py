@@ -1,0 +1,336 @@
+"""The rules of the arm: scalar functions on one arm of a batch, and the kernels over the batch.
+
+    base o---o---o  tip        joint j turns link j and all links after it
+         0   1   2             angles[j] is measured from the link before; link 0's from the x-axis
+
+Links have length 1. An arm's angles lie in [-pi, pi): joints have no stops, so a difference of
+angles is one on the circle. Everything below the entries takes `Arms`, `Outcome`, `Coming` and
+`Rules`; entries take flat arrays, as unboxing named ones costs more than a step of one arm.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pursuit.compiled import compiled, inlined
+from pursuit.rules.randomness import GOLDEN, mix, next_uniform
+
+STARTS_STREAM, POLICY_STREAM, NUM_STREAMS = 0, 1, 2
+KEPT, RANDOM, FIXED = 0, 1, 2
+DONE, BAD_ACTION = 0, 1
+ROUNDING = 1e-6
+"""How far an action may lie beyond [-1, 1]: what is within is clipped."""
+UNCHANGED = -1.0
+"""In `Coming`: what nobody has set keeps its value."""
+
+
+class Arms(NamedTuple):
+    """The state of a batch of arms; also of the last step of the last episodes.
+
+    angles: [arms, joints] float64, radians. target: [arms, 2] float64, the base is at (0, 0). ends:
+    [arms, joints, 2] float64, where every link ends, as the angles say; the last one is the tip.
+    held: [arms] int32, steps that the tip has been in reach without a break. steps: [arms] int32.
+    free_joints: [arms] int32; the joints from there on are locked straight. hold: [arms] int32, and
+    tolerance: [arms] float64: what ends the episode.
+    """
+
+    angles: Any
+    target: Any
+    ends: Any
+    held: Any
+    steps: Any
+    free_joints: Any
+    hold: Any
+    tolerance: Any
+
+
+class Outcome(NamedTuple):
+    """What a step writes beside the arms.
+
+    rewards: [arms] float32. returns, episode_returns: [arms] float64. terminated, truncated: [arms]
+    bool. episode_lengths: [arms] int32. final: `Arms` as the last episode ended.
+    """
+
+    rewards: Any
+    returns: Any
+    episode_returns: Any
+    terminated: Any
+    truncated: Any
+    episode_lengths: Any
+    final: Arms
+
+
+class Coming(NamedTuple):
+    """What waits for the next episode, each [arms].
+
+    fresh: bool, whether the pose is drawn anew though it is kept otherwise. distance: float64, the
+    target can be reached in so many steps; UNCHANGED is anywhere. free_joints, hold: int32, and
+    tolerance: float64, as in `Arms`.
+    """
+
+    fresh: Any
+    distance: Any
+    free_joints: Any
+    hold: Any
+    tolerance: Any
+
+
+class Rules(NamedTuple):
+    """The numbers of a `ReacherTask`; start is KEPT, RANDOM or FIXED."""
+
+    start: int
+    max_steps: int
+    max_turn: float
+    effort: float
+
+
+@inlined
+def wrapped(angle: float) -> float:
+    """The same direction in [-pi, pi), of an angle that is less than a turn beyond."""
+    if angle >= math.pi:
+        return angle - 2.0 * math.pi
+    return angle + 2.0 * math.pi if angle < -math.pi else angle
+
+
+@inlined
+def find_ends(angles: Any, ends: Any) -> None:
+    """Write where the links of an arm with these angles [joints] end, [joints, 2]."""
+    direction, x, y = 0.0, 0.0, 0.0
+    for joint in range(angles.shape[0]):
+        direction += angles[joint]
+        x += math.cos(direction)
+        y += math.sin(direction)
+        ends[joint, 0], ends[joint, 1] = x, y
+
+
+@inlined
+def distance_of(arms: Arms, arm: int) -> float:
+    """From the tip to the target."""
+    last = arms.angles.shape[1] - 1
+    across = arms.ends[arm, last, 0] - arms.target[arm, 0]
+    up = arms.ends[arm, last, 1] - arms.target[arm, 1]
+    return math.sqrt(across * across + up * up)
+
+
+@inlined
+def in_reach(arms: Arms, arm: int) -> bool:
+    """Whether the tip is near enough to the target."""
+    return distance_of(arms, arm) <= arms.tolerance[arm]
+
+
+@inlined
+def least_radius(joints: int, free_joints: int) -> int:
+    """How near the tip comes to the base when only the first joints are free.
+
+    The last free joint swings a stiff link of joints - free + 1, those before fold back over it.
+    """
+    return max(joints - 2 * free_joints + 2, 0)
+
+
+@inlined
+def begin(
+    arms: Arms, outcome: Outcome, coming: Coming, streams: Any, rules: Rules, arm: int
+) -> None:
+    """Start an episode: the pose, then the target."""
+    joints = arms.angles.shape[1]
+    stream = streams[arm]
+    if coming.free_joints[arm] >= 0:
+        arms.free_joints[arm] = coming.free_joints[arm]
+    if coming.hold[arm] >= 0:
+        arms.hold[arm] = coming.hold[arm]
+    if coming.tolerance[arm] >= 0.0:
+        arms.tolerance[arm] = coming.tolerance[arm]
+    free = arms.free_joints[arm]
+    drawn = rules.start == RANDOM or (rules.start == KEPT and coming.fresh[arm])
+    coming.fresh[arm] = False
+    for joint in range(joints):
+        if joint >= free or rules.start == FIXED:
+            arms.angles[arm, joint] = 0.0
+        elif drawn:
+            turn = next_uniform(stream, STARTS_STREAM)
+            arms.angles[arm, joint] = wrapped(2.0 * math.pi * turn - math.pi)
+    most = coming.distance[arm] * rules.max_turn
+    if 0.0 <= most < math.pi:
+        # The tip of a pose that lies so few steps away: no draw can be out of reach.
+        direction, x, y = 0.0, 0.0, 0.0
+        for joint in range(joints):
+            direction += arms.angles[arm, joint]
+            if joint < free:
+                direction += most * (2.0 * next_uniform(stream, STARTS_STREAM) - 1.0)
+            x += math.cos(direction)
+            y += math.sin(direction)
+        arms.target[arm, 0], arms.target[arm, 1] = x, y
+    else:
+        inner = least_radius(joints, free)
+        radius = inner + (joints - inner) * next_uniform(stream, STARTS_STREAM)
+        angle = 2.0 * math.pi * next_uniform(stream, STARTS_STREAM)
+        arms.target[arm, 0], arms.target[arm, 1] = (
+            radius * math.cos(angle),
+            radius * math.sin(angle),
+        )
+    find_ends(arms.angles[arm], arms.ends[arm])
+    arms.held[arm] = arms.steps[arm] = 0
+    outcome.returns[arm] = outcome.rewards[arm] = 0.0
+
+
+@inlined
+def move(
+    arms: Arms, outcome: Outcome, coming: Coming, streams: Any, rules: Rules, arm: int,
+    actions: Any, auto_restart: bool,
+) -> None:  # fmt: skip
+    """Turn the joints of one arm, pay, and see whether the episode is over."""
+    if outcome.terminated[arm] or outcome.truncated[arm]:
+        if not auto_restart:  # it waits for a restart
+            outcome.rewards[arm] = 0.0
+            return
+        outcome.terminated[arm] = outcome.truncated[arm] = False
+    effort = 0.0
+    for joint in range(arms.free_joints[arm]):
+        turn = min(max(actions[arm, joint], -1.0), 1.0)
+        effort += abs(turn)
+        arms.angles[arm, joint] = wrapped(arms.angles[arm, joint] + rules.max_turn * turn)
+    find_ends(arms.angles[arm], arms.ends[arm])
+    distance = distance_of(arms, arm)
+    arms.steps[arm] += 1
+    arms.held[arm] = arms.held[arm] + 1 if distance <= arms.tolerance[arm] else 0
+    reward = -distance / (2.0 * arms.angles.shape[1]) - rules.effort * effort
+    outcome.rewards[arm] = reward
+    outcome.returns[arm] += reward
+    outcome.terminated[arm] = arms.held[arm] >= arms.hold[arm]
+    outcome.truncated[arm] = not outcome.terminated[arm] and arms.steps[arm] >= rules.max_steps
+    if outcome.terminated[arm] or outcome.truncated[arm]:
+        keep_final(arms, outcome, arm)
+        if auto_restart:
+            paid = outcome.rewards[arm]
+            begin(arms, outcome, coming, streams, rules, arm)
+            outcome.rewards[arm] = paid
+
+
+@inlined
+def keep_final(arms: Arms, outcome: Outcome, arm: int) -> None:
+    """Keep what the episode ended with, which a restart overwrites."""
+    final = outcome.final
+    outcome.episode_returns[arm] = outcome.returns[arm]
+    outcome.episode_lengths[arm] = arms.steps[arm]
+    for joint in range(arms.angles.shape[1]):
+        final.angles[arm, joint] = arms.angles[arm, joint]
+        for axis in range(2):
+            final.ends[arm, joint, axis] = arms.ends[arm, joint, axis]
+    for axis in range(2):
+        final.target[arm, axis] = arms.target[arm, axis]
+    final.held[arm], final.steps[arm] = arms.held[arm], arms.steps[arm]
+    final.free_joints[arm], final.hold[arm] = arms.free_joints[arm], arms.hold[arm]
+    final.tolerance[arm] = arms.tolerance[arm]
+
+
+# -- the kernels over a batch: start, step, observe ------------------------------------------------
+
+
+@compiled
+def start_arms(
+    angles: Any, target: Any, ends: Any, held: Any, steps: Any, free_joints: Any, hold: Any,
+    tolerance: Any, rewards: Any, returns: Any, episode_returns: Any, terminated: Any,
+    truncated: Any, episode_lengths: Any, final_angles: Any, final_target: Any, final_ends: Any,
+    final_held: Any, final_steps: Any, final_free_joints: Any, final_hold: Any,
+    final_tolerance: Any, fresh: Any, distance: Any, next_free_joints: Any, next_hold: Any,
+    next_tolerance: Any, streams: Any, start: int, max_steps: int, max_turn: float, effort: float,
+    chosen: Any,
+) -> None:  # fmt: skip
+    """Begin new episodes in the arms of the mask `chosen` [arms]."""
+    arms = Arms(angles, target, ends, held, steps, free_joints, hold, tolerance)
+    final = Arms(
+        final_angles, final_target, final_ends, final_held, final_steps, final_free_joints,
+        final_hold, final_tolerance,
+    )  # fmt: skip
+    outcome = Outcome(
+        rewards, returns, episode_returns, terminated, truncated, episode_lengths, final
+    )
+    coming = Coming(fresh, distance, next_free_joints, next_hold, next_tolerance)
+    rules = Rules(start, max_steps, max_turn, effort)
+    for arm in range(chosen.shape[0]):
+        if chosen[arm]:
+            terminated[arm] = truncated[arm] = False
+            begin(arms, outcome, coming, streams, rules, arm)
+
+
+@compiled
+def step_arms(
+    angles: Any, target: Any, ends: Any, held: Any, steps: Any, free_joints: Any, hold: Any,
+    tolerance: Any, rewards: Any, returns: Any, episode_returns: Any, terminated: Any,
+    truncated: Any, episode_lengths: Any, final_angles: Any, final_target: Any, final_ends: Any,
+    final_held: Any, final_steps: Any, final_free_joints: Any, final_hold: Any,
+    final_tolerance: Any, fresh: Any, distance: Any, next_free_joints: Any, next_hold: Any,
+    next_tolerance: Any, streams: Any, start: int, max_steps: int, max_turn: float, effort: float,
+    actions: Any, auto_restart: bool,
+) -> int:  # fmt: skip
+    """Move all arms by actions [arms, joints]; BAD_ACTION, before any has moved, for one outside.
+
+    An action that is no number is outside.
+    """
+    for arm in range(actions.shape[0]):
+        for joint in range(actions.shape[1]):
+            if not abs(actions[arm, joint]) <= 1.0 + ROUNDING:
+                return BAD_ACTION
+    arms = Arms(angles, target, ends, held, steps, free_joints, hold, tolerance)
+    final = Arms(
+        final_angles, final_target, final_ends, final_held, final_steps, final_free_joints,
+        final_hold, final_tolerance,
+    )  # fmt: skip
+    outcome = Outcome(
+        rewards, returns, episode_returns, terminated, truncated, episode_lengths, final
+    )
+    coming = Coming(fresh, distance, next_free_joints, next_hold, next_tolerance)
+    rules = Rules(start, max_steps, max_turn, effort)
+    for arm in range(actions.shape[0]):
+        move(arms, outcome, coming, streams, rules, arm, actions, auto_restart)
+    return DONE
+
+
+@compiled
+def find_all_ends(angles: Any, ends: Any) -> None:
+    """Write ends [arms, joints, 2] of angles [arms, joints]."""
+    for arm in range(angles.shape[0]):
+        find_ends(angles[arm], ends[arm])
+
+
+@compiled
+def observe_arms(
+    angles: Any, target: Any, ends: Any, held: Any, steps: Any, free_joints: Any, hold: Any,
+    tolerance: Any, with_angles: bool, out: Any,
+) -> None:  # fmt: skip
+    """Write what is observed of every arm into out [arms, numbers] float32.
+
+    1 where the tip is in reach, else 0; the base and the end of every link, relative to the target;
+    and the angles, where they are wanted.
+    """
+    arms = Arms(angles, target, ends, held, steps, free_joints, hold, tolerance)
+    joints = angles.shape[1]
+    for arm in range(angles.shape[0]):
+        out[arm, 0] = 1.0 if in_reach(arms, arm) else 0.0
+        x, y = target[arm, 0], target[arm, 1]
+        out[arm, 1], out[arm, 2] = -x, -y
+        for joint in range(joints):
+            out[arm, 3 + 2 * joint] = ends[arm, joint, 0] - x
+            out[arm, 4 + 2 * joint] = ends[arm, joint, 1] - y
+        if with_angles:
+            for joint in range(joints):
+                out[arm, 3 + 2 * joints + joint] = angles[arm, joint]
+
+
+@compiled
+def seed_arms(streams: Any, seed: int, first_game: int) -> None:
+    """Give the streams of every arm their own state, a function of (seed, game, stream) alone."""
+    for game in range(streams.shape[0]):
+        key = mix(mix(np.uint64(seed) + np.uint64(GOLDEN)) + np.uint64(first_game + game))
+        for stream in range(streams.shape[1]):
+            streams[game, stream] = mix(key + mix(np.uint64(stream + 1)))
+
+
+@compiled
+def seed_arm_starts(streams: Any, arms: Any, seeds: Any) -> None:
+    """Give the stream of starts of each of `arms` the state that belongs to a seed."""
+    for i in range(arms.shape[0]):
+        streams[arms[i], STARTS_STREAM] = mix(mix(seeds[i]) + np.uint64(1))

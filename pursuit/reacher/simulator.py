@@ -1,0 +1,349 @@
+"""ReacherSimulator: thousands of arms in lockstep, as named arrays over the rule book's memory."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pursuit.declared import as_array, truth, whole
+from pursuit.memory import check_memory
+from pursuit.next_episode import slots
+from pursuit.reacher import rules
+from pursuit.reacher.observations import encode
+from pursuit.reacher.policy import ArmView
+from pursuit.reacher.rules import Arms, Coming, Outcome
+from pursuit.reacher.state import ArmState, check_fits
+from pursuit.reacher.task import ReacherTask
+
+
+class ReacherSimulator:
+    """Any number of arms of one task, stepped in lockstep by compiled kernels.
+
+    The promises are those of `pursuit.Simulator`: an arm that ends its episode restarts in the same
+    step, and what it ended with stays readable; arm i of a batch seeded s is identical to a single
+    one made with `seed=s, first_game=i`.
+
+    Args:
+        task: the rules and settings.
+        num_games: arms in the batch.
+        seed: 0 to 2**64 - 1.
+        first_game: the index of the first arm of this batch.
+        auto_restart: False leaves arms whose episode is over as they are, still flagged, until
+            `reset` restarts them.
+
+    Raises:
+        ValueError: counts or seeds out of range, or more arms than memory holds.
+
+    Attributes (arrays that every step overwrites in place; copy what you keep):
+        arms: the state of the arms under the names of the rule book.
+        angles: [num_games, joints] float64, radians in [-pi, pi), each from the link before.
+        targets, tips: [num_games, 2] float64; the base is at (0, 0).
+        ends: [num_games, joints, 2] float64, where every link ends.
+        held, steps: [num_games] int32, steps in reach without a break; steps of the episode.
+        rewards: [num_games] float32, of the last step.
+        returns: [num_games] float64, the sum of rewards of the episode so far.
+        terminated, truncated: [num_games] bool, of the last step; never both.
+        episode_returns: [num_games] float64, of each arm's last finished episode.
+        episode_lengths: [num_games] int32, likewise.
+        final: the arms as those episodes ended.
+        streams: [num_games, 2] uint64, the random streams.
+        last_seed: what all streams were last seeded with; None after `set_state`.
+    """
+
+    def __init__(
+        self,
+        task: ReacherTask,
+        num_games: int = 1,
+        seed: int = 0,
+        first_game: int = 0,
+        auto_restart: bool = True,
+    ) -> None:
+        if not isinstance(task, ReacherTask):
+            raise ValueError(f"task={task!r}; give a pursuit.reacher.ReacherTask")
+        num_games = whole("num_games", num_games, 1, 2**63 - 1)
+        first_game = whole("first_game", first_game, 0, 2**62)
+        seed, auto_restart = whole("seed", seed, 0, 2**64 - 1), truth("auto_restart", auto_restart)
+        needed = num_games * (2 * 8 * (3 * task.joints + 4) + 128)
+        check_memory(f"num_games={num_games}", needed, "take fewer games")
+        self.task, self.num_games = task, num_games
+        self.first_game, self.auto_restart = first_game, auto_restart
+        self.arms, self.final = _arms(task, num_games), _arms(task, num_games)
+        self._coming = Coming(
+            fresh=np.ones(num_games, dtype=bool),
+            distance=np.full(num_games, rules.UNCHANGED),
+            free_joints=np.full(num_games, -1, dtype=np.int32),
+            hold=np.full(num_games, -1, dtype=np.int32),
+            tolerance=np.full(num_games, rules.UNCHANGED),
+        )
+        self.rewards = np.zeros(num_games, dtype=np.float32)
+        self.returns, self.episode_returns = np.zeros(num_games), np.zeros(num_games)
+        self.terminated, self.truncated = (np.zeros(num_games, dtype=bool) for _ in range(2))
+        self.episode_lengths = np.zeros(num_games, dtype=np.int32)
+        self.streams = np.zeros((num_games, rules.NUM_STREAMS), dtype=np.uint64)
+        outcome = Outcome(
+            self.rewards,
+            self.returns,
+            self.episode_returns,
+            self.terminated,
+            self.truncated,
+            self.episode_lengths,
+            self.final,
+        )
+        self._kernel_arrays = (
+            *self.arms,
+            *outcome[:-1],
+            *self.final,
+            *self._coming,
+            self.streams,
+            *task.numbers_for_kernels,
+        )
+        self.angles: NDArray[np.float64] = self.arms.angles
+        self.targets: NDArray[np.float64] = self.arms.target
+        self.ends: NDArray[np.float64] = self.arms.ends
+        self.tips: NDArray[np.float64] = self.arms.ends[:, -1]
+        self.held: NDArray[np.int32] = self.arms.held
+        self.steps: NDArray[np.int32] = self.arms.steps
+        self._view = ArmView(task, self.arms, self.streams, self.observe)
+        self.last_seed: int | None = None
+        self.reset(seed)
+
+    @property
+    def ended(self) -> NDArray[np.bool_]:
+        """[num_games] bool, a fresh array: terminated or truncated in the last step."""
+        return self.terminated | self.truncated
+
+    def seed(self, seed: int, games: ArrayLike | None = None) -> None:
+        """Give every random stream the state that belongs to (seed, arm); the next pose is drawn.
+
+        Args:
+            seed: 0 to 2**64 - 1.
+            games: a bool mask or index list; all by default.
+
+        Raises:
+            ValueError: a seed or arm out of range.
+        """
+        seed, chosen = whole("seed", seed, 0, 2**64 - 1), slots(games, self.num_games)
+        fresh = np.empty_like(self.streams)
+        rules.seed_arms(fresh, np.uint64(seed), self.first_game)  # type: ignore[arg-type]
+        self.streams[chosen] = fresh[chosen]
+        self._coming.fresh[chosen] = True
+        self.last_seed = seed if games is None else None
+
+    def reset(self, seed: int | None = None, games: ArrayLike | None = None) -> None:
+        """Begin new episodes in all arms, or in those of the bool mask or index list `games`.
+
+        With a seed, which is that of these arms only, a pose that is kept otherwise is drawn anew.
+
+        Raises:
+            ValueError: a seed or arm out of range.
+        """
+        chosen = np.zeros(self.num_games, dtype=bool)
+        chosen[slots(games, self.num_games)] = True
+        if seed is not None:
+            self.seed(seed, games)
+        rules.start_arms(*self._kernel_arrays, chosen)
+
+    def step(self, actions: ArrayLike) -> None:
+        """Move every arm by one step. Results are in the attributes.
+
+        Args:
+            actions: [num_games, joints] floats in [-1, 1].
+
+        Raises:
+            ValueError: a wrong shape or dtype, a number outside, or none at all (NaN). Then no arm
+                has moved.
+        """
+        shape = (self.num_games, self.task.joints)
+        turns = as_array("actions", actions, "fiu", "give floats in [-1, 1]")
+        if turns.shape != shape:
+            raise ValueError(f"actions of shape {turns.shape}; [num_games, joints] is {shape}")
+        turns = np.ascontiguousarray(turns, dtype=np.float64)
+        if rules.step_arms(*self._kernel_arrays, turns, self.auto_restart) == rules.BAD_ACTION:
+            arm, joint = np.argwhere(~(np.abs(turns) <= 1.0 + rules.ROUNDING))[0]
+            raise ValueError(
+                f"an action of joint {joint} of arm {arm} is {turns[arm, joint]}; it is a number "
+                "in [-1, 1]: clip it, or scale it"
+            )
+
+    # -- the next episode ------------------------------------------------------------------------
+
+    def configure(
+        self,
+        games: ArrayLike | None = None,
+        *,
+        target_distance: ArrayLike | None = None,
+        free_joints: ArrayLike | None = None,
+        hold: ArrayLike | None = None,
+        tolerance: ArrayLike | None = None,
+    ) -> None:
+        """Change settings of all arms, or of `games`, from their next restart on.
+
+        Args:
+            games: a bool mask or index list; all by default.
+            target_distance: the target lies where the tip can be in so many steps: it is the tip of
+                a pose whose every joint is turned by a uniform part of that. -1, or enough for half
+                a turn, is anywhere.
+            free_joints: how many joints turn; those after them are locked straight.
+            hold: as in `ReacherTask`.
+            tolerance: as in `ReacherTask`.
+
+        Raises:
+            ValueError: a value out of range; nothing is changed then.
+        """
+        chosen, task = slots(games, self.num_games), self.task
+        given: dict[str, tuple[ArrayLike | None, float, float]] = {
+            "distance": (target_distance, -1.0, 1e9),
+            "free_joints": (free_joints, 1, task.joints),
+            "hold": (hold, 1, task.max_steps),
+            "tolerance": (tolerance, 1e-9, 2.0 * task.joints),
+        }
+        waiting: dict[str, NDArray[Any]] = {}
+        for name, (value, least, most) in given.items():
+            if value is None:
+                continue
+            live = getattr(self._coming, name)
+            whole_only = live.dtype.kind == "i"
+            rule = f"{'whole numbers' if whole_only else 'numbers'} from {least} to {most}"
+            numbers = as_array(name, value, "iu" if whole_only else "iuf", rule)
+            if not ((numbers >= least) & (numbers <= most)).all():
+                raise ValueError(f"{name}={value!r}; {rule}")
+            try:
+                waiting[name] = np.broadcast_to(numbers, chosen.shape)
+            except ValueError:
+                raise ValueError(f"{name}={value!r}; one, or one for each of these arms") from None
+        for name, numbers in waiting.items():
+            getattr(self._coming, name)[chosen] = numbers
+
+    def seed_starts(self, games: ArrayLike | None, seeds: ArrayLike) -> None:
+        """Make levels repeat: the next pose and target of each arm are those of its seed alone.
+
+        Args:
+            games: a bool mask or index list; None for all.
+            seeds: one whole number from 0 to 2**63 - 1 for all of them, or for each.
+
+        Raises:
+            ValueError: a seed out of range, or a wrong number of them.
+        """
+        chosen = slots(games, self.num_games)
+        rule = "one whole number from 0 to 2**63 - 1 for all arms, or for each"
+        numbers = as_array("seeds", seeds, "iu", rule)
+        fits = numbers.ndim == 0 or numbers.shape == chosen.shape
+        if not fits or (numbers.size and not 0 <= int(numbers.min()) <= int(numbers.max()) < 2**63):
+            raise ValueError(f"seeds={seeds!r}; {rule}")
+        each = np.broadcast_to(numbers, chosen.shape).astype(np.uint64)
+        rules.seed_arm_starts(self.streams, chosen, each)
+        self._coming.fresh[chosen] = True
+
+    # -- copies ----------------------------------------------------------------------------------
+
+    def _live(self) -> dict[str, NDArray[Any]]:
+        own = ("streams", "returns", "terminated", "truncated")
+        waiting = {f"next_{name}": array for name, array in self._coming._asdict().items()}
+        arms = {name: array for name, array in self.arms._asdict().items() if name != "ends"}
+        return {**arms, **{name: getattr(self, name) for name in own}, **waiting}
+
+    def get_state(self, games: ArrayLike | None = None) -> ArmState:
+        """Copies of all arms, or of those of the index list `games`, exact to the last bit."""
+        chosen = slots(games, self.num_games)
+        state = ArmState(**{name: array[chosen] for name, array in self._live().items()})
+        if self.auto_restart:  # the episodes that ended are over, these arms are not
+            state.terminated[:] = state.truncated[:] = False
+        return state
+
+    def set_state(self, state: ArmState, games: ArrayLike | None = None) -> None:
+        """Put copied arms into all slots, or into those of `games`; they go on as they would have.
+
+        Raises:
+            ValueError: the number of arms, or the task, is another one, or a value that cannot be.
+                Nothing is changed then.
+        """
+        chosen, live = slots(games, self.num_games), self._live()
+        check_fits(state, live, self.task, len(chosen))
+        if self.auto_restart and (state.terminated | state.truncated).any():
+            raise ValueError("an arm of this state is over; reset it, or take auto_restart=False")
+        for name, array in live.items():
+            array[chosen] = getattr(state, name)
+        rules.find_all_ends(self.angles, self.ends)
+        self.last_seed = None
+
+    def place(self, angles: ArrayLike, targets: ArrayLike, seed: int | None = None) -> None:
+        """Put every arm at the beginning of an episode in this pose, with this target.
+
+        Args:
+            angles: [num_games, joints] radians, or one row for all.
+            targets: [num_games, 2], or one for all; within reach.
+            seed: as in `reset`.
+
+        Raises:
+            ValueError: a wrong shape, what is no number, or a target out of reach. Nothing is
+                changed then.
+        """
+        poses = _rows("angles", angles, (self.num_games, self.task.joints))
+        places = _rows("targets", targets, (self.num_games, 2))
+        self.task.check_targets(places)
+        self.reset(seed)
+        self.angles[:] = (poses + np.pi) % (2.0 * np.pi) - np.pi
+        self.targets[:] = places
+        rules.find_all_ends(self.angles, self.ends)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For `copy` and `pickle`, which would tear the arrays that share memory apart."""
+        batch = (self.task, self.num_games, self.first_game, self.auto_restart)
+        written = (self.rewards, self.episode_returns, self.episode_lengths, *self.final)
+        return _copied, (*batch, self.get_state(), tuple(array.copy() for array in written))
+
+    # -- what is seen ----------------------------------------------------------------------------
+
+    def observe(self, encoding: str = "positions", out: Any = None) -> NDArray[np.float32]:
+        """[num_games, numbers] float32: what is observed now; see `observations.space_of`."""
+        return encode(self.task, self.arms, encoding, out)
+
+    def observe_final(
+        self, encoding: str = "positions", games: ArrayLike | None = None
+    ) -> NDArray[np.float32]:
+        """What was observed as the last finished episode ended, of all arms or `games`."""
+        chosen = slots(games, self.num_games)
+        return encode(self.task, Arms(*(array[chosen] for array in self.final)), encoding)
+
+    def view(self) -> ArmView:
+        """The arms as a policy sees them."""
+        return self._view
+
+
+def _arms(task: ReacherTask, num_games: int) -> Arms:
+    return Arms(
+        angles=np.zeros((num_games, task.joints)),
+        target=np.zeros((num_games, 2)),
+        ends=np.zeros((num_games, task.joints, 2)),
+        held=np.zeros(num_games, dtype=np.int32),
+        steps=np.zeros(num_games, dtype=np.int32),
+        free_joints=np.full(num_games, task.joints, dtype=np.int32),
+        hold=np.full(num_games, task.hold, dtype=np.int32),
+        tolerance=np.full(num_games, task.tolerance),
+    )
+
+
+def _rows(name: str, value: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
+    rule = f"finite numbers of shape {shape}, or one row of {shape[1]} for all"
+    array = as_array(name, value, "fiu", rule)
+    if array.shape not in (shape, shape[1:]) or not np.isfinite(array).all():
+        raise ValueError(f"{name}={value!r}; {rule}")
+    return np.broadcast_to(array, shape).astype(np.float64)
+
+
+def _copied(
+    task: ReacherTask,
+    num_games: int,
+    first_game: int,
+    auto_restart: bool,
+    state: ArmState,
+    written: tuple[NDArray[Any], ...],
+) -> ReacherSimulator:
+    simulator = ReacherSimulator(task, num_games, 0, first_game, auto_restart)
+    simulator.set_state(state)
+    own = (simulator.rewards, simulator.episode_returns, simulator.episode_lengths)
+    for array, copied in zip((*own, *simulator.final), written, strict=True):
+        array[:] = copied
+    return simulator

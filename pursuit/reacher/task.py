@@ -1,0 +1,113 @@
+"""ReacherTask: one frozen, validated description of an arm and what it is to do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pursuit.declared import check_fields, choice, count, declared, flag, number, whole
+
+MAX_JOINTS = 8
+STARTS = ("kept", "random", "fixed")
+
+
+def positive(name: str, value: Any) -> float:
+    """`value` as a float, if it is a finite number above 0; ValueError otherwise."""
+    found = number(name, value)
+    if found <= 0.0:
+        raise ValueError(f"{name}={value}; it is above 0")
+    return found
+
+
+def _turn(name: str, value: Any) -> float:
+    found = positive(name, value)
+    if found > math.pi:
+        raise ValueError(f"{name}={value}; a step turns a joint by pi, half a turn, at most")
+    return found
+
+
+def _cost(name: str, value: Any) -> float:
+    found = number(name, value)
+    if found < 0.0:
+        raise ValueError(f"{name}={value}; a cost is at least 0")
+    return found
+
+
+@dataclass(frozen=True)
+class ReacherTask:
+    """An arm of `joints` links of length 1 that is to bring its tip to a target in the plane.
+
+    Every step turns each joint by up to `max_turn`; the reward is -distance / (2 joints) less
+    `effort` for each joint's share of the turn. The target lies on the rim where there is one
+    joint, else at a radius uniform in [0, joints] and a uniform angle.
+
+    Args:
+        joints: 1 to 8.
+        start: the pose of an episode: "kept" is that in which the last episode ended (the first
+            one's is drawn), "random" draws every angle uniformly, "fixed" is straight along the
+            x-axis.
+        hold: steps in a row after which the tip must be in reach, for the episode to end.
+        tolerance: it is in reach within this distance of the target.
+        max_steps: an episode of this many steps is truncated.
+        max_turn: radians that an action of 1 turns a joint.
+        effort: cost of that.
+        discrete_actions: whether every joint only turns fully, back or forth, or not at all.
+
+    Raises:
+        ValueError: naming the value, the rule and the remedy.
+    """
+
+    joints: int = declared(lambda name, value: whole(name, value, 1, MAX_JOINTS), default=2)
+    start: str = choice(STARTS, default="kept")
+    hold: int = count(1, default=1)
+    tolerance: float = declared(positive, default=0.2)
+    max_steps: int = count(1, default=400)
+    max_turn: float = declared(_turn, default=0.1)
+    effort: float = declared(_cost, default=0.01)
+    discrete_actions: bool = flag(False)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.hold > self.max_steps:
+            raise ValueError(
+                f"hold={self.hold} of max_steps={self.max_steps}; no episode can succeed: lower it"
+            )
+
+    @property
+    def name(self) -> str:
+        """What results call this task."""
+        return "reacher"
+
+    @property
+    def num_choices(self) -> int:
+        """How many discrete actions the whole arm has: 3 for each joint."""
+        return 3**self.joints
+
+    @property
+    def numbers_for_kernels(self) -> tuple[int, int, float, float]:
+        """As `rules.Rules` has them."""
+        return STARTS.index(self.start), self.max_steps, self.max_turn, self.effort
+
+    def actions_of(self, choices: ArrayLike) -> NDArray[np.float64]:
+        """[..., joints] in {-1, 0, 1}: the turns that choices [...] from 0 to 3**joints - 1 mean.
+
+        The first joint's turn counts most: with two joints 0 is (-1, -1), 1 is (-1, 0), 4 is stay.
+        """
+        digits = 3 ** np.arange(self.joints - 1, -1, -1)
+        return (np.asarray(choices)[..., None] // digits % 3 - 1).astype(np.float64)
+
+    def check_targets(self, targets: NDArray[np.float64]) -> None:
+        """Raise ValueError for a target [arms, 2] that no pose of this arm reaches."""
+        radii = np.hypot(targets[:, 0], targets[:, 1])
+        least = max(2 - self.joints, 0)  # as `rules.least_radius` has it, all joints being free
+        wrong = (radii > self.joints + self.tolerance) | (radii < least - self.tolerance)
+        if wrong.any():
+            place = tuple(targets[wrong][0])
+            raise ValueError(
+                f"target {place} is out of reach; the tip of {self.joints} joint(s) goes from "
+                f"radius {least} to {self.joints}, and tolerance={self.tolerance} beyond"
+            )
