@@ -192,7 +192,8 @@ class NetworkLearner:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take them back."""
         check_like(state, NetworkLearner.state_dict(self), "learner", more=True)
-        _check_moments(state["optimizer"]["state"], self.network)
+        weights = list(self.network.parameters())
+        check_moments(state["optimizer"]["state"], weights, "learner.optimizer.state")
         self.network.load_state_dict(state["network"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.frames = state["frames"]
@@ -201,14 +202,15 @@ class NetworkLearner:
         """Nothing is held open."""
 
 
-def _check_moments(saved: dict[Any, Any], network: PolicyNetwork) -> None:
-    """Raise Misfit unless these are Adam's moments of a network; none before its first step."""
-    weights = [weight.detach() for weight in network.parameters()]
+def check_moments(saved: dict[Any, Any], parameters: list[nn.Parameter], where: str) -> None:
+    """Raise Misfit unless these are Adam's moments of `parameters`; none before its first step."""
+    weights = [weight.detach() for weight in parameters]
     step = torch.zeros(())
     for number, moments in saved.items():  # what no loss depends on has none
-        where = f"learner.optimizer.state.{number}"
         one = weights[number] if number in range(len(weights)) else step
-        check_like(moments, {"step": step, "exp_avg": one, "exp_avg_sq": one}, where)
+        check_like(
+            moments, {"step": step, "exp_avg": one, "exp_avg_sq": one}, f"{where}.{number}"
+        )
 
 
 def means(logged: list[dict[str, torch.Tensor]]) -> dict[str, float]:
