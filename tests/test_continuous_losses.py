@@ -170,9 +170,7 @@ def test_the_losses_of_ddpg_equal_torchrls(weighted: bool) -> None:
     target_actor, target_critics = shaken(deepcopy(actor)), shaken(deepcopy(critics))
     batch, their_batch = make_batch(weighted)
     acting = TensorDictModule(Action(actor), ["observation"], ["action"])
-    loss = DDPGLoss(
-        acting, critic_modules(critics, actor)[0], delay_actor=True, delay_value=True
-    )
+    loss = DDPGLoss(acting, critic_modules(critics, actor)[0], delay_actor=True, delay_value=True)
     loss.make_value_estimator(gamma=GAMMA)
     fill(loss.target_actor_network_params,
          [TensorDictModule(Action(target_actor), ["observation"], ["action"])])  # fmt: skip

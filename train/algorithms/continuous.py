@@ -305,16 +305,19 @@ def critics_of(settings: ContinuousSettings, player: Player, how: Build, count: 
 def build_ddpg(settings: DDPGSettings, env: Any, how: Build) -> DDPG:
     """DDPG over its games."""
     actor = deterministic_of(settings, env.player, how)
-    return DDPG(settings, env, actor, critics_of(settings, env.player, how, 1), how.device, how.seed)
+    critics = critics_of(settings, env.player, how, 1)
+    return DDPG(settings, env, actor, critics, how.device, how.seed)
 
 
 def build_td3(settings: TD3Settings, env: Any, how: Build) -> TD3:
     """TD3 over its games."""
     actor = deterministic_of(settings, env.player, how)
-    return TD3(settings, env, actor, critics_of(settings, env.player, how, 2), how.device, how.seed)
+    critics = critics_of(settings, env.player, how, 2)
+    return TD3(settings, env, actor, critics, how.device, how.seed)
 
 
 def build_sac(settings: SACSettings, env: Any, how: Build) -> SAC:
     """SAC over its games."""
     actor = gaussian_of(settings, env.player, how)
-    return SAC(settings, env, actor, critics_of(settings, env.player, how, 2), how.device, how.seed)
+    critics = critics_of(settings, env.player, how, 2)
+    return SAC(settings, env, actor, critics, how.device, how.seed)

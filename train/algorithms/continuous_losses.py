@@ -4,8 +4,8 @@ Equal to those of TorchRL (with squared errors), and tested against them; writte
 nothing is made functional at every step then, no gradient is taken that nobody needs, and
 observations are prepared once for actor and critics.
 
-A batch has "observation", "action", "reward", "next_observation", "terminated", "steps" (to the next
-observation) and, with prioritised replay, "priority_weight".
+A batch has "observation", "action", "reward", "next_observation", "terminated", "steps" (to the
+next observation) and, with prioritised replay, "priority_weight".
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def next_action(
 
 @torch.no_grad()
 def returns_to_expect(batch: TensorDictBase, values: torch.Tensor, gamma: float) -> torch.Tensor:
-    """[batch]: rewards, and the discounted values [batch] of what follows unless that is the end."""
+    """[batch]: rewards, and the discounted values [batch] of what follows where there is more."""
     return batch["reward"] + gamma ** batch["steps"] * ~batch["terminated"] * values
 
 

@@ -208,9 +208,7 @@ def check_moments(saved: dict[Any, Any], parameters: list[nn.Parameter], where: 
     step = torch.zeros(())
     for number, moments in saved.items():  # what no loss depends on has none
         one = weights[number] if number in range(len(weights)) else step
-        check_like(
-            moments, {"step": step, "exp_avg": one, "exp_avg_sq": one}, f"{where}.{number}"
-        )
+        check_like(moments, {"step": step, "exp_avg": one, "exp_avg_sq": one}, f"{where}.{number}")
 
 
 def means(logged: list[dict[str, torch.Tensor]]) -> dict[str, float]:

@@ -30,6 +30,7 @@ __all__ = [
     "is_algorithm",
 ]
 
+
 @dataclass(frozen=True)
 class ActorCriticSettings(NetworkSettings):
     """Policy and value."""
