@@ -1,9 +1,9 @@
 """Pursuit: mazes, chasers, evaders and runners, with the exact optimum beside every result.
 
-Importing this package registers the Gymnasium ids `pursuit/Chaser-v0`, `pursuit/Evader-v0` and
-`pursuit/Maze-v0`, and the PettingZoo ids `pursuit/chase-v0`, `pursuit/maze-v0`, `pursuit/race-v0`
-and `pursuit/heist-v0`. The names that `__init__.pyi` lists are imported on first use, so that this
-stays quick.
+Importing this package registers the Gymnasium ids `pursuit/Chaser-v0`, `pursuit/Evader-v0`,
+`pursuit/Maze-v0` and `pursuit/Reacher-v0`, and the PettingZoo ids `pursuit/chase-v0`,
+`pursuit/maze-v0`, `pursuit/race-v0`, `pursuit/heist-v0` and `pursuit/reacher-v0`. The names that
+`__init__.pyi` lists are imported on first use, so that this stays quick.
 """
 
 import gymnasium
@@ -21,8 +21,13 @@ for _role in ("chaser", "evader", "maze"):
         entry_point=f"scripted_agents.environments:{_role}_env",
         vector_entry_point=f"scripted_agents.environments:{_role}_vector_env",
     )
+gymnasium.register(
+    id="pursuit/Reacher-v0",
+    entry_point="pursuit.reacher.single_agent:reacher_env",
+    vector_entry_point="pursuit.reacher.single_agent:reacher_vector_env",
+)
 if hasattr(pettingzoo, "register"):  # PettingZoo has a registry since 1.27
-    for _task in ("chase", "maze", "race", "heist"):
+    for _task in ("chase", "maze", "race", "heist", "reacher"):
         pettingzoo.register(
             "parallel", f"pursuit/{_task}-v0", entry_point=f"pursuit.{_task}_v0:parallel_env"
         )

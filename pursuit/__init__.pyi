@@ -4,6 +4,7 @@ from . import chase_v0 as chase_v0
 from . import heist_v0 as heist_v0
 from . import maze_v0 as maze_v0
 from . import race_v0 as race_v0
+from . import reacher_v0 as reacher_v0
 from .maze import Maze as Maze
 from .maze import library_names as library_names
 from .maze import load_maze as load_maze
@@ -11,6 +12,10 @@ from .maze_generation import generate_maze as generate_maze
 from .parts import allow as allow
 from .policy import GameView as GameView
 from .policy import Policy as Policy
+from .reacher.simulator import ReacherSimulator as ReacherSimulator
+from .reacher.single_agent import ReacherEnv as ReacherEnv
+from .reacher.single_agent import ReacherVectorEnv as ReacherVectorEnv
+from .reacher.task import ReacherTask as ReacherTask
 from .simulator import Simulator as Simulator
 from .single_agent import SingleAgentEnv as SingleAgentEnv
 from .single_agent import SingleAgentVectorEnv as SingleAgentVectorEnv

@@ -1,4 +1,4 @@
-"""Animations of a game: GIF and MP4."""
+"""Animations of a game, of any world: GIF and MP4."""
 
 from __future__ import annotations
 
@@ -23,13 +23,12 @@ from pursuit.rendering import (
     ROLE_COLORS,
     WALL,
     WHITE,
-    Scene,
-    draw_scene,
+    Drawable,
 )
 
 
 def save_animation(
-    path: str | Path, scenes: Iterable[Scene], fps: float = 5, size: int = 480
+    path: str | Path, scenes: Iterable[Drawable], fps: float = 5, size: int = 480
 ) -> None:
     """Write the scenes as an animated GIF or as an MP4, by the suffix of `path`.
 
@@ -39,7 +38,7 @@ def save_animation(
 
     Args:
         path: ends in `.gif` or `.mp4`.
-        scenes: at least one; their mazes have the same height and width.
+        scenes: at least one, of mazes of one height and width, or of arms.
         fps: frames a second; a GIF has at most 50.
         size: as for `draw_scene`.
 
@@ -65,10 +64,10 @@ def save_animation(
         partial.unlink(missing_ok=True)
 
 
-def _frames(path: Path, scenes: Iterable[Scene], size: int) -> Iterator[NDArray[np.uint8]]:
+def _frames(path: Path, scenes: Iterable[Drawable], size: int) -> Iterator[NDArray[np.uint8]]:
     shape: tuple[int, ...] | None = None
     for scene in scenes:
-        frame = draw_scene(scene, size=size)
+        frame = scene.draw(size)
         if shape is not None and frame.shape != shape:
             raise ValueError(
                 f"{path}: a picture of {frame.shape[1]}x{frame.shape[0]} after pictures of "

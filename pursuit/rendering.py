@@ -1,4 +1,4 @@
-"""Pictures of a game: plain text, an RGB array, a window."""
+"""Pictures of a game: plain text, an RGB array, a window; of any world, once it can draw."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,14 @@ SUPERSAMPLING = 8
 MARGIN = 12
 MIN_CELL_PIXELS = 3
 MIN_TOKEN_PIXELS = 9
+
+
+class Drawable(Protocol):
+    """One moment of a game that can draw itself: what windows and animations show."""
+
+    def draw(self, size: int = 480) -> NDArray[np.uint8]:
+        """[height, width, 3] uint8, RGB; both sides are even numbers."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -105,6 +114,10 @@ class Scene:
         """The step count, as in `step 12 / 200`."""
         return f"step {self.steps} / {self.max_steps}"
 
+    def draw(self, size: int = 480) -> NDArray[np.uint8]:
+        """The picture that `draw_scene` makes."""
+        return draw_scene(self, size=size)
+
 
 def scene_to_text(scene: Scene) -> str:
     """The scene in the text format of mazes, then the step count and the caption.
@@ -157,7 +170,7 @@ def draw_scene(scene: Scene, cell_pixels: int | None = None, size: int = 480) ->
     image = image.copy()
     for token, x, y in _placed_tokens(scene, layout):
         image.paste(token, (x, y), token)
-    _draw_footer(image, scene, layout)
+    draw_footer(image, layout.height, layout.font_size, scene.footer, scene.caption)
     return np.array(image)
 
 
@@ -198,7 +211,7 @@ def _background(
     wall = _wall_pixels(cell)
     maze_width, height = maze.width * cell + wall, maze.height * cell + wall + 2 * MARGIN
     font_size = min(18, max(11, max(maze_width, height) // 32))
-    longest_count = _font(font_size).getlength(f"step {max_steps} / {max_steps}")
+    longest_count = font_of(font_size).getlength(f"step {max_steps} / {max_steps}")
     width = 2 * MARGIN + max(maze_width, math.ceil(longest_count))
     width, footer_height = width + width % 2, 2 * font_size
     layout = _Layout(cell, wall, (width - maze_width) // 2, width, height, font_size)
@@ -310,27 +323,28 @@ def _token(role: str, label: str, active: bool, diameter: int) -> Image.Image:
         font_size = round(height * scale * (1 if len(label) == 1 else 0.75))
         middle = (side / 2, side / 2 + lower * scale)
         bold = font_size // 32
-        draw.text(middle, label, WHITE, _font(font_size), "mm", stroke_width=bold)
+        draw.text(middle, label, WHITE, font_of(font_size), "mm", stroke_width=bold)
     return image.reduce(SUPERSAMPLING)
 
 
 @lru_cache(maxsize=64)
-def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+def font_of(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    """The font of all pictures."""
     return ImageFont.load_default(size=size)
 
 
-def _draw_footer(image: Image.Image, scene: Scene, layout: _Layout) -> None:
-    """The step count on the left, and on the right as much of the caption as there is room for."""
-    draw, font = ImageDraw.Draw(image), _font(layout.font_size)
-    middle = layout.height + (image.height - layout.height - MARGIN) // 2
-    draw.text((MARGIN, middle), scene.footer, WALL, font, anchor="lm")
-    caption = " ".join(scene.caption.split())
-    room = layout.width - 2 * MARGIN - font.getlength(scene.footer) - layout.font_size
+def draw_footer(image: Image.Image, top: int, font_size: int, said: str, caption: str) -> None:
+    """Below the row `top` what is said on the left; on the right what there is room for."""
+    draw, font = ImageDraw.Draw(image), font_of(font_size)
+    middle = top + (image.height - top - MARGIN) // 2
+    draw.text((MARGIN, middle), said, WALL, font, anchor="lm")
+    caption = " ".join(caption.split())
+    room = image.width - 2 * MARGIN - font.getlength(said) - font_size
     if font.getlength(caption) > room:
         while caption and font.getlength(caption + "...") > room:
             caption = caption[:-1]
         caption = caption and caption.rstrip() + "..."
-    draw.text((layout.width - MARGIN, middle), caption, WALL, font, anchor="rm")
+    draw.text((image.width - MARGIN, middle), caption, WALL, font, anchor="rm")
 
 
 class Window:
@@ -356,12 +370,12 @@ class Window:
         self._size = size
         self.is_open = True
 
-    def show(self, scene: Scene, fps: float = 5) -> None:
+    def show(self, scene: Drawable, fps: float = 5) -> None:
         """Draw the scene, then wait until 1 / fps seconds after the scene before it (0: never)."""
         if not self.is_open:
             return
         display = self._pygame.display
-        pixels = draw_scene(scene, size=self._size).swapaxes(0, 1)
+        pixels = scene.draw(self._size).swapaxes(0, 1)
         surface = display.get_surface()
         if surface is None or surface.get_size() != pixels.shape[:2]:
             surface = display.set_mode(pixels.shape[:2])

@@ -6,18 +6,41 @@ Needs the extra `sb3`: pip install 'pursuit[sb3]'.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from pursuit.masks import ACTION_MASK
-from pursuit.single_agent import SingleAgentVectorEnv
+
+
+class BatchedGames(Protocol):
+    """What is used of a `SingleAgentVectorEnv` or a `ReacherVectorEnv`."""
+
+    num_envs: int
+    render_mode: str | None
+    single_observation_space: gymnasium.Space[Any]
+    single_action_space: gymnasium.Space[Any]
+
+    def reset(self, *, seed: int | None = None) -> tuple[NDArray[Any], dict[str, Any]]:
+        """The first observations, and infos."""
+        ...
+
+    def step(
+        self, actions: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Games that end restart in the same step; see `SingleAgentVectorEnv` for the infos."""
+        ...
+
+    def render(self) -> Any:
+        """A picture of every game, or None."""
+        ...
 
 
 class StableBaselinesVecEnv(VecEnv):
-    """A `SingleAgentVectorEnv` for Stable-Baselines3.
+    """A `SingleAgentVectorEnv` or `ReacherVectorEnv` for Stable-Baselines3.
 
     The infos hold "terminal_observation", "TimeLimit.truncated" and "episode" (return "r" and
     length "l") in the step that ends an episode, so no Monitor wrapper is needed. Where the vector
@@ -28,7 +51,7 @@ class StableBaselinesVecEnv(VecEnv):
         env: the vector environment, as `gymnasium.make_vec("pursuit/Chaser-v0").unwrapped` gives.
     """
 
-    def __init__(self, env: SingleAgentVectorEnv) -> None:
+    def __init__(self, env: BatchedGames) -> None:
         self.env = env
         self.render_mode = env.render_mode
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
@@ -93,8 +116,11 @@ class StableBaselinesVecEnv(VecEnv):
         return [result] * len(games)
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """[num_envs, actions] bool: what each agent may do."""
-        return self.env.action_masks()
+        """[num_envs, actions] bool: what each agent may do; ValueError for an arm."""
+        if not hasattr(self.env, "action_masks"):
+            raise ValueError("an arm has no action masks: every action is legal")
+        masks: NDArray[np.bool_] = self.env.action_masks()
+        return masks
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """No game is wrapped."""

@@ -25,6 +25,9 @@ ROUNDING = 1e-6
 """How far an action may lie beyond [-1, 1]: what is within is clipped."""
 UNCHANGED = -1.0
 """In `Coming`: what nobody has set keeps its value."""
+QUARTER = round(math.pi / 2.0 * 2**40) / 2**40
+QUARTER_REST = (math.pi / 2.0 - QUARTER) + 6.123233995736766e-17
+"""Half of pi in two parts; the first has so few digits that small multiples of it are exact."""
 
 
 class Arms(NamedTuple):
@@ -96,13 +99,45 @@ def wrapped(angle: float) -> float:
 
 
 @inlined
+def cosine_and_sine(angle: float) -> tuple[float, float]:
+    """Both of one angle of a few turns, to 2e-16, in less than half of the library's time.
+
+    Taylor's series around the nearest quarter of a turn, of which the terms left out are below
+    (pi / 4)**17 / 17!.
+    """
+    quarters = math.floor(angle / QUARTER + 0.5)
+    rest = (angle - quarters * QUARTER) - quarters * QUARTER_REST
+    square = rest * rest
+    sine = 1.0 - square * (1.0 / (14 * 15))
+    sine = 1.0 - square * (1.0 / (12 * 13)) * sine
+    sine = 1.0 - square * (1.0 / (10 * 11)) * sine
+    sine = 1.0 - square * (1.0 / (8 * 9)) * sine
+    sine = 1.0 - square * (1.0 / (6 * 7)) * sine
+    sine = 1.0 - square * (1.0 / (4 * 5)) * sine
+    sine = rest - rest * (square * (1.0 / (2 * 3)) * sine)
+    cosine = 1.0 - square * (1.0 / (15 * 16))
+    cosine = 1.0 - square * (1.0 / (13 * 14)) * cosine
+    cosine = 1.0 - square * (1.0 / (11 * 12)) * cosine
+    cosine = 1.0 - square * (1.0 / (9 * 10)) * cosine
+    cosine = 1.0 - square * (1.0 / (7 * 8)) * cosine
+    cosine = 1.0 - square * (1.0 / (5 * 6)) * cosine
+    cosine = 1.0 - square * (1.0 / (3 * 4)) * cosine
+    cosine = 1.0 - square * 0.5 * cosine
+    quarter = int(quarters) & 3
+    x = sine if quarter & 1 else cosine
+    y = cosine if quarter & 1 else sine
+    return (-x if quarter == 1 or quarter == 2 else x), (-y if quarter >= 2 else y)
+
+
+@inlined
 def find_ends(angles: Any, ends: Any) -> None:
     """Write where the links of an arm with these angles [joints] end, [joints, 2]."""
     direction, x, y = 0.0, 0.0, 0.0
     for joint in range(angles.shape[0]):
         direction += angles[joint]
-        x += math.cos(direction)
-        y += math.sin(direction)
+        cosine, sine = cosine_and_sine(direction)
+        x += cosine
+        y += sine
         ends[joint, 0], ends[joint, 1] = x, y
 
 

@@ -61,7 +61,7 @@ class ReacherSimulator:
         auto_restart: bool = True,
     ) -> None:
         if not isinstance(task, ReacherTask):
-            raise ValueError(f"task={task!r}; give a pursuit.reacher.ReacherTask")
+            raise ValueError(f"task={task!r}; give a pursuit.ReacherTask")
         num_games = whole("num_games", num_games, 1, 2**63 - 1)
         first_game = whole("first_game", first_game, 0, 2**62)
         seed, auto_restart = whole("seed", seed, 0, 2**64 - 1), truth("auto_restart", auto_restart)
@@ -277,14 +277,18 @@ class ReacherSimulator:
             seed: as in `reset`.
 
         Raises:
-            ValueError: a wrong shape, what is no number, or a target out of reach. Nothing is
-                changed then.
+            ValueError: a wrong shape, what is no number, a target out of reach, or a locked joint
+                that is not straight. Nothing is changed then.
         """
-        poses = _rows("angles", angles, (self.num_games, self.task.joints))
+        poses = _in_one_turn(_rows("angles", angles, (self.num_games, self.task.joints)))
         places = _rows("targets", targets, (self.num_games, 2))
-        self.task.check_targets(places)
+        waiting = self._coming.free_joints
+        free = np.where(waiting >= 0, waiting, self.arms.free_joints)
+        self.task.check_targets(places, free)
+        if poses[np.arange(self.task.joints) >= free[:, None]].any():
+            raise ValueError(f"angles={angles!r}; joints that are locked are straight: angle 0")
         self.reset(seed)
-        self.angles[:] = (poses + np.pi) % (2.0 * np.pi) - np.pi
+        self.angles[:] = poses
         self.targets[:] = places
         rules.find_all_ends(self.angles, self.ends)
 
@@ -331,6 +335,13 @@ def _rows(name: str, value: ArrayLike, shape: tuple[int, int]) -> NDArray[np.flo
     if array.shape not in (shape, shape[1:]) or not np.isfinite(array).all():
         raise ValueError(f"{name}={value!r}; {rule}")
     return np.broadcast_to(array, shape).astype(np.float64)
+
+
+def _in_one_turn(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same directions in [-pi, pi); what lies there already keeps its last bit."""
+    turned = (angles + np.pi) % (2.0 * np.pi) - np.pi
+    turned[turned >= np.pi] = -np.pi  # rounding
+    return np.where((angles >= -np.pi) & (angles < np.pi), angles, turned)
 
 
 def _copied(

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.declared import check_fields, choice, count, declared, flag, number, whole
+from pursuit.declared import (
+    check_fields,
+    choice,
+    count,
+    declared,
+    flag,
+    number,
+    whole,
+    whole_numbers,
+)
 
 MAX_JOINTS = 8
 STARTS = ("kept", "random", "fixed")
@@ -96,18 +105,46 @@ class ReacherTask:
         """[..., joints] in {-1, 0, 1}: the turns that choices [...] from 0 to 3**joints - 1 mean.
 
         The first joint's turn counts most: with two joints 0 is (-1, -1), 1 is (-1, 0), 4 is stay.
-        """
-        digits = 3 ** np.arange(self.joints - 1, -1, -1)
-        return (np.asarray(choices)[..., None] // digits % 3 - 1).astype(np.float64)
 
-    def check_targets(self, targets: NDArray[np.float64]) -> None:
-        """Raise ValueError for a target [arms, 2] that no pose of this arm reaches."""
+        Raises:
+            ValueError: what is no choice.
+        """
+        chosen = whole_numbers("choices", choices, 0, self.num_choices - 1)
+        digits = 3 ** np.arange(self.joints - 1, -1, -1)
+        return (chosen[..., None] // digits % 3 - 1).astype(np.float64)
+
+    def check_targets(self, targets: NDArray[np.float64], free_joints: ArrayLike) -> None:
+        """Raise ValueError for a target that no pose reaches.
+
+        Args:
+            targets: [arms, 2] float64.
+            free_joints: how many joints turn, in each arm or in all; the others are straight.
+        """
         radii = np.hypot(targets[:, 0], targets[:, 1])
-        least = max(2 - self.joints, 0)  # as `rules.least_radius` has it, all joints being free
+        free = np.broadcast_to(free_joints, radii.shape)
+        least = np.maximum(self.joints - 2 * free + 2, 0)  # as `rules.least_radius` has it
         wrong = (radii > self.joints + self.tolerance) | (radii < least - self.tolerance)
         if wrong.any():
-            place = tuple(targets[wrong][0])
+            x, y = targets[wrong][0].tolist()
             raise ValueError(
-                f"target {place} is out of reach; the tip of {self.joints} joint(s) goes from "
-                f"radius {least} to {self.joints}, and tolerance={self.tolerance} beyond"
+                f"target ({x}, {y}) is out of reach; the tip of {self.joints} joint(s) of which "
+                f"{free[wrong][0]} turn goes from radius {least[wrong][0]} to {self.joints}, and "
+                f"tolerance={self.tolerance} beyond: put it nearer"
             )
+
+
+def make_reacher_task(**settings: Any) -> ReacherTask:
+    """The arm with `settings` of `ReacherTask` changed.
+
+    Raises:
+        ValueError: settings that make no game.
+        TypeError: an unknown setting, as an unknown keyword is everywhere.
+    """
+    known = [field.name for field in fields(ReacherTask)]
+    for setting in settings:
+        if setting not in known:
+            raise TypeError(
+                f"make_reacher_task() got an unexpected keyword argument {setting!r}; the settings "
+                f"are {', '.join(known)}"
+            )
+    return ReacherTask(**settings)

@@ -8,32 +8,25 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tensordict import TensorDict, TensorDictBase
-from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
-from torchrl.envs import EnvBase
+from tensordict import TensorDictBase
+from torchrl.data import Binary, Bounded, Categorical, Composite
 
 from pursuit.masks import ACTION_MASK, action_masks, warn_of_masks
 from pursuit.maze_arrays import lay_out
 from pursuit.policy import Policy
 from pursuit.simulator import Simulator
 from train.environments.hooks import EpisodeHook
+from train.environments.lockstep import LockstepEnv
 from train.networks.policy import Seat
 
-FLAGS = ("terminated", "truncated", "done")
 
-
-class SimulatorEnv(EnvBase):
+class SimulatorEnv(LockstepEnv):
     """The learner's seats of every game; policies fill the others.
 
     The learner has k seats of each game, one after the other: one here, all of a role in `TeamEnv`.
-    Each of them is one entry of the batch, game by game.
-
-    Keys: "observation" [batch, ...], "action" [batch] int64, "reward", "terminated", "truncated"
-    and "done" [batch, 1]. After a step, "next" holds the last observation of an episode that ended;
-    the partial reset that follows begins the next one, so that nothing is bootstrapped across
-    episodes. An episode is over with its game, or when none of the learner's agents is left in it.
-    Where k > 1, an agent that has been caught while others run on is "idle" ([batch, 1] bool): what
-    it records counts for nothing.
+    Keys are those of `LockstepEnv`; "action" is [batch] int64. An episode is over with its game, or
+    when none of the learner's agents is left in it. Where k > 1, an agent that has been caught
+    while others run on is "idle" ([batch, 1] bool): what it records counts for nothing.
 
     Where the player has `mask_bumps`, "action_mask" ([batch, actions] bool, beside each
     "observation") says what it may do, and the action spec draws from that alone. (Without the stay
@@ -51,11 +44,9 @@ class SimulatorEnv(EnvBase):
         central: whether each agent observes what all k do as well.
         scale: rewards are multiplied by it.
         idle: [num_games, k] bool.
-        finished_returns, finished_lengths: of the episodes that ended since they were last cleared.
-        resume: set it to have the next full reset go on with the games as they stand.
-        begun: whether `begin` was called.
     """
 
+    simulator: Simulator
     central = False
     scale = 1.0
 
@@ -67,27 +58,17 @@ class SimulatorEnv(EnvBase):
         hook: EpisodeHook | None = None,
         members: int = 1,
     ) -> None:
-        batch = simulator.num_games * members
-        super().__init__(device="cpu", batch_size=[batch])
-        self.simulator, self.player, self.policies = simulator, player, list(policies)
-        self.hook = hook or EpisodeHook()
-        self.encoding, self.num_games, self.members = player.encoding, simulator.num_games, members
+        super().__init__(simulator, hook, members)
+        batch = self.batch_size[0]
+        self.player, self.policies, self.encoding = player, list(policies), player.encoding
         self.seat = player.number
         self.seats = slice(self.seat, self.seat + members)
-        self.finished_returns: list[NDArray[Any]] = []
-        self.finished_lengths: list[NDArray[Any]] = []
-        self.resume = self.begun = False
         self.idle = np.zeros((self.num_games, members), dtype=bool)
         self._actions = np.zeros((self.num_games, simulator.num_agents), dtype=np.int32)
         self._world = lay_out(simulator.task.mazes).world
-        self._seen_keys = ["observation"] + ["idle"] * (members > 1)
         if player.mask_bumps:
             warn_of_masks(simulator.task)
-            self._seen_keys.append(ACTION_MASK)
         self.action_spec = Categorical(player.num_actions, shape=(batch,), dtype=torch.int64)
-        self.reward_spec = Unbounded((batch, 1))
-        flag = Binary(n=1, shape=(batch, 1), dtype=torch.bool)
-        self.full_done_spec = Composite({key: flag.clone() for key in FLAGS}, shape=(batch,))
         self._specify_observation()
 
     def _specify_observation(self) -> None:
@@ -105,31 +86,12 @@ class SimulatorEnv(EnvBase):
             spec[ACTION_MASK] = Binary(n=actions, shape=(batch, actions), dtype=torch.bool)
         self.observation_spec = Composite(spec, shape=(batch,))
 
-    def begin(self) -> None:
-        """New episodes in all games; the first time those of the simulator's seed, with lessons.
+    def _restarted(self, games: NDArray[np.intp]) -> None:
+        self.idle[games] = False
 
-        The simulator has begun them already, but without the hook.
-        """
-        if not self.begun and self.simulator.last_seed is not None:
-            self.simulator.seed(self.simulator.last_seed)
-        self.begun = True
-        self.restart()
-
-    def restart(self, games: NDArray[np.bool_] | None = None) -> None:
-        """Begin new episodes in the games of the mask [num_games], or in all, as the hook says."""
-        chosen = np.arange(self.num_games) if games is None else np.flatnonzero(games)
-        if len(chosen):
-            self.hook.before_restart(chosen)
-            self.simulator.reset(games=games)
-            self.idle[chosen] = False
-            self.hook.after_restart(chosen)
-
-    def finish(self, games: NDArray[np.bool_]) -> None:
-        """Note the games of the mask [num_games], whose episodes have just ended."""
+    def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:
         returns = self.simulator.returns[games, self.seats]
-        self.finished_returns.append(returns.mean(axis=1) if self.members > 1 else returns[:, 0])
-        self.finished_lengths.append(self.simulator.steps[games].copy())
-        self.hook.episode_ended(games)
+        return returns.mean(axis=1) if self.members > 1 else returns[:, 0]
 
     def _seen(self) -> dict[str, torch.Tensor]:
         """The observations [batch, ...] of the learner's seats, who is idle, and the masks."""
@@ -152,17 +114,6 @@ class SimulatorEnv(EnvBase):
         if not self.player.mask_bumps:
             return np.ones((self.num_games, self.members, actions), dtype=bool)
         return action_masks(simulator.games, self._world, actions, self.seats, simulator.terminated)
-
-    def _batch(self, content: dict[str, torch.Tensor]) -> TensorDictBase:
-        return TensorDict(content, batch_size=self.batch_size, device=self.device)
-
-    def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
-        if tensordict is not None and tensordict.get("_reset", None) is not None:
-            self.restart(tensordict["_reset"].view(-1, self.members).all(dim=1).numpy())
-        elif not self.resume:
-            self.begin()
-        self.resume = False
-        return self._batch(self._seen())
 
     def _play(
         self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
@@ -188,48 +139,4 @@ class SimulatorEnv(EnvBase):
         if ending.any():
             self.finish(ending)
         rewards = simulator.rewards[:, self.seats] * np.float32(self.scale)
-        flags = dict(zip(FLAGS, (terminated, truncated, done), strict=True))
-        after = {
-            **self._seen(),
-            "reward": torch.from_numpy(rewards.reshape(-1, 1)),
-            **{name: torch.from_numpy(flag.reshape(-1, 1)) for name, flag in flags.items()},
-        }
-        return self._batch(after), over
-
-    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        return self._play(tensordict["action"])[0]
-
-    def step_episodes(self, actions: torch.Tensor, running: torch.Tensor) -> TensorDictBase:
-        """A step without restarts, for learning from whole episodes; one seat a game.
-
-        Args:
-            actions: [num_games] int64; those of games that have ended are ignored.
-            running: [n] int64, the games whose episode is not over yet.
-
-        Returns:
-            Everything after the step, for all games.
-        """
-        alive = np.zeros(self.num_games, dtype=bool)
-        alive[running.numpy()] = True
-        return self._play(actions, alive)[0]
-
-    def step_and_maybe_reset(
-        self, tensordict: TensorDictBase
-    ) -> tuple[TensorDictBase, TensorDictBase]:
-        """What `EnvBase.step_and_maybe_reset` does, in a quarter of its time.
-
-        The games that are over begin anew without the checks and copies of the general partial
-        reset; a test holds the two against each other.
-        """
-        after, over = self._play(tensordict["action"])
-        seen = {name: after[name] for name in self._seen_keys}
-        if over.any():
-            self.restart(over)
-            seen = self._seen()
-        running = torch.zeros_like(after["done"])
-        following = self._batch({**seen, **{name: running.clone() for name in FLAGS}})
-        return tensordict.set("next", after), following
-
-    def _set_seed(self, seed: int | None) -> None:
-        if seed is not None:
-            self.simulator.seed(seed)
+        return self._after(rewards, terminated, truncated), over

@@ -1,0 +1,319 @@
+"""Gymnasium: an arm whose joints are all yours; single and vectorised."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from pursuit.declared import as_array, is_whole, one_of, whole
+from pursuit.parallel_env import RENDER_MODES
+from pursuit.reacher.observations import ENCODINGS, space_of
+from pursuit.reacher.rendering import draw_arm, scene_of, scene_to_text
+from pursuit.reacher.simulator import ReacherSimulator
+from pursuit.reacher.task import ReacherTask, make_reacher_task
+from pursuit.rendering import Window
+
+RENDER_FPS = 20
+
+
+def action_space_of(task: ReacherTask) -> gymnasium.Space[Any]:
+    """Box(-1, 1, [joints]); MultiDiscrete, 3 for each joint, where the actions are discrete."""
+    if task.discrete_actions:
+        return gymnasium.spaces.MultiDiscrete([3] * task.joints)
+    return gymnasium.spaces.Box(-1.0, 1.0, (task.joints,), np.float32)
+
+
+def take_step(simulator: ReacherSimulator, actions: ArrayLike, shape: tuple[int, ...]) -> None:
+    """Step by the actions of an environment, of `shape`, as `action_space_of` has them.
+
+    Raises:
+        ValueError: a wrong shape or dtype, or an action outside. Then nothing has moved.
+    """
+    task = simulator.task
+    if task.discrete_actions:
+        rule = "whole numbers 0 (back), 1 (stay) and 2 (forth)"
+        chosen = as_array("action", actions, "iu", rule)
+    else:
+        rule = "floats in [-1, 1]"
+        chosen = as_array("action", actions, "fiu", rule)
+    if chosen.shape != shape:
+        raise ValueError(f"an action of shape {chosen.shape}; {rule} of shape {shape} are needed")
+    if task.discrete_actions:
+        if chosen.min() < 0 or chosen.max() > 2:
+            raise ValueError(f"actions from {chosen.min()} to {chosen.max()}; {rule}")
+        chosen = chosen - 1.0
+    try:
+        simulator.step(chosen.reshape(simulator.num_games, task.joints))
+    except ValueError as error:  # the form is right: it is a number outside
+        raise ValueError(
+            f"{error}, as gymnasium.wrappers.ClipAction and RescaleAction do"
+        ) from None
+
+
+def begin(simulator: ReacherSimulator, seed: int | None, options: Any) -> None:
+    """Begin new episodes as the options of an environment's `reset` say.
+
+    Raises:
+        ValueError: a seed out of range, or options that make no start. Nothing is changed then.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise ValueError(f"options={options!r}; give a dict")
+    given = {"angles", "target"} & set(options or {})
+    if options is None or not given:
+        simulator.reset(seed)
+    elif len(given) == 1:
+        raise ValueError(f"options={options!r}; give both angles and target, or neither")
+    else:
+        simulator.place(options["angles"], options["target"], seed)
+
+
+def some_seed() -> int:
+    """A seed from the operating system."""
+    return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+
+
+def checked_mode(render_mode: str | None) -> str | None:
+    """`render_mode`, if it is None or one of `RENDER_MODES`; ValueError otherwise."""
+    if render_mode is not None and render_mode not in RENDER_MODES:
+        raise ValueError(
+            f"unknown render_mode {render_mode!r}; None or one of {', '.join(RENDER_MODES)}"
+        )
+    return render_mode
+
+
+def render_arm(
+    simulator: ReacherSimulator, render_mode: str | None, window: Window | None
+) -> str | NDArray[np.uint8] | None:
+    """The arm as the render mode asks; a frame in `window` for "human", and None."""
+    if render_mode is None:
+        gymnasium.logger.warn("render() without a render_mode; give one when making the env")
+        return None
+    scene = scene_of(simulator)
+    if render_mode == "ansi":
+        return scene_to_text(scene)
+    if window is None:
+        return draw_arm(scene)
+    window.show(scene, fps=RENDER_FPS)
+    return None
+
+
+class ReacherEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
+    """One arm as a Gymnasium environment.
+
+    The action is [joints] float32 in [-1, 1], the part of `max_turn` by which each joint turns;
+    with `discrete_actions` [joints] whole numbers: 0 back, 1 stay, 2 forth. What is outside is an
+    error: wrap the environment in `gymnasium.wrappers.ClipAction` or `RescaleAction`.
+
+    Args:
+        task: the rules and settings.
+        observation: one of `pursuit.reacher.observations.ENCODINGS`.
+        render_mode: None, "ansi", "rgb_array" or "human".
+
+    Raises:
+        ValueError: an unknown observation or render mode.
+    """
+
+    def __init__(
+        self, task: ReacherTask, observation: str = "positions", render_mode: str | None = None
+    ) -> None:
+        self.observation = one_of("observation", observation, ENCODINGS)
+        self.render_mode = checked_mode(render_mode)
+        self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
+        self.simulator = ReacherSimulator(task, auto_restart=False)
+        self.task = task
+        space: Any = space_of(task, observation)
+        self.observation_space = deepcopy(space)  # spaces carry the random state of their samples
+        self.action_space = action_space_of(task)
+        self._shape = (task.joints,)
+        self._seeded = False
+        self._window: Window | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin a new episode.
+
+        Args:
+            seed: begins all random streams anew, and with them a pose that is kept otherwise.
+            options: `{"angles": [joints] radians, "target": (x, y)}` begins the episode there.
+
+        Raises:
+            ValueError: a seed out of range, or options that make no start; nothing is changed then.
+        """
+        if seed is not None:
+            seed = whole("seed", seed, 0, 2**64 - 1)
+        elif not self._seeded:
+            seed = some_seed()
+        begin(self.simulator, seed, options)
+        super().reset(seed=seed)
+        self._seeded = True
+        if self.render_mode == "human":
+            self.render()
+        return self.simulator.observe(self.observation)[0], {}
+
+    def step(
+        self, action: ArrayLike
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Turn the joints.
+
+        Raises:
+            ValueError: before the first reset, or an action of a wrong shape or out of range; then
+                nothing has moved.
+        """
+        if not self._seeded:
+            raise ValueError("step before reset; call reset() first")
+        simulator = self.simulator
+        take_step(simulator, action, self._shape)
+        if self.render_mode == "human":
+            self.render()
+        terminated, truncated = bool(simulator.terminated[0]), bool(simulator.truncated[0])
+        observed = simulator.observe(self.observation)[0]
+        return observed, float(simulator.rewards[0]), terminated, truncated, {}
+
+    def render(self) -> Any:
+        """A text ("ansi"), a picture [height, width, 3] uint8 ("rgb_array"), or a window."""
+        if self.render_mode == "human" and self._window is None:
+            self._window = Window()
+        return render_arm(self.simulator, self.render_mode, self._window)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+
+class ReacherVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
+    """Many arms as a Gymnasium vector environment; the `ReacherSimulator` underneath.
+
+    An arm that ends its episode restarts in the same step (`AutoresetMode.SAME_STEP`): the returned
+    observation is the first of the new episode, and `infos["final_obs"]` [num_envs, ...] holds the
+    last of the old one where the mask `infos["_final_obs"]` is True. `infos["episode_return"]` and
+    `infos["episode_length"]` [num_envs] hold its return and length under masks of the same kind.
+
+    Args:
+        task: the rules and settings.
+        num_envs: arms in the batch.
+        observation: one of `pursuit.reacher.observations.ENCODINGS`.
+        render_mode: None, "ansi" or "rgb_array".
+        seed: of the first reset, if that names none.
+
+    Raises:
+        ValueError: an unknown observation or render mode, or a number of arms that cannot be.
+    """
+
+    def __init__(
+        self,
+        task: ReacherTask,
+        num_envs: int = 1,
+        observation: str = "positions",
+        render_mode: str | None = None,
+        seed: int | None = None,
+    ) -> None:
+        if render_mode not in (None, "rgb_array", "ansi"):
+            raise ValueError(f"render_mode {render_mode!r}; a batch draws 'rgb_array' or 'ansi'")
+        num_envs = whole("num_envs", num_envs, 1, 2**63 - 1)
+        self.observation = one_of("observation", observation, ENCODINGS)
+        self.render_mode, self.num_envs = render_mode, num_envs
+        self.simulator = ReacherSimulator(task, num_envs, auto_restart=False)
+        self.task = task
+        self.single_observation_space = deepcopy(space_of(task, observation))
+        self.single_action_space = action_space_of(task)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.metadata = {
+            "autoreset_mode": AutoresetMode.SAME_STEP,
+            "render_modes": ["ansi", "rgb_array"],
+            "render_fps": RENDER_FPS,
+        }
+        self._first_seed = None if seed is None else whole("seed", seed, 0, 2**64 - 1)
+        self._seeded = False
+
+    def reset(
+        self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin new episodes in all arms; arm i belongs to (seed, i).
+
+        The options are those of `ReacherEnv.reset`, for all arms or with a row for each.
+
+        Raises:
+            ValueError: a list of seeds (the arms of one seed are independent already), or options
+                that make no start.
+        """
+        if seed is not None and not is_whole(seed):
+            raise ValueError(f"seed={seed!r}; give one integer: arm i belongs to (seed, i)")
+        if seed is None and not self._seeded:
+            seed = some_seed() if self._first_seed is None else self._first_seed
+        begin(self.simulator, None if seed is None else whole("seed", seed, 0, 2**64 - 1), options)
+        self._seeded = True
+        return self.simulator.observe(self.observation), {}
+
+    def step(
+        self, actions: ArrayLike
+    ) -> tuple[
+        NDArray[np.float32], NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
+    ]:
+        """Turn the joints of every arm.
+
+        Args:
+            actions: [num_envs, joints], as for `ReacherEnv`.
+
+        Returns:
+            observations [num_envs, numbers] float32, rewards [num_envs] float32, terminations and
+            truncations [num_envs] bool, infos.
+
+        Raises:
+            ValueError: before the first reset, a wrong shape or dtype, or an action out of range;
+                then no arm has moved.
+        """
+        if not self._seeded:
+            raise ValueError("step before reset; call reset() first")
+        simulator = self.simulator
+        take_step(simulator, actions, (self.num_envs, self.task.joints))
+        rewards = simulator.rewards.copy()
+        terminations, truncations = simulator.terminated.copy(), simulator.truncated.copy()
+        ended = terminations | truncations
+        observed = simulator.observe(self.observation)
+        if not ended.any():
+            return observed, rewards, terminations, truncations, {}
+        infos: dict[str, Any] = {
+            "final_obs": observed,
+            "episode_return": np.where(ended, simulator.returns, 0.0),
+            "episode_length": np.where(ended, simulator.steps, 0),
+            **{f"_{key}": ended for key in ("final_obs", "episode_return", "episode_length")},
+        }
+        simulator.reset(games=ended)
+        return simulator.observe(self.observation), rewards, terminations, truncations, infos
+
+    def render(self) -> Any:
+        """A tuple of one text or picture per arm, as the render mode asks; None without one."""
+        if self.render_mode is None:
+            return None
+        draw: Any = scene_to_text if self.render_mode == "ansi" else draw_arm
+        return tuple(draw(scene_of(self.simulator, arm)) for arm in range(self.num_envs))
+
+
+def reacher_env(
+    observation: str = "positions", render_mode: str | None = None, **settings: Any
+) -> ReacherEnv:
+    """`pursuit/Reacher-v0`: bring the tip of an arm to a target; settings of `ReacherTask`."""
+    return ReacherEnv(make_reacher_task(**settings), observation, render_mode)
+
+
+def reacher_vector_env(
+    num_envs: int = 1,
+    observation: str = "positions",
+    render_mode: str | None = None,
+    seed: int | None = None,
+    **settings: Any,
+) -> ReacherVectorEnv:
+    """`pursuit/Reacher-v0`, vectorised over the `ReacherSimulator`."""
+    task = make_reacher_task(**settings)
+    return ReacherVectorEnv(task, num_envs, observation, render_mode, seed)

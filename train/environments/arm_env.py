@@ -1,0 +1,68 @@
+"""ArmEnv: a batch of arms of the ReacherSimulator as a native TorchRL environment."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDictBase
+from torchrl.data import Bounded, Categorical, Composite
+
+from pursuit.reacher.observations import space_of
+from pursuit.reacher.simulator import ReacherSimulator
+from train.environments.hooks import EpisodeHook
+from train.environments.lockstep import LockstepEnv
+from train.networks.arm_policy import ArmSeat
+
+
+class ArmEnv(LockstepEnv):
+    """The learner moves every arm; keys are those of `LockstepEnv`.
+
+    "action" is [batch, joints] float32 in [-1, 1], or where the task's actions are discrete [batch]
+    int64, one of all combinations (see `ReacherTask.actions_of`).
+
+    Args:
+        simulator: made with `auto_restart=False`.
+        player: who learns; its encoding is observed.
+        hook: changes the next episodes.
+    """
+
+    simulator: ReacherSimulator
+
+    def __init__(
+        self, simulator: ReacherSimulator, player: ArmSeat, hook: EpisodeHook | None = None
+    ) -> None:
+        super().__init__(simulator, hook)
+        self.player, self.encoding, batch = player, player.encoding, simulator.num_games
+        if player.continuous:
+            shape = (batch, player.num_actions)
+            self.action_spec = Bounded(-1.0, 1.0, shape=shape, dtype=torch.float32)
+        else:
+            self.action_spec = Categorical(player.num_actions, shape=(batch,), dtype=torch.int64)
+        space = space_of(simulator.task, self.encoding)
+        low, high = (torch.as_tensor(end).expand(batch, -1) for end in (space.low, space.high))
+        seen = Bounded(low, high, shape=(batch, *space.shape), dtype=torch.float32)
+        self.observation_spec = Composite({"observation": seen}, shape=(batch,))
+
+    def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:
+        return self.simulator.returns[games]
+
+    def _seen(self) -> dict[str, torch.Tensor]:
+        return {"observation": torch.from_numpy(self.simulator.observe(self.encoding))}
+
+    def _play(
+        self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
+    ) -> tuple[TensorDictBase, NDArray[np.bool_]]:
+        simulator = self.simulator
+        turns = actions.numpy()
+        if not self.player.continuous:
+            turns = simulator.task.actions_of(turns)
+        simulator.step(turns)
+        over = simulator.ended
+        ending = over if alive is None else over & alive
+        if ending.any():
+            self.finish(ending)
+        terminated, truncated = simulator.terminated.copy(), simulator.truncated.copy()
+        return self._after(simulator.rewards.copy(), terminated, truncated), over

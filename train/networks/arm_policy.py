@@ -1,0 +1,123 @@
+"""Who learns to move an arm, and a trained network that does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pursuit.reacher.observations import space_of
+from pursuit.reacher.policy import ArmView
+from pursuit.reacher.task import ReacherTask
+from train.networks.features import Features
+from train.networks.policy import PolicyNetwork
+
+
+class ActionNetwork(Protocol):
+    """What chooses continuous actions."""
+
+    def act(self, observation: torch.Tensor, noise: torch.Tensor | None) -> torch.Tensor:
+        """[..., numbers] in [-1, 1] from observations [..., k].
+
+        Args:
+            observation: float32.
+            noise: [..., numbers] standard normal, of a policy that draws; None for the greedy one.
+        """
+
+    def parameters(self) -> Iterator[torch.nn.Parameter]:
+        """All weights."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """All weights by name."""
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> Any:
+        """Take them."""
+
+
+@dataclass(frozen=True)
+class ArmSeat:
+    """Whoever moves an arm: the `Player` of the reacher.
+
+    Attributes:
+        task: the rules and settings.
+        encoding: what it observes.
+    """
+
+    task: ReacherTask
+    encoding: str = "positions"
+
+    @property
+    def continuous(self) -> bool:
+        """Unless the task's actions are discrete."""
+        return not self.task.discrete_actions
+
+    @property
+    def num_actions(self) -> int:
+        """One number for each joint; where discrete, all combinations."""
+        return self.task.joints if self.continuous else self.task.num_choices
+
+    @property
+    def members(self) -> int:
+        """One arm."""
+        return 1
+
+    @cached_property
+    def features(self) -> Features:
+        """Of its encoding."""
+        space = space_of(self.task, self.encoding)
+        return Features("flat", space.shape, np.asarray(space.high))
+
+    def policy(self, network: Any, greedy: bool = True) -> ArmNetworkPolicy:
+        """A network that moves the arm: an `ActionNetwork`, or a `PolicyNetwork` of choices."""
+        return ArmNetworkPolicy(network, self, greedy)
+
+
+class ArmNetworkPolicy:
+    """A network that moves an arm.
+
+    Args:
+        network: acts, or where the task's actions are discrete gives their logits.
+        seat: in which it was trained.
+        greedy: no draws.
+    """
+
+    def __init__(
+        self, network: ActionNetwork | PolicyNetwork, seat: ArmSeat, greedy: bool = True
+    ) -> None:
+        self.network: Any = network
+        self.seat, self.greedy, self.task = seat, greedy, seat.task
+
+    def act(self, view: ArmView) -> NDArray[np.float64]:
+        """[num_games, joints] float64 in [-1, 1]; random numbers from the view.
+
+        Raises:
+            ValueError: an arm of another number of joints than that of its training.
+        """
+        own, task = self.task, view.task
+        if (task.joints, task.discrete_actions) != (own.joints, own.discrete_actions):
+            raise ValueError(
+                f"a policy for an arm of {own.joints} joint(s), discrete_actions="
+                f"{own.discrete_actions}; this one has {task.joints}, discrete_actions="
+                f"{task.discrete_actions}"
+            )
+        observed = torch.from_numpy(view.observe(self.seat.encoding))
+        device = next(self.network.parameters()).device
+        with torch.no_grad():
+            if self.seat.continuous:
+                noise = None
+                if not self.greedy:
+                    noise = torch.from_numpy(view.normal()).float().to(device)
+                acted: torch.Tensor = self.network.act(observed.to(device), noise)
+                return acted.double().clamp(-1.0, 1.0).cpu().numpy()
+            logits = self.network.logits(observed.to(device))
+            if self.greedy:
+                return task.actions_of(logits.argmax(dim=-1).cpu().numpy())
+            cumulative = logits.double().softmax(dim=-1).cumsum(dim=-1).cpu().numpy()
+        scaled = view.uniform()[:, None] * cumulative[:, -1:]
+        chosen = (scaled >= cumulative).sum(axis=-1).clip(max=self.seat.num_actions - 1)
+        return task.actions_of(chosen)
