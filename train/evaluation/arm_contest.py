@@ -52,12 +52,9 @@ def bounds_of(task: ReacherTask, episodes: int, seed: int) -> Bounds:
     continuous ones, so of those only the lower bounds hold.
     """
     arms = ReacherSimulator(task, episodes, seed, auto_restart=False)
-    lower, upper, _ = least_steps_of(arms.angles, arms.targets, task.max_turn, task.tolerance)
-    lengths = [
-        np.minimum(np.maximum(steps, 1) + task.hold - 1, task.max_steps).astype(np.int64)
-        for steps in (lower, upper)
-    ]
-    return Bounds(*lengths)
+    steps, _ = least_steps_of(arms.angles, arms.targets, task.max_turn, task.tolerance)
+    lengths = np.minimum(np.maximum(steps, 1) + task.hold - 1, task.max_steps)
+    return Bounds(lengths[:, 0], lengths[:, 1])
 
 
 @dataclass(frozen=True)
