@@ -14,7 +14,7 @@ from pursuit.masks import ACTION_MASK
 from pursuit.policy import Policy
 from train.environments.hooks import EpisodeHook
 from train.networks.layers import Hidden
-from train.networks.policy import Player, PolicyNetwork
+from train.networks.policy import Network, Player
 from train.settings.algorithms import NetworkSettings
 from train.tensors import check_like
 
@@ -118,7 +118,7 @@ class Build:
 
 
 def network_loader(
-    network_of: Callable[[Any, Player, Build], PolicyNetwork],
+    network_of: Callable[[Any, Player, Build], Network],
 ) -> Callable[[Any, Player, dict[str, Any], bool], Policy]:
     """What makes a policy, on the CPU, of the state of a learner whose networks `network_of` makes.
 
@@ -145,7 +145,7 @@ class NetworkLearner:
     """
 
     def __init__(
-        self, settings: NetworkSettings, env: Games, network: PolicyNetwork, device: str
+        self, settings: NetworkSettings, env: Games, network: Network, device: str
     ) -> None:
         self.env, self.network, self.device = env, network, device
         self._descent = settings

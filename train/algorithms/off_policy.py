@@ -16,7 +16,7 @@ from curricula import linear
 from pursuit.masks import ACTION_MASK
 from train.algorithms.learner import Games, NetworkLearner, has_masks, means
 from train.algorithms.prioritized import prioritized_sampler
-from train.networks.policy import PolicyNetwork
+from train.networks.policy import Network
 from train.settings.off_policy import ReplaySettings
 from train.tensors import Misfit, check_like, check_tensor
 
@@ -70,7 +70,7 @@ class OffPolicyLearner(NetworkLearner):
         self,
         settings: ReplaySettings,
         env: Games,
-        network: PolicyNetwork,
+        network: Network,
         collector: Rollouts,
         device: str,
         seed: int,
@@ -204,7 +204,7 @@ class OffPolicyLearner(NetworkLearner):
         seen = self.env.observation_spec["observation"]
         observation = torch.zeros((0, *seen.shape[1:]), dtype=seen.dtype)
         whole = torch.zeros(0, dtype=torch.int64)
-        form = {
+        form: dict[str, torch.Tensor] = {
             "observation": observation,
             "action": torch.zeros(0, player.num_actions) if player.continuous else whole,
             "reward": torch.zeros(0),
@@ -222,12 +222,12 @@ class OffPolicyLearner(NetworkLearner):
                     raise Misfit(f"{where}.{name}: rows of the first layer needed")
         counts = {len(column) for column in saved.values()}
         actions, most = saved["action"], self.replayed.buffer_size
-        low, high = (-1, 1) if player.continuous else (0, player.num_actions - 1)
+        bounds = (-1, 1) if player.continuous else (0, player.num_actions - 1)
         if (
             len(counts) > 1
             or not 0 < counts.pop() <= most
             or not 0 <= state["cursor"] < most
-            or not ((actions >= low) & (actions <= high)).all()
+            or not ((actions >= bounds[0]) & (actions <= bounds[1])).all()
         ):
             raise Misfit(f"{where}: as many rows in every column needed, of actions that there are")
         if self.replayed.prioritized:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -15,10 +14,10 @@ from pursuit.reacher.observations import space_of
 from pursuit.reacher.policy import ArmView
 from pursuit.reacher.task import ReacherTask
 from train.networks.features import Features
-from train.networks.policy import PolicyNetwork
+from train.networks.policy import Network, PolicyNetwork
 
 
-class ActionNetwork(Protocol):
+class ActionNetwork(Network, Protocol):
     """What chooses continuous actions."""
 
     def act(self, observation: torch.Tensor, noise: torch.Tensor | None) -> torch.Tensor:
@@ -28,15 +27,6 @@ class ActionNetwork(Protocol):
             observation: float32.
             noise: [..., numbers] standard normal, of a policy that draws; None for the greedy one.
         """
-
-    def parameters(self) -> Iterator[torch.nn.Parameter]:
-        """All weights."""
-
-    def state_dict(self) -> dict[str, Any]:
-        """All weights by name."""
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> Any:
-        """Take them."""
 
 
 @dataclass(frozen=True)

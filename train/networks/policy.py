@@ -26,11 +26,8 @@ GAMES_AT_ONCE = 65_536
 """Games that a network is asked about in one pass: one-hot observations of all are too many."""
 
 
-class PolicyNetwork(Protocol):
-    """What makes a policy: `ActorCritic`, `QNetwork`."""
-
-    def logits(self, observation: torch.Tensor) -> torch.Tensor:
-        """[..., actions] from observations; the greedy action has the largest."""
+class Network(Protocol):
+    """What is learned, whatever it chooses."""
 
     def parameters(self) -> Iterator[torch.nn.Parameter]:
         """All weights."""
@@ -40,6 +37,13 @@ class PolicyNetwork(Protocol):
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> Any:
         """Take them."""
+
+
+class PolicyNetwork(Network, Protocol):
+    """What makes a policy of several actions: `ActorCritic`, `QNetwork`."""
+
+    def logits(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., actions] from observations; the greedy action has the largest."""
 
 
 class Player(Protocol):
@@ -61,8 +65,8 @@ class Player(Protocol):
     def members(self) -> int:
         """How many agents have its role, itself included."""
 
-    def policy(self, network: PolicyNetwork, greedy: bool = True) -> Policy:
-        """A network as this player."""
+    def policy(self, network: Any, greedy: bool = True) -> Policy:
+        """A network as this player: a `PolicyNetwork`, or one that acts where it is continuous."""
 
 
 @dataclass(frozen=True)
