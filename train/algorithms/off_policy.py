@@ -204,7 +204,7 @@ class OffPolicyLearner(NetworkLearner):
         seen = self.env.observation_spec["observation"]
         observation = torch.zeros((0, *seen.shape[1:]), dtype=seen.dtype)
         whole = torch.zeros(0, dtype=torch.int64)
-        form = {
+        form: dict[str, torch.Tensor] = {
             "observation": observation,
             "action": torch.zeros(0, player.num_actions) if player.continuous else whole,
             "reward": torch.zeros(0),
@@ -222,12 +222,12 @@ class OffPolicyLearner(NetworkLearner):
                     raise Misfit(f"{where}.{name}: rows of the first layer needed")
         counts = {len(column) for column in saved.values()}
         actions, most = saved["action"], self.replayed.buffer_size
-        low, high = (-1, 1) if player.continuous else (0, player.num_actions - 1)
+        bounds = (-1, 1) if player.continuous else (0, player.num_actions - 1)
         if (
             len(counts) > 1
             or not 0 < counts.pop() <= most
             or not 0 <= state["cursor"] < most
-            or not ((actions >= low) & (actions <= high)).all()
+            or not ((actions >= bounds[0]) & (actions <= bounds[1])).all()
         ):
             raise Misfit(f"{where}: as many rows in every column needed, of actions that there are")
         if self.replayed.prioritized:
