@@ -210,39 +210,6 @@ def test_options_begin_an_episode_there() -> None:
     assert envs.simulator.targets.tolist() == [[1.0, 0.0]] * 2
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"observation": "pixels"}, "unknown observation 'pixels'; one of positions, positions_an"),
-        ({"observation": ["positions"]}, "unknown observation"),
-        ({"render_mode": "3d"}, "render_mode '3d'"),
-        ({"joints": 0}, "joints=0"),
-        ({"joints": 9}, "joints=9; it is at most 8"),
-        ({"joints": 2.5}, "joints=2.5; it is a whole number"),
-        ({"joints": True}, "joints=True"),
-        ({"tolerance": 0}, "tolerance=0"),
-        ({"hold": 500}, "hold=500 of max_steps=400"),
-    ],
-)
-def test_bad_settings(settings: dict[str, Any], message: str) -> None:
-    for make in (
-        lambda: gymnasium.make(ID, **settings),
-        lambda: gymnasium.make_vec(ID, num_envs=2, **settings),
-        lambda: reacher_v0.parallel_env(**settings),
-        lambda: reacher_v0.env(**settings),
-    ):
-        with pytest.raises(ValueError, match=message):
-            make()
-
-
-def test_an_unknown_setting_is_an_unknown_keyword() -> None:
-    for make in (gymnasium.make, gymnasium.make_vec):
-        with pytest.raises(TypeError, match="keyword argument 'links'; the settings are joints"):
-            make(ID, links=2)
-    with pytest.raises(TypeError, match="keyword argument 'links'; the settings are joints"):
-        reacher_v0.env(links=2)
-
-
 def test_seeds() -> None:
     with pytest.raises(ValueError, match="arm i belongs to"):
         ReacherVectorEnv(ReacherTask(), 2).reset(seed=[1, 2])
