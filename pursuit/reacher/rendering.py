@@ -118,7 +118,7 @@ def scene_to_text(scene: ArmScene) -> str:
         count = max(abs(last_row - row), abs(last_column - column), 1)
         for i in range(count + 1):
             down, right = (i * (last_row - row), i * (last_column - column))
-            lines[row + round(down / count)][column + round(right / count)] = r"-/|\"[eighths % 4]
+            lines[row + round(down / count)][column + round(right / count)] = "-/|\\"[eighths % 4]
     marks = [*((point, "o") for point in points[1:-1]), (points[0], "#"), (scene.target, "X")]
     on_target = cell(points[-1]) == cell(scene.target)
     for point, mark in (*marks, (points[-1], "*" if on_target else "@")):
