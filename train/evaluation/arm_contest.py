@@ -19,12 +19,12 @@ from pursuit.reacher.rendering import ArmScene, scene_of
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
 from scripted_agents import (
-    least_steps_kernels,
     IK_METHODS,
     InverseKinematics,
     LeastStepsPolicy,
     RandomArm,
     ThesisInverseKinematics,
+    least_steps_kernels,
     least_steps_of,
 )
 from train.evaluation.contest import Score
@@ -82,7 +82,7 @@ def solved(task: ReacherTask, episodes: int, seed: int) -> NDArray[np.int64]:
     arms = ReacherSimulator(task, episodes, seed, auto_restart=False)
     given = (arms.angles, arms.targets, task.max_turn, task.tolerance)
     if task.joints < JOINTS_KEPT:
-        return least_steps_of(*given)[0]
+        return np.stack(least_steps_of(*given)[:2], axis=1)
     digest = hashlib.sha256(source_stamp(least_steps_kernels.__file__).encode())
     for array in given:
         digest.update(np.asarray(array).tobytes())
@@ -91,7 +91,7 @@ def solved(task: ReacherTask, episodes: int, seed: int) -> NDArray[np.int64]:
         kept: NDArray[np.int64] = np.load(path, allow_pickle=False)
         if kept.shape == (episodes, 2) and kept.dtype == np.int64:
             return kept
-    steps = least_steps_of(*given)[0]
+    steps = np.stack(least_steps_of(*given)[:2], axis=1)
     with contextlib.suppress(OSError, ValueError):  # it can be solved again
         path.parent.mkdir(parents=True, exist_ok=True)
         write_beside(path, lambda partial: _save(partial, steps))

@@ -43,14 +43,14 @@ class ArmGround:
 def least_from(simulator: ReacherSimulator, games: NDArray[np.intp]) -> NDArray[np.float64]:
     """[n] float64, the least length of an episode from where `games` [n] begin."""
     arms, task = simulator.arms, simulator.task
-    steps, _ = least_steps_of(
+    lower, _, _ = least_steps_of(
         arms.angles[games],
         arms.target[games],
         task.max_turn,
         arms.tolerance[games],
         arms.free_joints[games],
     )
-    lengths: NDArray[np.float64] = np.maximum(steps[:, 0], 1.0) + arms.hold[games] - 1.0
+    lengths: NDArray[np.float64] = np.maximum(lower, 1.0) + arms.hold[games] - 1.0
     return np.minimum(lengths, task.max_steps)
 
 
