@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import stats
 
 from pursuit.reacher.observations import ENCODINGS, space_of
 from pursuit.reacher.simulator import ReacherSimulator
@@ -242,6 +243,27 @@ def test_a_place_is_taken_as_it_is_given() -> None:
     simulator.place([-math.pi - 4.4e-16, math.pi - 4.4e-16], [0.0, 0.0])
     assert (simulator.angles >= -math.pi).all() and (simulator.angles < math.pi).all()
     assert simulator.targets.tolist() == [[0.0, 0.0]] * 2 and not simulator.steps.any()
+
+
+def test_a_view_shows_the_arms_as_they_are_and_draws_from_their_streams() -> None:
+    simulator = ReacherSimulator(ReacherTask(3), 4000, seed=1)
+    view = simulator.view()
+    simulator.step(np.ones((4000, 3)))
+    shown = {"angles": simulator.angles, "targets": simulator.targets, "ends": simulator.ends}
+    shown |= {"steps": simulator.steps, "held": simulator.held, "streams": simulator.streams}
+    for name, live in shown.items():
+        assert getattr(view, name) is live
+    assert (view.num_games, view.task) == (4000, simulator.task)
+    assert (view.free_joints == 3).all() and (view.tolerance == 0.2).all()
+    np.testing.assert_array_equal(view.observe("positions"), simulator.observe("positions"))
+    drawn, uniform = view.normal(), view.uniform()
+    for joint in range(3):
+        assert stats.kstest(drawn[:, joint], "norm").pvalue > 1e-3
+    assert np.abs(np.corrcoef(drawn.T) - np.eye(3)).max() < 0.06
+    assert stats.kstest(uniform, "uniform").pvalue > 1e-3
+    starts = simulator.streams[:, 0].copy()
+    view.normal()
+    np.testing.assert_array_equal(simulator.streams[:, 0], starts)  # its own stream only
 
 
 # -- discrete actions and observations -------------------------------------------------------------

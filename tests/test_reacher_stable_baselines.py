@@ -1,4 +1,4 @@
-"""Stable-Baselines3 trains on the arm."""
+"""Stable-Baselines3 trains on the arm, and SuperSuit vectorises it."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from stable_baselines3 import PPO, TD3
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.evaluation import evaluate_policy
 
-from pursuit import ReacherTask, ReacherVectorEnv
+from pursuit import ReacherTask, ReacherVectorEnv, reacher_v0
 from pursuit.stable_baselines import StableBaselinesVecEnv
 
 ID = "pursuit/Reacher-v0"
@@ -58,3 +58,22 @@ def test_ends_of_episodes_of_stable_baselines() -> None:
             assert (infos[arm]["terminal_observation"] == expected["final_obs"][arm]).all()
             assert infos[arm]["episode"]["l"] == expected["episode_length"][arm]
     assert kinds == {True, False}
+
+
+def test_supersuit_vectorises_the_team_of_joints() -> None:
+    supersuit = pytest.importorskip("supersuit")
+    envs = supersuit.pettingzoo_env_to_vec_env_v1(reacher_v0.parallel_env(joints=3, max_steps=7))
+    twin = reacher_v0.parallel_env(joints=3, max_steps=7)
+    observed, _ = envs.reset(seed=0)
+    twin.reset(seed=0)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        actions = rng.uniform(-1, 1, (3, 1)).astype(np.float32)
+        observed, rewards, terminations, truncations, _ = envs.step(actions)
+        seen, paid, *ends, _ = twin.step(dict(zip(twin.agents, actions, strict=True)))
+        assert rewards.tolist() == [np.float32(reward) for reward in paid.values()]
+        for flags, expected in zip((terminations, truncations), ends, strict=True):
+            assert flags.tolist() == [*expected.values()]
+        if not twin.agents:
+            seen, _ = twin.reset()
+        assert (observed == np.stack([*seen.values()])).all()
