@@ -40,7 +40,7 @@ class InverseKinematics:
     """Turns towards the target as the pose of the moment says, and holds still in reach of it.
 
     `scripted_agents.arm_kernels` says what the methods do, and whose they are. Where a method finds
-    no way, as when a straight arm points at the target, all joints bend alike for a step.
+    no way, as when a straight arm points at the target, the arm is bent for a step.
 
     Args:
         method: "transpose" or "pseudo-inverse" of the Jacobian, "damped" least squares, or

@@ -3,8 +3,9 @@
 The Jacobian J is [2, n]: column j is the way from joint j to the tip, turned by a right angle. With
 e the way from the tip to the target, the methods turn the joints by
 
-    transpose         a J' e, with a = <e, J J' e> / |J J' e|^2 (Wolovich and Elliott, 1984; the
-                      step that shortens e most, to first order)
+    transpose         a J' e (Wolovich and Elliott, 1984), a being 0.7 of what shortens e most to
+                      first order, which is <e, J J' e> / |J J' e|^2: the most itself goes to and
+                      fro across a narrow valley for ever (Raydan and Svaiter, 2002)
     pseudo-inverse    J' (J J')^-1 e, and of the one direction that is left where J J' has no
                       inverse (Whitney, 1969)
     damped            J' (J J' + d^2)^-1 e (Wampler, 1986; Nakamura and Hanafusa, 1986)
@@ -27,7 +28,9 @@ TRANSPOSE, PSEUDO_INVERSE, DAMPED, CYCLIC = 0, 1, 2, 3
 
 SINGULAR = 1e-9
 """J J' has no inverse where its determinant is so small a part of its trace's square."""
-STUCK = 1e-3
+SHORTENED = 0.7
+"""The share of the best step of steepest descent that is taken."""
+STUCK = 1e-6
 """A largest turn of so small a part of a step leads nowhere: the arm points at the target."""
 
 
@@ -43,7 +46,8 @@ def turn_arms(
             damping, actions[arm],
         )  # fmt: skip
         for joint in range(angles.shape[1]):
-            actions[arm, joint] = 0.0 if near else actions[arm, joint] / max_turn
+            action = 0.0 if near else actions[arm, joint] / max_turn
+            actions[arm, joint] = min(max(action, -1.0), 1.0)
 
 
 @compiled
@@ -90,8 +94,8 @@ def turn_towards(
     for joint in range(free):
         largest = max(largest, abs(turns[joint]))
     if largest <= STUCK * most:
-        for joint in range(free):  # bend all alike, so that the next step sees a way
-            turns[joint] = most
+        for joint in range(free):  # bend a straight arm so that its tip comes back along its line
+            turns[joint] = 0.5 * most if joint == 0 else -most
     elif largest > most:
         for joint in range(free):
             turns[joint] *= most / largest
@@ -123,7 +127,7 @@ def turn_by_jacobian(
     if method == TRANSPOSE:
         moved_x, moved_y = a * right + b * up, b * right + c * up
         moved = moved_x * moved_x + moved_y * moved_y
-        scale = (right * moved_x + up * moved_y) / moved if moved > 0.0 else 0.0
+        scale = SHORTENED * (right * moved_x + up * moved_y) / moved if moved > 0.0 else 0.0
     elif determinant > SINGULAR * trace * trace:
         push_x, push_y = c * right - b * up, a * up - b * right
         scale = 1.0 / determinant
