@@ -9,6 +9,7 @@ from typing import Any
 from train.settings.algorithms import (
     HYPERPARAMETERS,
     A2CSettings,
+    ActorCriticSettings,
     DDPGSettings,
     DQNSettings,
     Hyperparameters,
@@ -242,6 +243,8 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
     hyper = hyperparameter_form(algorithm)()
     if algorithm not in HYPERPARAMETERS:  # a user's own, whose defaults are as they are meant
         return hyper
+    if setting.task == "reacher" and isinstance(hyper, ActorCriticSettings):
+        return tuned_for_arms(hyper, setting.joints)
     if isinstance(hyper, QLearningSettings) and setting.task != "maze":
         # Against random opponents averages over visits count instead of the last outcome. Who is
         # paid for every step needs a discount, lest values grow without bound.
@@ -262,6 +265,26 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
             )
         hyper = replace(hyper, gamma=0.97)
     return hyper
+
+
+def tuned_for_arms(hyper: ActorCriticSettings, joints: int) -> ActorCriticSettings:
+    """What learns policy and value on an arm: networks of their own, no bonus on entropy.
+
+    The best actions are full turns, which a policy finds the sooner the less it is held to chance;
+    and values, of returns far larger than those in mazes, would rule hidden layers that are shared.
+    """
+    hyper = replace(hyper, shared=False, entropy_coef=0.0, learning_rate=3e-3, width=64)
+    if isinstance(hyper, A2CSettings):
+        return replace(hyper, gamma=0.9)
+    if isinstance(hyper, PPOSettings):
+        return _ppo_for_arms(hyper, joints)
+    return replace(hyper, gamma=0.9)
+
+
+def _ppo_for_arms(hyper: PPOSettings, joints: int) -> PPOSettings:
+    if joints > 3:
+        return replace(hyper, width=128, learning_rate=2e-3)
+    return replace(hyper, learning_rate=5e-3)
 
 
 def lessons_for(
