@@ -24,6 +24,7 @@ lint: $(SETUP)
 bench: $(SETUP)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[bench]'
 	$(BIN)/python tests/benchmarks/bench_simulator.py
+	$(BIN)/python tests/benchmarks/bench_reacher.py
 	$(BIN)/python tests/benchmarks/bench_exact.py
 	$(BIN)/python tests/benchmarks/bench_arm.py
 	$(BIN)/python tests/benchmarks/bench_learning.py

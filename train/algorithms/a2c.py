@@ -52,7 +52,9 @@ class A2C(RolloutLearner):
         frames["policy_hidden"], frames["value_hidden"] = self.network.hidden(frames["prepared"])
         self.loss.entropy_coeff.fill_(self.annealed(self.settings.entropy_coef, progress))
         losses = self.loss(frames)
-        total = losses["loss_objective"] + losses["loss_entropy"]
+        total = losses["loss_objective"]
+        if self.settings.entropy_coef:  # without a bonus TorchRL leaves it out
+            total = total + losses["loss_entropy"]
         if self.settings.critic:
             total = total + losses["loss_critic"]
         self.descend(total)

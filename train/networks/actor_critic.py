@@ -35,6 +35,7 @@ class ActorCritic(nn.Module):
     """
 
     log_std: nn.Parameter | None
+    form: type[Categorical] | type[SquashedNormal]
 
     def __init__(
         self,

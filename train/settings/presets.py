@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from train.settings.algorithms import (
     HYPERPARAMETERS,
     A2CSettings,
+    ActorCriticSettings,
+    DDPGSettings,
     DQNSettings,
     Hyperparameters,
     NetworkSettings,
     PPOSettings,
     QLearningSettings,
     RolloutSettings,
+    TD3Settings,
     hyperparameter_form,
 )
 from train.settings.checks import check
@@ -143,11 +147,59 @@ def thesis_dqn() -> DQNSettings:
     )
 
 
+def thesis_ddpg() -> DDPGSettings:
+    """The thesis' table A.1, else RLlib's defaults.
+
+    RLlib: one game, a gradient step for every frame after 1500, the exponent of the importance
+    weights 0.4 throughout. Its Ornstein-Uhlenbeck noise has a sigma of 0.2, which it scales by 0.1
+    and the range of an action, 2.
+    """
+    return DDPGSettings(
+        **_THESIS_CONTINUOUS,
+        buffer_size=5000,
+        learning_starts=1500,
+        prioritized=True,
+        importance_exponent_end=0.4,
+    )
+
+
+def thesis_td3() -> TD3Settings:
+    """The thesis' table A.2 and its Ornstein-Uhlenbeck noise, else RLlib's defaults."""
+    return TD3Settings(
+        **_THESIS_CONTINUOUS,
+        buffer_size=10_000,
+        learning_starts=10_000,
+        policy_delay=2,
+        target_noise=0.2,
+        target_noise_clip=0.5,
+    )
+
+
+_THESIS_CONTINUOUS: dict[str, Any] = {
+    "num_games": 1,
+    "rollout_steps": 1,
+    "gradient_steps": 1,
+    "batch_size": 512,
+    "learning_rate": 1e-3,
+    "critic_learning_rate": 1e-3,
+    "anneal": False,
+    "gamma": 0.99,
+    "tau": 0.001,
+    "max_grad_norm": 1e9,
+    "noise": "ornstein-uhlenbeck",
+    "noise_start": 0.04,
+    "noise_end": 0.04,
+    "noise_theta": 0.15,
+    "n_steps": 1,
+    "width": 256,
+}
 THESIS: dict[str, Callable[[], Hyperparameters]] = {
     "thesis-ppo": thesis_ppo,
     "thesis-reacher-ppo": thesis_reacher_ppo,
     "thesis-a2c": thesis_a2c,
     "thesis-dqn": thesis_dqn,
+    "thesis-ddpg": thesis_ddpg,
+    "thesis-td3": thesis_td3,
 }
 PRESETS = (TUNED, *THESIS)
 
@@ -191,6 +243,8 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
     hyper = hyperparameter_form(algorithm)()
     if algorithm not in HYPERPARAMETERS:  # a user's own, whose defaults are as they are meant
         return hyper
+    if setting.task == "reacher" and isinstance(hyper, ActorCriticSettings):
+        return tuned_for_arms(hyper, setting.joints)
     if isinstance(hyper, QLearningSettings) and setting.task != "maze":
         # Against random opponents averages over visits count instead of the last outcome. Who is
         # paid for every step needs a discount, lest values grow without bound.
@@ -211,6 +265,26 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
             )
         hyper = replace(hyper, gamma=0.97)
     return hyper
+
+
+def tuned_for_arms(hyper: ActorCriticSettings, joints: int) -> ActorCriticSettings:
+    """What learns policy and value on an arm: networks of their own, no bonus on entropy.
+
+    The best actions are full turns, which a policy finds the sooner the less it is held to chance;
+    and values, of returns far larger than those in mazes, would rule hidden layers that are shared.
+    """
+    hyper = replace(hyper, shared=False, entropy_coef=0.0, learning_rate=3e-3, width=64)
+    if isinstance(hyper, A2CSettings):
+        return replace(hyper, gamma=0.9)
+    if isinstance(hyper, PPOSettings):
+        return _ppo_for_arms(hyper, joints)
+    return replace(hyper, gamma=0.9)
+
+
+def _ppo_for_arms(hyper: PPOSettings, joints: int) -> PPOSettings:
+    if joints > 3:
+        return replace(hyper, width=128, learning_rate=2e-3)
+    return replace(hyper, learning_rate=5e-3)
 
 
 def lessons_for(
