@@ -1,5 +1,12 @@
 """Whoever plays without learning: heuristics and exact solvers."""
 
+from scripted_agents.arm import (
+    IK_METHODS,
+    InverseKinematics,
+    LeastStepsPolicy,
+    RandomArm,
+    ThesisInverseKinematics,
+)
 from scripted_agents.astar import shortest_path
 from scripted_agents.best_response import (
     BestResponse,
@@ -49,19 +56,24 @@ from scripted_agents.tour import (
 )
 
 __all__ = [
+    "IK_METHODS",
     "AStarChaser",
     "AStarEvader",
     "BestResponder",
     "BestResponse",
     "ChaseSolution",
     "Estimate",
+    "InverseKinematics",
+    "LeastStepsPolicy",
     "MatrixGame",
     "NearestGoalRunner",
     "OptimalChaser",
     "OptimalEvader",
     "RandomAgent",
+    "RandomArm",
     "TablePolicy",
     "TeamResponse",
+    "ThesisInverseKinematics",
     "Tour",
     "TourRunner",
     "TurnBasedSolution",

@@ -47,8 +47,8 @@ def least_steps(
         ValueError: wrong shapes, what is no number, or a target that no pose reaches.
     """
     pose, place = _floats("angles", angles, 1), _floats("target", target, 1)
-    steps, _ = least_steps_of(pose[None], place[None], max_turn, tolerance, budget=budget)
-    return int(steps[0, 0]), int(steps[0, 1])
+    lower, upper, _ = least_steps_of(pose[None], place[None], max_turn, tolerance, budget=budget)
+    return int(lower[0]), int(upper[0])
 
 
 def least_steps_of(
@@ -58,7 +58,7 @@ def least_steps_of(
     tolerance: ArrayLike = 0.2,
     free_joints: ArrayLike | None = None,
     budget: int = BUDGET,
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """`least_steps` of many arms, and poses that are in reach after the upper bound.
 
     Args:
@@ -70,8 +70,8 @@ def least_steps_of(
         budget: nodes of the search for each arm.
 
     Returns:
-        [arms, 2] int64, lower and upper bounds; [arms, n] float64, how far each joint turns in all,
-        at most upper * max_turn, until the tip is in reach.
+        [arms] int64 lower and [arms] int64 upper bounds; [arms, n] float64, how far each joint
+        turns in all, at most upper * max_turn, until the tip is in reach.
 
     Raises:
         ValueError: as `least_steps`.
@@ -102,7 +102,7 @@ def least_steps_of(
         goal = poses[arm].copy()
         goal[: free[arm]] = pose_at(complex(*places[arm]), int(free[arm]), complex(tails[arm]))
         turns[arm] = (goal - poses[arm] + np.pi) % (2.0 * np.pi) - np.pi
-    return steps, turns
+    return steps[:, 0].copy(), steps[:, 1].copy(), turns
 
 
 def pose_at(target: complex, joints: int, last: complex) -> NDArray[np.float64]:

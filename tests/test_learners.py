@@ -152,7 +152,7 @@ def test_what_a_learner_cannot_do_it_says_at_once() -> None:
         ({"algorithm": "dqn", "n_steps": 9}, "n_steps=9 is more than rollout_steps=8"),
         ({"algorithm": "dqn", "lerning_rate": 0.1}, "did you mean 'learning_rate'"),
         ({"algorithm": "sarsa"}, "unknown algorithm"),
-        ({"preset": "thesis-ddpg"}, "unknown preset"),
+        ({"preset": "thesis-sac"}, "unknown preset"),
         ({"preset": "thesis-dqn", "algorithm": "ppo"}, "is for algorithm 'dqn'"),
         ({"algorithm": "dqn", "clip": 0.2}, "unknown setting 'clip'"),
         ({"width": 1.5}, "a whole number is needed"),

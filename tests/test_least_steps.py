@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from scripted_agents import least_steps, least_steps_of
+from scripted_agents import least_steps
+from scripted_agents import least_steps_of as batch
 from scripted_agents.least_steps import pose_at
 
 TURN = 0.1
@@ -22,6 +23,12 @@ def starts(joints: int, arms: int, seed: int = 0) -> tuple[Any, Any]:
     angle = rng.uniform(0, 2 * np.pi, arms)
     targets = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
     return rng.uniform(-np.pi, np.pi, (arms, joints)), targets
+
+
+def solve(*arguments: Any, **settings: Any) -> tuple[Any, Any]:
+    """[arms, 2] the bounds, and [arms, n] how far the joints turn."""
+    lower, upper, turns = batch(*arguments, **settings)
+    return np.stack([lower, upper], axis=1), turns
 
 
 def tips(angles: Any) -> Any:
@@ -45,7 +52,7 @@ def test_one_joint_by_the_formula() -> None:
     away = np.arctan2(targets[:, 1], targets[:, 0]) - angles[:, 0]
     away = np.abs((away + np.pi) % (2 * np.pi) - np.pi)
     wanted = np.maximum(np.ceil((away - 2 * np.arcsin(0.1)) / TURN), 0)
-    steps, _ = least_steps_of(angles, targets)
+    steps, _ = solve(angles, targets)
     assert np.array_equal(steps, np.stack([wanted, wanted], axis=1))
 
 
@@ -55,7 +62,7 @@ def test_no_pose_of_a_grid_is_sooner_in_reach(
     joints: int, points: int, arms: int, tolerance: float
 ) -> None:
     angles, targets = starts(joints, arms, seed=3)
-    steps, turns = least_steps_of(angles, targets, tolerance=tolerance)
+    steps, turns = solve(angles, targets, tolerance=tolerance)
     assert np.array_equal(steps[:, 0], steps[:, 1])
     assert (distances(angles + turns, targets) <= tolerance).all()
     for pose, target, least in zip(angles, targets, steps[:, 1], strict=True):
@@ -68,7 +75,7 @@ def test_no_pose_of_a_grid_is_sooner_in_reach(
 def test_no_solver_is_sooner_in_reach(joints: int) -> None:
     """SciPy's least squares within the bounds, from several poses, one step before."""
     angles, targets = starts(joints, 8, seed=joints)
-    steps, turns = least_steps_of(angles, targets)
+    steps, turns = solve(angles, targets)
     assert np.array_equal(steps[:, 0], steps[:, 1])
     assert (distances(angles + turns, targets) <= 0.2).all()
     assert (np.abs(turns).max(axis=1) <= TURN * steps[:, 1] + 1e-12).all()
@@ -90,8 +97,8 @@ def test_no_solver_is_sooner_in_reach(joints: int) -> None:
 
 def test_a_smaller_step_or_tolerance_never_takes_fewer_steps() -> None:
     angles, targets = starts(4, 60)
-    by_tolerance = [least_steps_of(angles, targets, tolerance=x)[0] for x in (0.05, 0.2, 0.6)]
-    by_turn = [least_steps_of(angles, targets, max_turn=x)[0] for x in (0.07, 0.1, 0.4, np.pi)]
+    by_tolerance = [solve(angles, targets, tolerance=x)[0] for x in (0.05, 0.2, 0.6)]
+    by_turn = [solve(angles, targets, max_turn=x)[0] for x in (0.07, 0.1, 0.4, np.pi)]
     for results in (by_tolerance, by_turn):
         for more, fewer in pairwise(results):
             assert (more[:, 0] >= fewer[:, 0]).all()
@@ -102,20 +109,20 @@ def test_a_smaller_step_or_tolerance_never_takes_fewer_steps() -> None:
 @pytest.mark.parametrize("joints", [2, 5])
 def test_turning_the_plane_or_mirroring_it_changes_nothing(joints: int) -> None:
     angles, targets = starts(joints, 50)
-    plain, _ = least_steps_of(angles, targets)
+    plain, _ = solve(angles, targets)
     turned = angles.copy()
     turned[:, 0] += 1.3
     turn = np.array([[np.cos(1.3), np.sin(1.3)], [-np.sin(1.3), np.cos(1.3)]])
-    assert np.array_equal(least_steps_of(turned, targets @ turn)[0], plain)
-    assert np.array_equal(least_steps_of(-angles, targets * [1, -1])[0], plain)
-    assert np.array_equal(least_steps_of(angles + 6 * np.pi, targets)[0], plain)
+    assert np.array_equal(solve(turned, targets @ turn)[0], plain)
+    assert np.array_equal(solve(-angles, targets * [1, -1])[0], plain)
+    assert np.array_equal(solve(angles + 6 * np.pi, targets)[0], plain)
 
 
 def test_locked_joints_are_a_longer_last_link() -> None:
     """Of four joints two turn: a grid over these; and what is locked in a bend stays bent."""
     angles, _ = starts(4, 30)
     targets = tips(angles + np.random.default_rng(1).uniform(-1, 1, (30, 4)) * [1, 1, 0, 0])
-    steps, turns = least_steps_of(angles, targets, free_joints=2)
+    steps, turns = solve(angles, targets, free_joints=2)
     assert np.array_equal(steps[:, 0], steps[:, 1])
     assert not turns[:, 2:].any() and (distances(angles + turns, targets) <= 0.2).all()
     for pose, target, least in zip(angles, targets, steps[:, 1], strict=True):
@@ -123,15 +130,15 @@ def test_locked_joints_are_a_longer_last_link() -> None:
             some = np.zeros((301, 301, 4)) + pose
             some[..., :2] = grid(pose[:2], TURN * (least - 1), 301)
             assert distances(some, target).min() > 0.2
-    assert (least_steps_of(angles, targets)[0] <= steps).all()
+    assert (solve(angles, targets)[0] <= steps).all()
 
 
 @pytest.mark.parametrize("joints", [2, 4, 8])
 def test_a_search_cut_short_gives_bounds_around_the_exact_number(joints: int) -> None:
     angles, targets = starts(joints, 40)
-    exact, _ = least_steps_of(angles, targets)
+    exact, _ = solve(angles, targets)
     assert np.array_equal(exact[:, 0], exact[:, 1])
-    steps, turns = least_steps_of(angles, targets, budget=3**joints)
+    steps, turns = solve(angles, targets, budget=3**joints)
     assert (steps[:, 0] <= exact[:, 0]).all() and (exact[:, 1] <= steps[:, 1]).all()
     assert (steps[:, 0] < steps[:, 1]).any()
     assert (distances(angles + turns, targets) <= 0.2).all()
@@ -192,4 +199,4 @@ def test_what_is_refused() -> None:
             least_steps(**{**good, **wrong})
     for several in ({"tolerance": [0.1, 0.2]}, {"free_joints": 0}, {"free_joints": 3}):
         with pytest.raises(ValueError, match=r"tolerance|free_joints"):
-            least_steps_of([[0.1, 0.2]], [[1.0, 0.5]], **several)
+            batch([[0.1, 0.2]], [[1.0, 0.5]], **several)

@@ -23,6 +23,7 @@ from train.runs.saved import load_settings
 from train.runs.single import make_run
 from train.settings.curricula import AXES as AXIS_NAMES
 from train.settings.curricula import CURRICULA
+from train.teaching.arm_axes import ARM_AXIS_MAKERS
 from train.teaching.axes import AXIS_MAKERS
 from train.teaching.log import read_log
 from train.teaching.plan import CURRICULUM_MAKERS
@@ -133,7 +134,7 @@ AXES = {
 
 
 def test_every_axis_and_curriculum_that_can_be_named_can_be_made() -> None:
-    assert set(AXIS_MAKERS) == set(AXIS_NAMES)
+    assert {*AXIS_MAKERS, *ARM_AXIS_MAKERS} == set(AXIS_NAMES)
     assert set(CURRICULUM_MAKERS) == set(CURRICULA.values()) - {CURRICULA["none"]}
 
 

@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import logging
 from typing import Any, ClassVar
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torchrl.collectors import Collector
-from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
-from torchrl.data.postprocs import MultiStep
 
 from curricula import linear
 from pursuit.masks import ACTION_MASK
-from train.algorithms.learner import Build, Games, NetworkLearner, has_masks, means
-from train.algorithms.prioritized import prioritized_sampler
+from train.algorithms.learner import Build, Games, has_masks
+from train.algorithms.off_policy import NEXT_MASK, OffPolicyLearner, collector_of
 from train.networks.masks import masked
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
-from train.settings.algorithms import DQNSettings
-from train.tensors import Misfit, check_like, check_tensor
+from train.settings.off_policy import DQNSettings
 
-logging.getLogger("torchrl").setLevel(logging.WARNING)  # it tells of every storage it makes
-
-NEXT_MASK = "next_action_mask"
+__all__ = ["DQN", "NEXT_MASK", "EpsilonGreedy", "build", "dqn_loss", "network_of"]
 
 
 class EpsilonGreedy(TensorDictModuleBase):
@@ -90,7 +83,7 @@ def dqn_loss(
     return squares.mean(), error.detach().abs()
 
 
-class DQN(NetworkLearner):
+class DQN(OffPolicyLearner):
     """Mnih et al. (2015), with many games in step and several gradient steps for each rollout.
 
     Args:
@@ -113,86 +106,28 @@ class DQN(NetworkLearner):
         device: str,
         seed: int,
     ) -> None:
-        super().__init__(settings, env, network, device)
-        self.settings, self.target, self.updates = settings, target, 0
+        self.explorer = EpsilonGreedy(network, has_masks(env))
+        collector = collector_of(settings, env, self.explorer, device)
+        super().__init__(settings, env, network, collector, device, seed)
+        self.settings, self.target = settings, target
         self.target.load_state_dict(network.state_dict())
-        self.masks = has_masks(env)
-        self.explorer = EpsilonGreedy(network, self.masks)
-        self.multi_step = MultiStep(settings.gamma, settings.n_steps)
-        self.generator = torch.Generator().manual_seed(seed)
-        self.replay = TensorDictReplayBuffer(
-            storage=LazyTensorStorage(settings.buffer_size),
-            batch_size=settings.batch_size,
-            priority_key="td_error",
-            generator=self.generator,
-            **({"sampler": _sampler(settings)} if settings.prioritized else {}),
-        )
-        self.collector = Collector(
-            env,
-            self.explorer,
-            frames_per_batch=settings.num_games * settings.rollout_steps,
-            total_frames=-1,
-            policy_device=device,
-            env_device="cpu",
-            storing_device="cpu",
-            track_traj_ids=False,
-            auto_register_policy_transforms=False,
-        )
-        self._batches = iter(self.collector)
 
-    def iterate(self, progress: float) -> dict[str, float]:
-        """Play one rollout into the buffer, and take `gradient_steps` from it."""
+    def explore(self, progress: float) -> dict[str, float]:
+        """Anneal epsilon."""
         settings = self.settings
-        self.set_learning_rate(progress)
         explored = min(progress / max(settings.exploration_share, 1e-9), 1.0)
         self.explorer.epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
-        if settings.prioritized:  # Schaul et al. (2016), section 3.4
-            ends = settings.importance_exponent, settings.importance_exponent_end
-            self.replay.sampler.beta = linear(*ends, progress)
-        self.remember(next(self._batches))
-        if self.frames < settings.learning_starts or len(self.replay) < settings.batch_size:
-            return {"epsilon": self.explorer.epsilon}
-        logged: list[dict[str, torch.Tensor]] = []
-        for _ in range(settings.gradient_steps):
-            if self.updates % settings.target_update_interval == 0:
-                self.target.load_state_dict(self.network.state_dict())
-            self.updates += 1
-            batch = self.replay.sample()
-            loss, error = dqn_loss(
-                self.network,
-                self.target,
-                batch.to(self.device),
-                settings.gamma,
-                settings.double,
-            )
-            self.descend(loss)
-            if settings.prioritized:
-                self.replay.update_priority(batch["index"], error.cpu())
-            logged.append({"loss": loss.detach(), "td_error": error.mean()})
-        return {"epsilon": self.explorer.epsilon, **means(logged)}
+        return {"epsilon": self.explorer.epsilon}
 
-    def remember(self, rollout: TensorDictBase) -> None:
-        """Put the transitions of a rollout [games, steps] into the buffer, n steps in one."""
-        self.frames += rollout.numel()
-        terminated = rollout["next", "terminated"].squeeze(-1)
-        steps = torch.ones(rollout.shape, dtype=torch.int64)
-        if self.settings.n_steps > 1:
-            rollout = self.multi_step(rollout)
-            steps = rollout["steps_to_next_obs"]
-            # MultiStep moves rewards and observations, but leaves the flags of the first step: an
-            # episode that ended at the second or third would be bootstrapped beyond its end.
-            terminated = terminated.gather(1, torch.arange(rollout.shape[1]) + steps - 1)
-        transitions = {
-            "observation": rollout["observation"].flatten(0, 1),
-            "action": rollout["action"].flatten(),
-            "reward": rollout["next", "reward"].flatten(),
-            "next_observation": rollout["next", "observation"].flatten(0, 1),
-            "terminated": terminated.flatten(),
-            "steps": steps.flatten(),
-        }
-        if self.masks:
-            transitions[NEXT_MASK] = rollout["next", ACTION_MASK].flatten(0, 1)
-        self.replay.extend(TensorDict(transitions, batch_size=[rollout.numel()]))
+    def learn(self, batch: TensorDictBase) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        """A gradient step, and now and then a copy to the target network before it."""
+        settings = self.settings
+        if self.updates % settings.target_update_interval == 0:
+            self.target.load_state_dict(self.network.state_dict())
+        self.updates += 1
+        loss, error = dqn_loss(self.network, self.target, batch, settings.gamma, settings.double)
+        self.descend(loss)
+        return error, {"loss": loss.detach(), "td_error": error.mean()}
 
     def policy(self, greedy: bool = True) -> Any:
         """The greedy policy; ValueError for another, as action values are no distribution."""
@@ -202,89 +137,12 @@ class DQN(NetworkLearner):
 
     def state_dict(self) -> dict[str, Any]:
         """Everything, the replay buffer and its priorities included."""
-        replay, state = self.replay, super().state_dict()
-        state |= {
-            "target": self.target.state_dict(),
-            "updates": self.updates,
-            "replay": dict(replay[:].exclude("index").items()) if len(replay) else {},
-            "cursor": int(replay.writer._cursor),
-            "generator": self.generator.get_state(),
-        }
-        if self.settings.prioritized:
-            sampler = replay.sampler
-            indices = torch.arange(len(replay))
-            priority = sampler._max_priority[0]
-            state["priorities"] = {
-                "sum": sampler._sum_tree[indices],
-                "min": sampler._min_tree[indices],
-                "largest": None if priority is None else float(priority),
-            }
-        return state
+        return super().state_dict() | {"target": self.target.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take it all back."""
         super().load_state_dict(state)
-        self._check_replay(state)
         self.target.load_state_dict(state["target"])
-        self.updates = state["updates"]
-        count = len(state["replay"].get("action", ()))
-        if count:
-            self.replay.extend(TensorDict(state["replay"], batch_size=[count]))
-            self.replay.writer._cursor = state["cursor"]
-        self.generator.set_state(state["generator"])
-        if self.settings.prioritized and count:
-            sampler, saved = self.replay.sampler, state["priorities"]
-            indices = torch.arange(count)
-            sampler._sum_tree[indices] = saved["sum"]
-            sampler._min_tree[indices] = saved["min"]
-            if saved["largest"] is not None:
-                sampler._max_priority = (torch.tensor(saved["largest"]), None)
-
-    def _check_replay(self, state: dict[str, Any]) -> None:
-        """Raise Misfit unless what was saved of the buffer fits it; an empty one is not there."""
-        saved, where = state["replay"], "learner.replay"
-        if not saved:
-            return
-        seen = self.env.observation_spec["observation"]
-        observation = torch.zeros((0, *seen.shape[1:]), dtype=seen.dtype)
-        whole = torch.zeros(0, dtype=torch.int64)
-        form = {
-            "observation": observation,
-            "action": whole,
-            "reward": torch.zeros(0),
-            "next_observation": observation,
-            "terminated": torch.zeros(0, dtype=torch.bool),
-            "steps": whole,
-        }
-        check_like(saved, form, where)
-        seen_as = self.env.player.features
-        if seen_as.kind == "index":  # rows of a table: another number would be none
-            for name in ("observation", "next_observation"):
-                high = torch.from_numpy(seen_as.high)
-                if not ((saved[name] >= 0) & (saved[name] <= high)).all():
-                    raise Misfit(f"{where}.{name}: rows of the first layer needed")
-        counts = {len(column) for column in saved.values()}
-        actions, most = saved["action"], self.settings.buffer_size
-        if (
-            len(counts) > 1
-            or not 0 < counts.pop() <= most
-            or not 0 <= state["cursor"] < most
-            or not ((actions >= 0) & (actions < self.env.player.num_actions)).all()
-        ):
-            raise Misfit(f"{where}: as many rows in every column needed, of actions that there are")
-        if self.settings.prioritized:
-            for name in ("sum", "min"):
-                shape = (len(actions),)
-                check_tensor(state["priorities"][name], torch.float32, shape, f"{where}.{name}")
-
-    def close(self) -> None:
-        """Stop collecting."""
-        self.collector.shutdown()
-
-
-def _sampler(settings: DQNSettings) -> Any:
-    exponents = (settings.priority_exponent, settings.importance_exponent)
-    return prioritized_sampler(settings.buffer_size, *exponents)
 
 
 def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:

@@ -14,7 +14,7 @@ from pursuit.masks import ACTION_MASK
 from pursuit.policy import Policy
 from train.environments.hooks import EpisodeHook
 from train.networks.layers import Hidden
-from train.networks.policy import Player, PolicyNetwork
+from train.networks.policy import Network, Player
 from train.settings.algorithms import NetworkSettings
 from train.tensors import check_like
 
@@ -122,7 +122,7 @@ class Build:
 
 
 def network_loader(
-    network_of: Callable[[Any, Player, Build], PolicyNetwork],
+    network_of: Callable[[Any, Player, Build], Network],
 ) -> Callable[[Any, Player, dict[str, Any], bool], Policy]:
     """What makes a policy, on the CPU, of the state of a learner whose networks `network_of` makes.
 
@@ -149,7 +149,7 @@ class NetworkLearner:
     """
 
     def __init__(
-        self, settings: NetworkSettings, env: Games, network: PolicyNetwork, device: str
+        self, settings: NetworkSettings, env: Games, network: Network, device: str
     ) -> None:
         self.env, self.network, self.device = env, network, device
         self._descent = settings
@@ -196,7 +196,8 @@ class NetworkLearner:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take them back."""
         check_like(state, NetworkLearner.state_dict(self), "learner", more=True)
-        _check_moments(state["optimizer"]["state"], self.network)
+        weights = list(self.network.parameters())
+        check_moments(state["optimizer"]["state"], weights, "learner.optimizer.state")
         self.network.load_state_dict(state["network"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.frames = state["frames"]
@@ -205,14 +206,13 @@ class NetworkLearner:
         """Nothing is held open."""
 
 
-def _check_moments(saved: dict[Any, Any], network: PolicyNetwork) -> None:
-    """Raise Misfit unless these are Adam's moments of a network; none before its first step."""
-    weights = [weight.detach() for weight in network.parameters()]
+def check_moments(saved: dict[Any, Any], parameters: list[nn.Parameter], where: str) -> None:
+    """Raise Misfit unless these are Adam's moments of `parameters`; none before its first step."""
+    weights = [weight.detach() for weight in parameters]
     step = torch.zeros(())
     for number, moments in saved.items():  # what no loss depends on has none
-        where = f"learner.optimizer.state.{number}"
         one = weights[number] if number in range(len(weights)) else step
-        check_like(moments, {"step": step, "exp_avg": one, "exp_avg_sq": one}, where)
+        check_like(moments, {"step": step, "exp_avg": one, "exp_avg_sq": one}, f"{where}.{number}")
 
 
 def means(logged: list[dict[str, torch.Tensor]]) -> dict[str, float]:

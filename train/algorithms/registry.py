@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pursuit.policy import Policy
-from train.algorithms import a2c, cross_entropy, dqn, ppo, q_learning
+from train.algorithms import a2c, continuous, cross_entropy, dqn, ppo, q_learning
 from train.algorithms.learner import Build, Learner, network_loader
 from train.algorithms.rollouts import actor_critic_of
 from train.networks.policy import Player
@@ -21,11 +21,14 @@ from train.settings.algorithms import (
     LEARNERS,
     A2CSettings,
     CrossEntropySettings,
+    DDPGSettings,
     DQNSettings,
     Hyperparameters,
     PPOSettings,
     QLearningSettings,
     ReinforceSettings,
+    SACSettings,
+    TD3Settings,
 )
 from train.settings.checks import check
 
@@ -218,5 +221,34 @@ register(
         cpu_only=True,
         observations=("index",),
         check_player=q_learning.check_player,
+    )
+)
+register(
+    Algorithm(
+        "ddpg",
+        DDPGSettings,
+        continuous.build_ddpg,
+        network_loader(continuous.deterministic_of),
+        learns_distribution=False,
+        actions=frozenset({"continuous"}),
+    )
+)
+register(
+    Algorithm(
+        "td3",
+        TD3Settings,
+        continuous.build_td3,
+        network_loader(continuous.deterministic_of),
+        learns_distribution=False,
+        actions=frozenset({"continuous"}),
+    )
+)
+register(
+    Algorithm(
+        "sac",
+        SACSettings,
+        continuous.build_sac,
+        network_loader(continuous.gaussian_of),
+        actions=frozenset({"continuous"}),
     )
 )

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+import os
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.compiled import source_stamp
 from pursuit.reacher.policy import ArmPolicy
 from pursuit.reacher.rendering import ArmScene, scene_of
 from pursuit.reacher.simulator import ReacherSimulator
@@ -19,11 +24,18 @@ from scripted_agents import (
     LeastStepsPolicy,
     RandomArm,
     ThesisInverseKinematics,
+    least_steps_kernels,
     least_steps_of,
 )
 from train.evaluation.contest import Score
 from train.evaluation.games import half_width
+from train.files import write_beside
 from train.settings.checks import EVALUATION_SEED
+
+EPISODES = 1000
+"""Starts that are solved at once, at least."""
+JOINTS_KEPT = 5
+"""From here on a thousand starts take seconds."""
 
 
 @dataclass(frozen=True)
@@ -50,14 +62,52 @@ def bounds_of(task: ReacherTask, episodes: int, seed: int) -> Bounds:
     A tip that begins in reach needs a step all the same, and one that is to be held stays for the
     rest of `hold`; nothing takes longer than `max_steps`. Discrete actions reach no more poses than
     continuous ones, so of those only the lower bounds hold.
+
+    The first starts of a larger evaluation are those of a smaller one, so both are solved at once.
+    """
+    if episodes < EPISODES:
+        first = bounds_of(task, EPISODES, seed)
+        return Bounds(first.lower[:episodes], first.upper[:episodes])
+    steps = solved(task, episodes, seed)
+    lengths = np.minimum(np.maximum(steps, 1) + task.hold - 1, task.max_steps)
+    return Bounds(lengths[:, 0], lengths[:, 1])
+
+
+def solved(task: ReacherTask, episodes: int, seed: int) -> NDArray[np.int64]:
+    """[episodes, 2] bounds of the least steps from the starts of an evaluation.
+
+    Of many joints they take a minute, so they are kept on disk as compiled kernels are, under a
+    name that changes with the task, the starts, the rules and the solver.
     """
     arms = ReacherSimulator(task, episodes, seed, auto_restart=False)
-    lower, upper, _ = least_steps_of(arms.angles, arms.targets, task.max_turn, task.tolerance)
-    lengths = [
-        np.minimum(np.maximum(steps, 1) + task.hold - 1, task.max_steps).astype(np.int64)
-        for steps in (lower, upper)
-    ]
-    return Bounds(*lengths)
+    given = (arms.angles, arms.targets, task.max_turn, task.tolerance)
+    if task.joints < JOINTS_KEPT:
+        return np.stack(least_steps_of(*given)[:2], axis=1)
+    digest = hashlib.sha256(source_stamp(least_steps_kernels.__file__).encode())
+    for array in given:
+        digest.update(np.asarray(array).tobytes())
+    path = kept_files() / f"least-steps-{digest.hexdigest()[:32]}.npy"
+    with contextlib.suppress(OSError, ValueError, EOFError):
+        kept: NDArray[np.int64] = np.load(path, allow_pickle=False)
+        if kept.shape == (episodes, 2) and kept.dtype == np.int64:
+            return kept
+    steps = np.stack(least_steps_of(*given)[:2], axis=1)
+    with contextlib.suppress(OSError, ValueError):  # it can be solved again
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_beside(path, lambda partial: _save(partial, steps))
+    return steps
+
+
+def _save(path: Path, steps: NDArray[np.int64]) -> None:
+    with path.open("wb") as file:  # of a path NumPy would change the name
+        np.save(file, steps)
+
+
+def kept_files() -> Path:
+    """The folder of what can be computed again: PURSUIT_CACHE, else that of the user's caches."""
+    own = os.environ.get("PURSUIT_CACHE")
+    caches = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(own) if own else Path(caches) / "pursuit"
 
 
 @dataclass(frozen=True)

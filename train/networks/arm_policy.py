@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,28 +14,7 @@ from pursuit.reacher.observations import space_of
 from pursuit.reacher.policy import ArmView
 from pursuit.reacher.task import ReacherTask
 from train.networks.features import Features
-from train.networks.policy import PolicyNetwork
-
-
-class ActionNetwork(Protocol):
-    """What chooses continuous actions."""
-
-    def act(self, observation: torch.Tensor, noise: torch.Tensor | None) -> torch.Tensor:
-        """[..., numbers] in [-1, 1] from observations [..., k].
-
-        Args:
-            observation: float32.
-            noise: [..., numbers] standard normal, of a policy that draws; None for the greedy one.
-        """
-
-    def parameters(self) -> Iterator[torch.nn.Parameter]:
-        """All weights."""
-
-    def state_dict(self) -> dict[str, Any]:
-        """All weights by name."""
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> Any:
-        """Take them."""
+from train.networks.policy import ActionNetwork, PolicyNetwork
 
 
 @dataclass(frozen=True)

@@ -26,11 +26,8 @@ GAMES_AT_ONCE = 65_536
 """Games that a network is asked about in one pass: one-hot observations of all are too many."""
 
 
-class PolicyNetwork(Protocol):
-    """What makes a policy: `ActorCritic`, `QNetwork`."""
-
-    def logits(self, observation: torch.Tensor) -> torch.Tensor:
-        """[..., actions] from observations; the greedy action has the largest."""
+class Network(Protocol):
+    """Whatever learns: weights."""
 
     def parameters(self) -> Iterator[torch.nn.Parameter]:
         """All weights."""
@@ -40,6 +37,25 @@ class PolicyNetwork(Protocol):
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> Any:
         """Take them."""
+
+
+class PolicyNetwork(Network, Protocol):
+    """What makes a policy of choices: `ActorCritic`, `QNetwork`."""
+
+    def logits(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., actions] from observations; the greedy action has the largest."""
+
+
+class ActionNetwork(Network, Protocol):
+    """What makes a policy of continuous actions."""
+
+    def act(self, observation: torch.Tensor, noise: torch.Tensor | None) -> torch.Tensor:
+        """[..., numbers] in [-1, 1] from observations [..., k].
+
+        Args:
+            observation: float32.
+            noise: [..., numbers] standard normal, of a policy that draws; None for the greedy one.
+        """
 
 
 class Player(Protocol):

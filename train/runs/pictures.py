@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from train.figures import (
     tidy,
 )
 
+DASHES: tuple[Any, ...] = ("--", "-.", ":", (0, (6, 2)), (0, (3, 1, 1, 1, 1, 1)))
+"""Of references of the same colour."""
 COLORS = {"learned": BLUE, "optimal": GREEN, "scripted": ORANGE, "random": GREY}
 
 
@@ -59,12 +62,14 @@ def draw_learning_curve(
     )
     upper = axes[0, 0]
     upper.plot(frames, steps, "o-", color=COLORS["learned"], ms=3.5, lw=1.8, label="learned")
+    dashes = itertools.cycle(DASHES)
     for name, score in by_name.items():
         if name.startswith("learned"):
             continue
+        dash = "--" if name in COLORS else next(dashes)
         color = COLORS.get(name, COLORS["scripted"])
         label = f"{name}: {score['mean_steps']:.2f}"
-        upper.axhline(score["mean_steps"], color=color, lw=1.4, ls="--", label=label)
+        upper.axhline(score["mean_steps"], color=color, lw=1.4, ls=dash, label=label)
     upper.set_yscale("log")
     plain_numbers(upper.yaxis)
     upper.set_ylabel("mean episode length (steps, log)")

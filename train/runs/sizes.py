@@ -17,7 +17,7 @@ def bytes_of(hyper: Hyperparameters, seat: Player) -> dict[str, int]:
     given: dict[str, Any] = vars(hyper)
     observation = 4 * prod(seat.features.shape)
     game = seat.bytes_of_game + observation
-    frame = 2 * observation + 40
+    frame = 2 * observation + 32 + (4 * seat.num_actions if seat.continuous else 8)
     needs = {
         "num_games": hyper.num_games * game,
         "num_games × rollout_steps": hyper.num_games * given.get("rollout_steps", 0) * frame,
@@ -29,6 +29,8 @@ def bytes_of(hyper: Hyperparameters, seat: Player) -> dict[str, int]:
         if seat.features.kind == "planes":  # convolutions come before it
             inputs = 1
         weights = width * (inputs + width + seat.num_actions)
+        if "tau" in given:  # an actor and a critic at least, and a target of each
+            weights *= 4
         # Of each weight the gradient and Adam's two moments, or the candidates' own.
         needs["width"] = 4 * weights * 4
         needs["population × width"] = 2 * 4 * weights * given.get("population", 0)

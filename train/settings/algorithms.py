@@ -2,94 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import Any
 
 from pursuit.parts import Registry
 from train.settings.checks import check
+from train.settings.hyperparameters import Hyperparameters, NetworkSettings, check_activation
+from train.settings.off_policy import DDPGSettings, DQNSettings, SACSettings, TD3Settings
 
-ACTIVATIONS = ("relu", "tanh")
-
-
-def check_activation(name: str) -> None:
-    """ValueError for one that the networks have not."""
-    check(name in ACTIVATIONS, f"unknown activation {name!r}; one of {', '.join(ACTIVATIONS)}")
-
-
-@dataclass(frozen=True)
-class Hyperparameters:
-    """What every algorithm has."""
-
-    COUNTS: ClassVar[frozenset[str]] = frozenset(
-        {
-            "num_games", "rollout_steps", "minibatch_size", "epochs", "width", "batch_size",
-            "buffer_size", "n_steps", "gradient_steps", "target_update_interval", "population",
-        }
-    )  # fmt: skip
-    POSITIVE: ClassVar[frozenset[str]] = frozenset(
-        {
-            "learning_rate",
-            "max_grad_norm",
-            "clip",
-            "first_std",
-            "adam_epsilon",
-            "initial_std",
-            "action_std",
-        }
-    )
-    SHARES: ClassVar[frozenset[str]] = frozenset(
-        {
-            "gamma", "gae_lambda", "epsilon_start", "epsilon_end",
-            "exploration_share", "priority_exponent", "importance_exponent",
-            "importance_exponent_end", "elite_share",
-        }
-    )  # fmt: skip
-
-    num_games: int = 1024
-    """Games in lockstep."""
-    gamma: float = 0.95
-    """Discount."""
-
-    @property
-    def central_critic(self) -> bool:
-        """Whether a critic is to see what all agents of a role observe."""
-        return False
-
-    def __post_init__(self) -> None:
-        for name in (field.name for field in fields(self)):
-            value = getattr(self, name)
-            if name in self.COUNTS:
-                check(1 <= value < 2**63, f"{name}={value}; it is at least 1, and below 2**63")
-            elif name in self.POSITIVE:
-                check(0 < value < float("inf"), f"{name}={value}; it is above 0")
-            elif name in self.SHARES:
-                check(0.0 <= value <= 1.0, f"{name}={value}; it lies in [0, 1]")
-            elif isinstance(value, float):
-                check(0.0 <= value < float("inf"), f"{name}={value}; it is at least 0")
-
-
-@dataclass(frozen=True)
-class NetworkSettings(Hyperparameters):
-    """The network, and how it descends."""
-
-    learning_rate: float = 1e-2
-    """Of Adam, at the start."""
-    anneal: bool = True
-    """Whether learning rate and entropy bonus are annealed in a straight line to 0."""
-    max_grad_norm: float = 0.5
-    """Gradients are scaled down to this norm."""
-    adam_epsilon: float = 1e-8
-    """Adam's epsilon."""
-    width: int = 128
-    """Units of each of the two hidden layers."""
-    activation: str = "relu"
-    """relu or tanh."""
-    first_std: float = 0.06
-    """Standard deviation of the first layer's weights on index at the start."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_activation(self.activation)
+__all__ = [
+    "HYPERPARAMETERS",
+    "LEARNERS",
+    "A2CSettings",
+    "ActorCriticSettings",
+    "CrossEntropySettings",
+    "DDPGSettings",
+    "DQNSettings",
+    "Hyperparameters",
+    "NetworkSettings",
+    "PPOSettings",
+    "QLearningSettings",
+    "ReinforceSettings",
+    "RolloutSettings",
+    "SACSettings",
+    "TD3Settings",
+    "hyperparameter_form",
+    "is_algorithm",
+]
 
 
 @dataclass(frozen=True)
@@ -182,66 +121,6 @@ class ReinforceSettings(ActorCriticSettings):
 
 
 @dataclass(frozen=True)
-class DQNSettings(NetworkSettings):
-    """Deep Q-learning (Mnih et al., 2015) and its extensions, each to be switched on and off."""
-
-    num_games: int = 512
-    """Games in lockstep."""
-    learning_rate: float = 3e-3
-    """Of Adam, at the start."""
-    max_grad_norm: float = 10.0
-    """Gradients are scaled down to this norm."""
-    rollout_steps: int = 8
-    """Steps of every game between two rounds of gradient steps."""
-    gradient_steps: int = 8
-    """Gradient steps in a round."""
-    batch_size: int = 1024
-    """Transitions of one gradient step."""
-    buffer_size: int = 200_000
-    """Transitions that the replay buffer holds."""
-    learning_starts: int = 10_000
-    """Frames before the first gradient step."""
-    target_update_interval: int = 50
-    """Gradient steps between two copies to the target network."""
-    epsilon_start: float = 1.0
-    """Share of random actions at the start."""
-    epsilon_end: float = 0.05
-    """Share of random actions at the end."""
-    exploration_share: float = 0.3
-    """Share of the budget over which epsilon is annealed."""
-    double: bool = True
-    """The network chooses the next action, the target network values it (van Hasselt et al.,
-    2016)."""
-    dueling: bool = False
-    """A value and advantages instead of action values (Wang et al., 2016)."""
-    prioritized: bool = False
-    """Replay by the size of the error (Schaul et al., 2016)."""
-    priority_exponent: float = 0.6
-    """How much priorities count; 0 is uniform."""
-    importance_exponent: float = 0.4
-    """How much the weights undo that at the start."""
-    importance_exponent_end: float = 1.0
-    """How much they undo it at the end, reached in a straight line; 1 is all of it."""
-    n_steps: int = 3
-    """Rewards before bootstrapping, at most rollout_steps; 1 is the original."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check(
-            self.batch_size <= self.buffer_size,
-            f"batch_size={self.batch_size} is more than buffer_size={self.buffer_size}; lower it",
-        )
-        check(
-            self.learning_starts >= 0, f"learning_starts={self.learning_starts}; it is at least 0"
-        )
-        check(
-            self.n_steps <= self.rollout_steps,
-            f"n_steps={self.n_steps} is more than rollout_steps={self.rollout_steps}, which cuts "
-            "returns off; lower it, or raise rollout_steps",
-        )
-
-
-@dataclass(frozen=True)
 class CrossEntropySettings(Hyperparameters):
     """The cross-entropy method on network weights (Rubinstein, 1999; Szita and Lőrincz, 2006)."""
 
@@ -306,6 +185,9 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "a2c": A2CSettings,
     "reinforce": ReinforceSettings,
     "dqn": DQNSettings,
+    "ddpg": DDPGSettings,
+    "td3": TD3Settings,
+    "sac": SACSettings,
     "cross_entropy": CrossEntropySettings,
     "q_learning": QLearningSettings,
 }

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from train.settings.algorithms import (
     HYPERPARAMETERS,
     A2CSettings,
     ActorCriticSettings,
+    DDPGSettings,
     DQNSettings,
     Hyperparameters,
     NetworkSettings,
     PPOSettings,
     QLearningSettings,
     RolloutSettings,
+    TD3Settings,
     hyperparameter_form,
 )
 from train.settings.checks import check
@@ -144,11 +147,59 @@ def thesis_dqn() -> DQNSettings:
     )
 
 
+def thesis_ddpg() -> DDPGSettings:
+    """The thesis' table A.1, else RLlib's defaults.
+
+    RLlib: one game, a gradient step for every frame after 1500, the exponent of the importance
+    weights 0.4 throughout. Its Ornstein-Uhlenbeck noise has a sigma of 0.2, which it scales by 0.1
+    and the range of an action, 2.
+    """
+    return DDPGSettings(
+        **_THESIS_CONTINUOUS,
+        buffer_size=5000,
+        learning_starts=1500,
+        prioritized=True,
+        importance_exponent_end=0.4,
+    )
+
+
+def thesis_td3() -> TD3Settings:
+    """The thesis' table A.2 and its Ornstein-Uhlenbeck noise, else RLlib's defaults."""
+    return TD3Settings(
+        **_THESIS_CONTINUOUS,
+        buffer_size=10_000,
+        learning_starts=10_000,
+        policy_delay=2,
+        target_noise=0.2,
+        target_noise_clip=0.5,
+    )
+
+
+_THESIS_CONTINUOUS: dict[str, Any] = {
+    "num_games": 1,
+    "rollout_steps": 1,
+    "gradient_steps": 1,
+    "batch_size": 512,
+    "learning_rate": 1e-3,
+    "critic_learning_rate": 1e-3,
+    "anneal": False,
+    "gamma": 0.99,
+    "tau": 0.001,
+    "max_grad_norm": 1e9,
+    "noise": "ornstein-uhlenbeck",
+    "noise_start": 0.04,
+    "noise_end": 0.04,
+    "noise_theta": 0.15,
+    "n_steps": 1,
+    "width": 256,
+}
 THESIS: dict[str, Callable[[], Hyperparameters]] = {
     "thesis-ppo": thesis_ppo,
     "thesis-reacher-ppo": thesis_reacher_ppo,
     "thesis-a2c": thesis_a2c,
     "thesis-dqn": thesis_dqn,
+    "thesis-ddpg": thesis_ddpg,
+    "thesis-td3": thesis_td3,
 }
 PRESETS = (TUNED, *THESIS)
 

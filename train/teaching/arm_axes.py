@@ -43,13 +43,14 @@ class ArmGround:
 def least_from(simulator: ReacherSimulator, games: NDArray[np.intp]) -> NDArray[np.float64]:
     """[n] float64, the least length of an episode from where `games` [n] begin."""
     arms, task = simulator.arms, simulator.task
-    found = np.empty(len(games))
-    for tolerance in np.unique(arms.tolerance[games]):
-        here = arms.tolerance[games] == tolerance
-        chosen = games[here]
-        rest = (task.max_turn, float(tolerance))
-        found[here] = least_steps_of(arms.angles[chosen], arms.target[chosen], *rest)[0]
-    lengths: NDArray[np.float64] = np.maximum(found, 1.0) + arms.hold[games] - 1.0
+    lower, _, _ = least_steps_of(
+        arms.angles[games],
+        arms.target[games],
+        task.max_turn,
+        arms.tolerance[games],
+        arms.free_joints[games],
+    )
+    lengths: NDArray[np.float64] = np.maximum(lower, 1.0) + arms.hold[games] - 1.0
     return np.minimum(lengths, task.max_steps)
 
 

@@ -1,0 +1,323 @@
+"""DDPG, TD3 and SAC: an actor and critics of continuous actions, learned from replay."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import Any, Generic, TypeVar
+
+import torch
+from tensordict import TensorDictBase
+
+from curricula import linear
+from train.algorithms.action_noise import ActionNoise, Explorer, NoisyRollouts
+from train.algorithms.continuous_losses import (
+    critic_loss,
+    deterministic_actor_loss,
+    next_action,
+    returns_to_expect,
+    soft_actor_loss,
+    temperature_loss,
+)
+from train.algorithms.learner import Build, check_moments
+from train.algorithms.off_policy import OffPolicyLearner
+from train.networks.continuous import Critics, DeterministicActor, GaussianActor, follow
+from train.networks.policy import Player
+from train.settings.off_policy import (
+    ContinuousSettings,
+    DDPGSettings,
+    SACSettings,
+    TD3Settings,
+)
+from train.tensors import check_like
+
+Actor = TypeVar("Actor", DeterministicActor, GaussianActor)
+Figures = dict[str, torch.Tensor]
+
+
+def clip_gradients(parameters: list[torch.nn.Parameter], most: float) -> None:
+    """Scale gradients down to the norm `most`: torch's `clip_grad_norm_`, in three operations."""
+    gradients: Any = [weight.grad for weight in parameters if weight.grad is not None]
+    norm = torch.linalg.vector_norm(torch.stack(torch._foreach_norm(gradients)))
+    torch._foreach_mul_(gradients, (most / (norm + 1e-6)).clamp(max=1.0))
+
+
+class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
+    """What the three share: exploring, critics that follow their goal, and targets.
+
+    Args:
+        settings: the hyperparameters.
+        env: the games.
+        actor: acts.
+        critics: value actions.
+        device: where the networks live.
+        seed: of the draws from the replay buffer and of exploring.
+    """
+
+    network: Actor
+
+    def __init__(
+        self,
+        settings: ContinuousSettings,
+        env: Any,
+        actor: Actor,
+        critics: Critics,
+        device: str,
+        seed: int,
+    ) -> None:
+        actions = env.player.num_actions
+        self.noise = ActionNoise(settings.noise, settings.noise_theta, env.num_games, actions, seed)
+        self.explorer = Explorer(actor, self.noise, device)
+        rollouts = NoisyRollouts(env, self.explorer, settings.rollout_steps)
+        super().__init__(settings, env, actor, rollouts, device, seed)
+        self.chosen, self.critics, self.num_actions = settings, critics, actions
+        self.target_critics = deepcopy(critics).requires_grad_(False)
+        self.critic_optimizer = torch.optim.Adam(
+            critics.parameters(),
+            lr=settings.critic_learning_rate,
+            eps=settings.adam_epsilon,
+            fused=True,
+        )
+
+    @property
+    def parts(self) -> dict[str, Any]:
+        """Networks and optimizers beside the actor's own, by their names in checkpoints."""
+        return {
+            "critics": self.critics,
+            "target_critics": self.target_critics,
+            "critic_optimizer": self.critic_optimizer,
+        }
+
+    def explore(self, progress: float) -> dict[str, float]:
+        """Anneal the noise; until learning starts actions are uniformly random."""
+        settings = self.chosen
+        share = min(progress / max(settings.noise_share, 1e-9), 1.0)
+        self.noise.std = linear(settings.noise_start, settings.noise_end, share)
+        self.explorer.anything = self.frames < settings.learning_starts
+        return {} if settings.noise == "none" else {"noise": self.noise.std}
+
+    def set_learning_rate(self, progress: float) -> None:
+        """Anneal those of actor and critics."""
+        super().set_learning_rate(progress)
+        rate = self.annealed(self.chosen.critic_learning_rate, progress)
+        self.critic_optimizer.param_groups[0]["lr"] = rate
+
+    def learn(self, batch: TensorDictBase) -> tuple[torch.Tensor, Figures]:
+        """A gradient step of the critics, and now and then of the actor and the targets."""
+        prepare = self.network.trunk.prepare
+        prepared, following = prepare(batch["observation"]), prepare(batch["next_observation"])
+        with torch.no_grad():
+            values = self.next_values(following)
+        goal = returns_to_expect(batch, values, self.chosen.gamma)
+        found = self.critics(prepared, batch["action"])
+        loss, error = critic_loss(found, goal, batch)
+        self.step(self.critic_optimizer, loss)
+        figures = {"critic_loss": loss.detach(), "value": found.detach().mean()}
+        self.updates += 1
+        if self.updates % self.chosen.policy_delay == 0:
+            self.learn_actor(prepared, batch)
+            self.follow()
+        return error, figures
+
+    def next_values(self, following: torch.Tensor) -> torch.Tensor:
+        """[batch]: the values that the targets see in the next observations, prepared."""
+        raise NotImplementedError
+
+    def learn_actor(self, prepared: torch.Tensor, batch: TensorDictBase) -> None:
+        """A gradient step of the actor."""
+        raise NotImplementedError
+
+    def follow(self) -> None:
+        """Move the targets."""
+        follow(self.target_critics, self.critics, self.chosen.tau)
+
+    def step(self, optimizer: torch.optim.Adam, loss: torch.Tensor) -> None:
+        """One step of Adam, with the gradient scaled down to `max_grad_norm`."""
+        optimizer.zero_grad(set_to_none=True)
+        torch.autograd.backward(loss)
+        clip_gradients(optimizer.param_groups[0]["params"], self.chosen.max_grad_norm)
+        optimizer.step()
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything, the noise included."""
+        state = super().state_dict() | {"noise": self.noise.state_dict()}
+        return state | {name: part.state_dict() for name, part in self.parts.items()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take it all back."""
+        for name, part in self.parts.items():
+            check_like(state.get(name), part.state_dict(), f"learner.{name}")
+            if isinstance(part, torch.optim.Optimizer):
+                weights = part.param_groups[0]["params"]
+                check_moments(state[name]["state"], weights, f"learner.{name}.state")
+        super().load_state_dict(state)
+        self.noise.load_state_dict(state["noise"])
+        for name, part in self.parts.items():
+            part.load_state_dict(state[name])
+
+
+class DDPG(ContinuousLearner[DeterministicActor]):
+    """Lillicrap et al. (2016)."""
+
+    target_noise = target_noise_clip = 0.0
+
+    def __init__(
+        self,
+        settings: ContinuousSettings,
+        env: Any,
+        actor: DeterministicActor,
+        critics: Critics,
+        device: str,
+        seed: int,
+    ) -> None:
+        super().__init__(settings, env, actor, critics, device, seed)
+        self.target_actor = deepcopy(actor).requires_grad_(False)
+
+    @property
+    def parts(self) -> dict[str, Any]:
+        """The target of the actor as well."""
+        return {**super().parts, "target_actor": self.target_actor}
+
+    def next_values(self, following: torch.Tensor) -> torch.Tensor:
+        """Of what the target actor does, by the lower of the target critics."""
+        clip = self.target_noise_clip
+        action = next_action(self.target_actor, following, self.target_noise, clip)
+        return self.target_critics(following, action).amin(dim=0)
+
+    def learn_actor(self, prepared: torch.Tensor, batch: TensorDictBase) -> None:
+        """Towards actions of higher value."""
+        loss = deterministic_actor_loss(self.network, self.critics, prepared, batch)
+        self.step(self.optimizer, loss)
+
+    def follow(self) -> None:
+        """Move the targets."""
+        super().follow()
+        follow(self.target_actor, self.network, self.chosen.tau)
+
+    def policy(self, greedy: bool = True) -> Any:
+        """The greedy policy; ValueError for another, as one action is no distribution."""
+        if not greedy:
+            raise ValueError(
+                "ddpg and td3 learn no distribution over actions; take the greedy policy"
+            )
+        return super().policy()
+
+
+class TD3(DDPG):
+    """Fujimoto et al. (2018): two critics, noise on the target's actions, a delayed actor."""
+
+    def __init__(self, settings: TD3Settings, *arguments: Any) -> None:
+        super().__init__(settings, *arguments)
+        self.target_noise = settings.target_noise
+        self.target_noise_clip = settings.target_noise_clip
+
+
+class SAC(ContinuousLearner[GaussianActor]):
+    """Haarnoja et al. (2018): the actor is paid for its entropy, by a weight that adapts.
+
+    Attributes:
+        log_alpha: the logarithm of that weight, the temperature.
+        target_entropy: of the actor's distribution, in nats.
+    """
+
+    def __init__(
+        self,
+        settings: SACSettings,
+        env: Any,
+        actor: GaussianActor,
+        critics: Critics,
+        device: str,
+        seed: int,
+    ) -> None:
+        super().__init__(settings, env, actor, critics, device, seed)
+        self.soft = settings
+        self.target_entropy = settings.target_entropy * self.num_actions
+        start = torch.tensor(settings.temperature, device=device).log()
+        self.log_alpha = torch.nn.Parameter(start, requires_grad=settings.adapt_temperature)
+        self.temperature_optimizer = torch.optim.Adam(
+            [self.log_alpha], lr=settings.temperature_learning_rate, fused=True
+        )
+
+    @property
+    def parts(self) -> dict[str, Any]:
+        """The temperature's optimizer as well."""
+        return {**super().parts, "temperature_optimizer": self.temperature_optimizer}
+
+    def set_learning_rate(self, progress: float) -> None:
+        """Anneal that of the temperature, too."""
+        super().set_learning_rate(progress)
+        rate = self.annealed(self.soft.temperature_learning_rate, progress)
+        self.temperature_optimizer.param_groups[0]["lr"] = rate
+
+    def learn(self, batch: TensorDictBase) -> tuple[torch.Tensor, Figures]:
+        """A gradient step of the critics, the actor and the temperature."""
+        error, figures = super().learn(batch)
+        return error, {**figures, "temperature": self.log_alpha.detach().exp()}
+
+    def next_values(self, following: torch.Tensor) -> torch.Tensor:
+        """Of what the actor draws, by the lower of the target critics, and of its entropy."""
+        action, log_prob = self.network.draw(following)
+        values = self.target_critics(following, action).amin(dim=0)
+        return values - self.log_alpha.exp() * log_prob
+
+    def learn_actor(self, prepared: torch.Tensor, batch: TensorDictBase) -> None:
+        """Towards actions of higher value and a distribution of higher entropy."""
+        alpha = self.log_alpha.detach().exp()
+        loss, log_prob = soft_actor_loss(self.network, self.critics, prepared, batch, alpha)
+        self.step(self.optimizer, loss)
+        if self.soft.adapt_temperature:
+            self.temperature_optimizer.zero_grad(set_to_none=True)
+            target = self.target_entropy
+            torch.autograd.backward(temperature_loss(self.log_alpha, log_prob, target, batch))
+            self.temperature_optimizer.step()
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything, the temperature included."""
+        return super().state_dict() | {"log_alpha": self.log_alpha.detach()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take it all back."""
+        check_like(state.get("log_alpha"), self.log_alpha.detach(), "learner.log_alpha")
+        super().load_state_dict(state)
+        with torch.no_grad():
+            self.log_alpha.copy_(state["log_alpha"])
+
+
+def deterministic_of(
+    settings: ContinuousSettings, player: Player, build: Build
+) -> DeterministicActor:
+    """DDPG's and TD3's actor of what the player observes, with fresh weights."""
+    hidden = build.hidden(settings)
+    return DeterministicActor(player.features, player.num_actions, hidden).to(build.device)
+
+
+def gaussian_of(settings: ContinuousSettings, player: Player, build: Build) -> GaussianActor:
+    """SAC's actor of what the player observes, with fresh weights."""
+    hidden = build.hidden(settings)
+    return GaussianActor(player.features, player.num_actions, hidden).to(build.device)
+
+
+def critics_of(settings: ContinuousSettings, player: Player, how: Build, count: int) -> Critics:
+    """Critics of the player's actions, with fresh weights."""
+    sizes = (player.features, player.num_actions, how.hidden(settings))
+    return Critics(*sizes, count).to(how.device)
+
+
+def build_ddpg(settings: DDPGSettings, env: Any, how: Build) -> DDPG:
+    """DDPG over its games."""
+    actor = deterministic_of(settings, env.player, how)
+    critics = critics_of(settings, env.player, how, 1)
+    return DDPG(settings, env, actor, critics, how.device, how.seed)
+
+
+def build_td3(settings: TD3Settings, env: Any, how: Build) -> TD3:
+    """TD3 over its games."""
+    actor = deterministic_of(settings, env.player, how)
+    critics = critics_of(settings, env.player, how, 2)
+    return TD3(settings, env, actor, critics, how.device, how.seed)
+
+
+def build_sac(settings: SACSettings, env: Any, how: Build) -> SAC:
+    """SAC over its games."""
+    actor = gaussian_of(settings, env.player, how)
+    critics = critics_of(settings, env.player, how, 2)
+    return SAC(settings, env, actor, critics, how.device, how.seed)

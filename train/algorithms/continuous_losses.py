@@ -1,0 +1,95 @@
+"""The losses of DDPG, TD3 and SAC.
+
+Equal to those of TorchRL (with squared errors), and tested against them; written out because
+nothing is made functional at every step then, no gradient is taken that nobody needs, and
+observations are prepared once for actor and critics.
+
+A batch has "observation", "action", "reward", "next_observation", "terminated", "steps" (to the
+next observation) and, with prioritised replay, "priority_weight".
+"""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDictBase
+
+from train.networks.continuous import Critics, DeterministicActor, GaussianActor
+
+
+def mean(values: torch.Tensor, batch: TensorDictBase) -> torch.Tensor:
+    """The mean of [batch] numbers; with prioritised replay by weight, as TorchRL reduces it."""
+    weight = batch.get("priority_weight", None)
+    return values.mean() if weight is None else (weight * values).sum() / weight.sum()
+
+
+@torch.no_grad()
+def next_action(
+    actor: DeterministicActor, prepared: torch.Tensor, noise: float, clip: float
+) -> torch.Tensor:
+    """[batch, actions]: what the actor does, smoothed by noise that is clipped (Fujimoto et al.).
+
+    Args:
+        actor: the target.
+        prepared: the next observations.
+        noise: standard deviation; 0 for none.
+        clip: the noise lies in [-clip, clip].
+    """
+    action: torch.Tensor = actor(prepared)
+    if noise == 0.0:
+        return action
+    drawn = torch.randn_like(action).mul_(noise).clamp_(-clip, clip)
+    return (action + drawn).clamp_(-1.0, 1.0)
+
+
+@torch.no_grad()
+def returns_to_expect(batch: TensorDictBase, values: torch.Tensor, gamma: float) -> torch.Tensor:
+    """[batch]: rewards, and the discounted values [batch] of what follows where there is more."""
+    return batch["reward"] + gamma ** batch["steps"] * ~batch["terminated"] * values
+
+
+def critic_loss(
+    values: torch.Tensor, goal: torch.Tensor, batch: TensorDictBase
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """The squared errors of all critics, and for every transition the size of the larger one.
+
+    Args:
+        values: [critics, batch].
+        goal: [batch].
+        batch: its weights.
+
+    Returns:
+        The loss, and |error| [batch], detached.
+    """
+    error = values - goal
+    return mean(error.square().sum(dim=0), batch), error.detach().abs().amax(dim=0)
+
+
+def deterministic_actor_loss(
+    actor: DeterministicActor, critics: Critics, prepared: torch.Tensor, batch: TensorDictBase
+) -> torch.Tensor:
+    """Minus the value of what the actor does, by the first critic (Silver et al., 2014)."""
+    return -mean(critics.judge(prepared, actor(prepared), 1)[0], batch)
+
+
+def soft_actor_loss(
+    actor: GaussianActor,
+    critics: Critics,
+    prepared: torch.Tensor,
+    batch: TensorDictBase,
+    alpha: torch.Tensor,
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Minus the value of what the actor draws, by the lower critic, and of its entropy.
+
+    Returns:
+        The loss, and the logarithms of the densities [batch], detached.
+    """
+    action, log_prob = actor.draw(prepared)
+    values = critics.judge(prepared, action, len(critics.weights[0])).amin(dim=0)
+    return mean(alpha * log_prob - values, batch), log_prob.detach()
+
+
+def temperature_loss(
+    log_alpha: torch.Tensor, log_prob: torch.Tensor, target: float, batch: TensorDictBase
+) -> torch.Tensor:
+    """Falls as the temperature does where the entropy is above its target, and rises below it."""
+    return mean(-log_alpha * (log_prob + target), batch)

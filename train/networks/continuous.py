@@ -1,0 +1,164 @@
+"""Networks for continuous actions: two kinds of actors, and critics of what they do."""
+
+from __future__ import annotations
+
+from math import log, pi
+
+import torch
+from torch import nn
+
+from train.networks.features import Features
+from train.networks.layers import Flat, Hidden, Trunk, head
+
+LOG_STD = (-20.0, 2.0)
+"""Where logarithms of standard deviations are kept (Haarnoja et al., 2018, their code)."""
+
+
+class DeterministicActor(nn.Module):
+    """One action for every observation, squashed by tanh.
+
+    Attributes:
+        trunk: the hidden layers.
+        head: [..., width] -> [..., actions], before tanh.
+    """
+
+    def __init__(self, features: Features, num_actions: int, hidden: Hidden) -> None:
+        super().__init__()
+        self.trunk = Trunk(features, hidden)
+        self.head = head(hidden.width, num_actions, 0.01)
+
+    def forward(self, prepared: torch.Tensor) -> torch.Tensor:
+        """[..., actions] in [-1, 1], from what `trunk.prepare` made of observations."""
+        action: torch.Tensor = self.head(self.trunk(prepared)).tanh()
+        return action
+
+    def act(self, observation: torch.Tensor, noise: torch.Tensor | None = None) -> torch.Tensor:
+        """[..., actions] in [-1, 1]; there is no distribution, so `noise` means nothing."""
+        return self(self.trunk.prepare(observation))
+
+
+class GaussianActor(nn.Module):
+    """A normal distribution for every observation, squashed by tanh.
+
+    Attributes:
+        trunk: the hidden layers.
+        head: [..., width] -> [..., 2 * actions], means and logarithms of standard deviations.
+    """
+
+    def __init__(self, features: Features, num_actions: int, hidden: Hidden) -> None:
+        super().__init__()
+        self.trunk = Trunk(features, hidden)
+        self.head = head(hidden.width, 2 * num_actions, 0.01)
+
+    def forward(self, prepared: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Means and logarithms of standard deviations, [..., actions] each, before tanh.
+
+        From what `trunk.prepare` made of observations.
+        """
+        mean, log_std = self.head(self.trunk(prepared)).chunk(2, dim=-1)
+        return mean, log_std.clamp(*LOG_STD)
+
+    def draw(self, prepared: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Actions [..., actions], with gradients, and the logarithms of their densities [...].
+
+        The density of tanh(u) is that of u over the derivative 1 - tanh(u)^2 = 4 / (e^u + e^-u)^2,
+        whose logarithm 2 (log 2 - u - softplus(-2u)) is exact where tanh(u) rounds to 1.
+        """
+        mean, log_std = self(prepared)
+        noise = torch.randn_like(mean)
+        before = mean + log_std.exp() * noise
+        slope = 2.0 * (log(2.0) - before - nn.functional.softplus(-2.0 * before))
+        each = -0.5 * noise.square() - log_std - 0.5 * log(2.0 * pi) - slope
+        return before.tanh(), each.sum(dim=-1)
+
+    def act(self, observation: torch.Tensor, noise: torch.Tensor | None = None) -> torch.Tensor:
+        """[..., actions] in [-1, 1].
+
+        Args:
+            observation: [..., *shape].
+            noise: [..., actions], standard normal draws; None for the middle of the distribution.
+        """
+        mean, log_std = self(self.trunk.prepare(observation))
+        before = mean if noise is None else mean + log_std.exp() * noise
+        return before.tanh()
+
+
+class Critics(nn.Module):
+    """The values of an action, by several networks of the same form run as one.
+
+    Their weights are stacked, so that each layer of all of them is one batched product.
+
+    Args:
+        features: of flat observations.
+        num_actions: numbers of an action.
+        hidden: two layers.
+        count: networks.
+
+    Raises:
+        ValueError: observations that are not flat.
+
+    Attributes:
+        weights: [count, inputs, outputs] for each of the three layers.
+        biases: [count, 1, outputs].
+    """
+
+    def __init__(self, features: Features, num_actions: int, hidden: Hidden, count: int) -> None:
+        super().__init__()
+        if features.kind != "flat":
+            raise ValueError(
+                f"observations of the kind {features.kind!r}; critics of continuous actions take "
+                "flat ones"
+            )
+        # Layers as in `Trunk`, so that a network is the same whoever holds it.
+        layers: list[list[nn.Linear]] = []
+        for _ in range(count):
+            second = nn.Linear(hidden.width, hidden.width)
+            nn.init.orthogonal_(second.weight, 2.0**0.5)
+            nn.init.zeros_(second.bias)
+            inputs = Flat(features, hidden.width).linear.in_features + num_actions
+            first, last = nn.Linear(inputs, hidden.width), head(hidden.width, 1, 1.0)
+            layers.append([first, second, last])
+        self.weights, self.biases = nn.ParameterList(), nn.ParameterList()
+        for parts in zip(*layers, strict=True):
+            self.weights.append(torch.stack([part.weight.detach().T for part in parts]))
+            self.biases.append(torch.stack([part.bias.detach()[None] for part in parts]))
+        self.activation = torch.tanh if hidden.activation == "tanh" else torch.relu
+        self.autocast_bfloat16 = hidden.bfloat16
+
+    def forward(self, prepared: torch.Tensor, action: torch.Tensor) -> torch.Tensor:
+        """[count, batch] float32.
+
+        Args:
+            prepared: [batch, numbers of an observation], by an actor's `trunk.prepare`.
+            action: [batch, actions].
+        """
+        return self._values(prepared, action, list(self.weights), list(self.biases))
+
+    def judge(self, prepared: torch.Tensor, action: torch.Tensor, count: int) -> torch.Tensor:
+        """[count, batch]: the values by the first networks, whose weights get no gradient."""
+        weights, biases = ([part.detach()[:count] for part in kind] for kind in
+                           (self.weights, self.biases))  # fmt: skip
+        return self._values(prepared, action, weights, biases)
+
+    def _values(
+        self,
+        prepared: torch.Tensor,
+        action: torch.Tensor,
+        weights: list[torch.Tensor],
+        biases: list[torch.Tensor],
+    ) -> torch.Tensor:
+        hidden = torch.cat([prepared, action], dim=-1).expand(len(weights[0]), -1, -1)
+        with torch.autocast(prepared.device.type, torch.bfloat16, enabled=self.autocast_bfloat16):
+            for weight, bias in zip(weights[:2], biases[:2], strict=True):
+                hidden = self.activation(torch.baddbmm(bias, hidden, weight))
+        return torch.baddbmm(biases[2], hidden.float(), weights[2]).squeeze(-1)
+
+
+def follow(targets: nn.Module, networks: nn.Module, tau: float) -> None:
+    """Move the weights of `targets` the share `tau` of their way to those of `networks`.
+
+    Equal to TorchRL's `SoftUpdate`, and tested against it; one operation for all weights.
+    """
+    if tau > 0.0:
+        with torch.no_grad():
+            torch._foreach_lerp_(list(targets.parameters()), list(networks.parameters()), tau)
