@@ -273,18 +273,11 @@ def tuned_for_arms(hyper: ActorCriticSettings, joints: int) -> ActorCriticSettin
     The best actions are full turns, which a policy finds the sooner the less it is held to chance;
     and values, of returns far larger than those in mazes, would rule hidden layers that are shared.
     """
-    hyper = replace(hyper, shared=False, entropy_coef=0.0, learning_rate=3e-3, width=64)
-    if isinstance(hyper, A2CSettings):
-        return replace(hyper, gamma=0.9)
-    if isinstance(hyper, PPOSettings):
-        return _ppo_for_arms(hyper, joints)
-    return replace(hyper, gamma=0.9)
-
-
-def _ppo_for_arms(hyper: PPOSettings, joints: int) -> PPOSettings:
-    if joints > 3:
-        return replace(hyper, width=128, learning_rate=2e-3)
-    return replace(hyper, learning_rate=5e-3)
+    hyper = replace(hyper, gamma=0.9, shared=False, entropy_coef=0.0, learning_rate=3e-3, width=64)
+    if not isinstance(hyper, PPOSettings):
+        return hyper
+    hyper = replace(hyper, rollout_steps=8, minibatch_size=2048)
+    return replace(hyper, width=128, learning_rate=2e-3) if joints > 2 else hyper
 
 
 def lessons_for(
