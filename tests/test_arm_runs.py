@@ -131,18 +131,18 @@ def test_least_steps_are_kept_on_disk_and_solved_again_where_they_are_damaged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PURSUIT_CACHE", str(tmp_path))
-    task = ReacherSettings(joints=5).build()
-    found = arm_contest.solved(task, 20, 3)
+    task = ReacherSettings(joints=7).build()
+    found = arm_contest.solved(task, 5, 3)
     (kept,) = tmp_path.iterdir()
     monkeypatch.setattr(arm_contest, "least_steps_of", None)  # not asked again
-    assert np.array_equal(arm_contest.solved(task, 20, 3), found)
+    assert np.array_equal(arm_contest.solved(task, 5, 3), found)
     monkeypatch.undo()
     monkeypatch.setenv("PURSUIT_CACHE", str(tmp_path))
     for damaged in (b"", b"nonsense", kept.read_bytes()[:90]):
         kept.write_bytes(damaged)
-        assert np.array_equal(arm_contest.solved(task, 20, 3), found)
+        assert np.array_equal(arm_contest.solved(task, 5, 3), found)
     monkeypatch.setenv("PURSUIT_CACHE", str(kept))  # a file: nothing can be kept
-    assert np.array_equal(arm_contest.solved(task, 20, 3), found)
+    assert np.array_equal(arm_contest.solved(task, 5, 3), found)
 
 
 def test_discrete_actions_have_a_lower_bound_only(capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,8 +17,8 @@ from train.settings.checks import check
 from train.settings.curricula import AxisSettings
 from train.teaching.axis import Axis, ends_of
 
-EXACT_JOINTS = 2
-"""Up to here the least steps of a start are known in microseconds."""
+EXACT_JOINTS = 5
+"""Up to here the least steps of a start are known within half a millisecond."""
 
 
 @dataclass(frozen=True)
