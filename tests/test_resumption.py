@@ -34,6 +34,7 @@ TINY = {
 RUNNER = {"task": "maze", "maze": "3x3", "num_goals": 2, "max_steps": 12}
 CHASER = {"task": "chase", "maze": "3x3", "max_steps": 12}
 FRAMES = 900
+DISCRETE = [name for name, each in ALGORITHMS.items() if "discrete" in each.actions]
 LONGER = {"q_learning": 6000}
 """Where an iteration takes more frames than most: each run has to have several."""
 
@@ -118,7 +119,7 @@ def tiny(algorithm: str, **flat: Any) -> Any:
     )
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", DISCRETE)
 def test_every_learner_resumes(algorithm: str, tmp_path: Path) -> None:
     check_resumption(RUN, tiny(algorithm, **RUNNER), tmp_path)
 
@@ -129,6 +130,7 @@ def test_every_learner_resumes(algorithm: str, tmp_path: Path) -> None:
         {"algorithm": "ppo", "kl_target": 0.01, "shared": False},
         {"algorithm": "a2c", "critic": False},
         {"algorithm": "dqn", "prioritized": True, "dueling": True},
+        {"algorithm": "dqn", "mask_bumps": True},
         {"algorithm": "cross_entropy", "observation": "planes"},
         {"algorithm": "q_learning", "role": "evader", **CHASER},
     ],
@@ -157,7 +159,7 @@ def test_levels_scored_by_advantages_resume(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("curriculum", CURRICULA)
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", DISCRETE)
 def test_every_learner_resumes_with_every_curriculum(
     algorithm: str, curriculum: str, tmp_path: Path
 ) -> None:

@@ -151,7 +151,8 @@ class Critics(nn.Module):
         with torch.autocast(prepared.device.type, torch.bfloat16, enabled=self.autocast_bfloat16):
             for weight, bias in zip(weights[:2], biases[:2], strict=True):
                 hidden = self.activation(torch.baddbmm(bias, hidden, weight))
-        return torch.baddbmm(biases[2], hidden.float(), weights[2]).squeeze(-1)
+        # One output: a batched product of a matrix and a vector is four times slower than this.
+        return (hidden.float() * weights[2].mT).sum(dim=-1) + biases[2].squeeze(-1)
 
 
 def follow(targets: nn.Module, networks: nn.Module, tau: float) -> None:
