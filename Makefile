@@ -24,7 +24,9 @@ lint: $(SETUP)
 bench: $(SETUP)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[bench]'
 	$(BIN)/python tests/benchmarks/bench_simulator.py
+	$(BIN)/python tests/benchmarks/bench_reacher.py
 	$(BIN)/python tests/benchmarks/bench_exact.py
+	$(BIN)/python tests/benchmarks/bench_arm.py
 	$(BIN)/python tests/benchmarks/bench_learning.py
 	$(BIN)/python tests/benchmarks/bench_curricula.py
 	$(BIN)/python tests/benchmarks/bench_self_play.py

@@ -1,5 +1,12 @@
 """Whoever plays without learning: heuristics and exact solvers."""
 
+from scripted_agents.arm import (
+    IK_METHODS,
+    InverseKinematics,
+    LeastStepsPolicy,
+    RandomArm,
+    ThesisInverseKinematics,
+)
 from scripted_agents.astar import shortest_path
 from scripted_agents.best_response import (
     BestResponse,
@@ -16,6 +23,7 @@ from scripted_agents.equilibrium import (
     solve_matrix_game,
 )
 from scripted_agents.evader import AStarEvader
+from scripted_agents.least_steps import least_steps, least_steps_of
 from scripted_agents.optimal import (
     BestResponder,
     OptimalChaser,
@@ -48,19 +56,24 @@ from scripted_agents.tour import (
 )
 
 __all__ = [
+    "IK_METHODS",
     "AStarChaser",
     "AStarEvader",
     "BestResponder",
     "BestResponse",
     "ChaseSolution",
     "Estimate",
+    "InverseKinematics",
+    "LeastStepsPolicy",
     "MatrixGame",
     "NearestGoalRunner",
     "OptimalChaser",
     "OptimalEvader",
     "RandomAgent",
+    "RandomArm",
     "TablePolicy",
     "TeamResponse",
+    "ThesisInverseKinematics",
     "Tour",
     "TourRunner",
     "TurnBasedSolution",
@@ -72,6 +85,8 @@ __all__ = [
     "evaluate_team",
     "expected_tour_length",
     "has_distributions",
+    "least_steps",
+    "least_steps_of",
     "mean_over_starts",
     "mean_over_team_starts",
     "num_states",

@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pursuit import Maze, Policy, Simulator, Task, make_task
+from pursuit import Maze, Policy, ReacherSimulator, ReacherTask, Simulator, Task, make_task
 from pursuit.masks import bump_masks
 from pursuit.parallel_env import scene_of
+from pursuit.reacher import rendering as arm_rendering
 from pursuit.rendering import scene_to_text
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, TourRunner
 
@@ -56,6 +57,8 @@ TASKS: dict[str, tuple[Task, int]] = {  # and a seed with which something happen
         4,
     ),
 }
+ARM, ARM_SEED = ReacherTask(joints=3, hold=2, max_steps=10), 76
+NAMES = (*TASKS, "reacher")
 
 
 def policies_of(task: Task) -> list[Policy | None]:
@@ -70,6 +73,8 @@ def policies_of(task: Task) -> list[Policy | None]:
 
 def playthrough(name: str) -> str:
     """The text of one game."""
+    if name == "reacher":
+        return "\n".join(arm_playthrough()) + "\n"
     task, seed = TASKS[name]
     simulator = Simulator(task, auto_restart=False)
     simulator.reset(seed=seed)
@@ -124,6 +129,35 @@ def outcome(simulator: Simulator) -> Iterator[str]:
     yield f"terminated: {simulator.terminated[0]}, truncated: {simulator.truncated[0]}"
 
 
+def arm_playthrough() -> Iterator[str]:
+    """An arm that each joint turns to where the tip goes towards the target; two episodes."""
+    simulator = ReacherSimulator(ARM, seed=ARM_SEED, auto_restart=False)
+    yield f"reacher: {ARM}, seed {ARM_SEED}"
+    for _ in range(2):
+        yield from ("", "a new episode", *arm_moment(simulator))
+        while not simulator.ended[0]:
+            x, y = (simulator.targets - simulator.tips)[0]
+            levers = simulator.tips[0] - np.vstack([[0.0, 0.0], simulator.ends[0, :-1]])
+            actions = np.clip(4.0 * (levers[:, 0] * y - levers[:, 1] * x), -1.0, 1.0).round(2)
+            simulator.step([actions])
+            yield from ("", f"actions: {numbers(actions)}", *arm_moment(simulator))
+            yield f"reward: {simulator.rewards[0]:.4f}"
+            yield f"terminated: {simulator.terminated[0]}, truncated: {simulator.truncated[0]}"
+        simulator.reset()
+
+
+def arm_moment(simulator: ReacherSimulator) -> Iterator[str]:
+    """The drawing, and what is observed."""
+    yield from arm_rendering.scene_to_text(arm_rendering.scene_of(simulator)).splitlines()
+    yield f"target: {numbers(simulator.targets[0])}; held {simulator.held[0]}"
+    yield f"observes {numbers(simulator.observe('positions_angles')[0])}"
+
+
+def numbers(array: object) -> str:
+    """To three places."""
+    return " ".join(f"{number:.3f}" for number in np.asarray(array) + 0.0)
+
+
 def told(what: str, by_agent: dict[str, object]) -> str:
     """`what: agent thing, agent thing` on one line."""
     return f"{what}: " + (", ".join(f"{agent} {x}" for agent, x in by_agent.items()) or "none")
@@ -131,5 +165,5 @@ def told(what: str, by_agent: dict[str, object]) -> str:
 
 if __name__ == "__main__":
     FOLDER.mkdir(exist_ok=True)
-    for name in TASKS:
+    for name in NAMES:
         (FOLDER / f"{name}.txt").write_text(playthrough(name))

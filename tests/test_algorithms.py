@@ -16,7 +16,7 @@ from torchrl.objectives import DQNLoss, KLPENPPOLoss
 
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
-from train.algorithms.a2c import A2C, Reinforce, actor_of, critic_of
+from train.algorithms.a2c import A2C, Reinforce
 from train.algorithms.dqn import DQN, dqn_loss
 from train.algorithms.ppo import PPO, ppo_loss
 from train.algorithms.registry import Build, entry
@@ -25,6 +25,7 @@ from train.environments.simulator_env import SimulatorEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.features import Features
 from train.networks.layers import Hidden
+from train.networks.losses import actor_of, critic_of
 from train.networks.policy import Seat
 from train.networks.q_network import QNetwork
 from train.settings.algorithms import (
@@ -62,7 +63,7 @@ def test_the_penalty_on_the_divergence_equals_torchrls() -> None:
         {
             "prepared": prepared,
             "action": action,
-            "log_probabilities": before,
+            "distribution": before,
             "action_log_prob": before.gather(1, action[:, None]).squeeze(1),
             "advantage": torch.randn(256, 1),
             "value_target": torch.randn(256, 1),
@@ -350,7 +351,7 @@ class Point:
     """Who learns on the line."""
 
     features = Features("flat", (1,), np.ones(1))
-    num_actions, members = 2, 1
+    num_actions, members, continuous = 2, 1, False
 
     def policy(self, network: Any, greedy: bool = True) -> Any:
         return lambda place: network.logits(torch.tensor([[place]])).argmax(-1).item()

@@ -78,10 +78,10 @@ def test_actions_are_drawn_from_the_softmax_of_each_candidate(
     candidates = candidates_of(learner, torch.randn(4, len(learner.mean)))
     running = np.ones(80_000, dtype=bool)
     every = np.ones((80_000, 4), dtype=bool)
-    candidates.act(observed, learner._streams, running, every, learner._actions, seat)
+    candidates.act(observed, learner._streams, running, every, learner._actions)
     probabilities = candidates.logits(torch.from_numpy(observed)).softmax(-1)[::20_000]
     for number in range(4):
-        drawn = learner._actions[20_000 * number : 20_000 * (number + 1), seat]
+        drawn = learner._actions[20_000 * number : 20_000 * (number + 1)]
         share = np.bincount(drawn, minlength=4) / 20_000
         np.testing.assert_allclose(share, probabilities[number].numpy(), atol=0.02)
 

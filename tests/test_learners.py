@@ -24,7 +24,7 @@ from train.settings.algorithms import (
     DQNSettings,
     PPOSettings,
 )
-from train.settings.presets import THESIS
+from train.settings.presets import THESIS, preset_algorithm
 
 
 def test_a_new_learner_is_one_entry() -> None:
@@ -120,7 +120,7 @@ def test_the_presets_of_the_thesis_run(preset: str, tmp_path: Path) -> None:
     run.train()
     assert run.trainee.learner.frames >= 1300
     content = run.results(10)
-    assert content["algorithm"] == preset.removeprefix("thesis-")
+    assert content["algorithm"] == preset_algorithm(preset)
 
 
 def test_the_thesis_tables_are_what_the_presets_hold() -> None:
@@ -128,6 +128,9 @@ def test_the_thesis_tables_are_what_the_presets_hold() -> None:
     assert isinstance(ppo, PPOSettings) and isinstance(a2c, A2CSettings)
     assert isinstance(dqn, DQNSettings)
     assert (ppo.kl_target, ppo.clip, ppo.width) == (0.01, 0.5, 256)
+    arm = THESIS["thesis-reacher-ppo"]()
+    assert isinstance(arm, PPOSettings) and preset_algorithm("thesis-reacher-ppo") == "ppo"
+    assert (arm.critic, arm.kl_target, arm.clip, arm.width) == (False, 0.005, 0.3, 512)
     assert (a2c.critic, a2c.gae, a2c.width) == (False, False, 256)
     assert not a2c.standardize_advantages and A2CSettings().standardize_advantages
     assert dqn.importance_exponent == dqn.importance_exponent_end == 0.4  # RLlib kept it

@@ -22,7 +22,6 @@ from pursuit.simulator import Simulator
 from pursuit.single_agent import fill_seats
 from pursuit.task import Task, make_task
 from scripted_agents import AStarEvader
-from train.algorithms.a2c import actor_of, critic_of
 from train.algorithms.dqn import NEXT_MASK, dqn_loss
 from train.algorithms.ppo import ppo_loss
 from train.algorithms.registry import ALGORITHMS, Build, entry
@@ -32,6 +31,7 @@ from train.evaluation.games import table_in
 from train.experiments.kinds import start
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
+from train.networks.losses import actor_of, critic_of
 from train.networks.policy import LearnedPolicy, Seat
 from train.networks.q_network import QNetwork
 from train.runs.by_name import settings_of

@@ -16,6 +16,7 @@ from train.commands.main import COMMANDS, main
 
 README = Path(__file__).parents[1] / "README.md"
 OWN_PARTS = README.parent / "docs" / "own_parts.md"
+REACHER = README.parent / "docs" / "reacher.md"
 
 
 def test_the_python_examples_run_in_order() -> None:
@@ -37,6 +38,19 @@ def test_every_command_of_the_readme_exists() -> None:
 def test_the_pictures_of_the_readme_exist() -> None:
     for path in re.findall(r'src="([^"]+)"', README.read_text(encoding="utf-8")):
         assert (README.parent / path).is_file(), path
+
+
+def test_the_python_examples_of_the_arm_run_in_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("stable_baselines3")
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", REACHER.read_text(encoding="utf-8"), re.DOTALL)
+    assert len(blocks) == 6
+    names: dict[str, Any] = {}
+    for block in blocks:
+        exec(compile(block, str(REACHER), "exec"), names)
+    assert names["observed"].shape == (4096, 7) and (tmp_path / "arm.gif").is_file()
 
 
 @pytest.fixture

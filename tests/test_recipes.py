@@ -17,7 +17,7 @@ from pursuit.simulator import Simulator
 from scripted_agents import NearestGoalRunner, RandomAgent
 from train.experiments.kinds import start
 from train.networks.policy import LearnedPolicy
-from train.recipes import stable_baselines, supersuit_sharing
+from train.recipes import stable_baselines, stable_baselines_arm, supersuit_sharing
 from train.runs.by_name import settings_of
 from train.runs.folder import RUN
 from train.runs.opponents import load_opponent
@@ -180,3 +180,18 @@ def test_the_drawn_policy_follows_the_distribution(models: dict[str, Path]) -> N
     table = policy.action_probabilities(policy.task.mazes[0])
     np.testing.assert_allclose(table.sum(axis=-1), 1.0, atol=1e-6)
     assert ((table > 0) & (table < 1)).any()
+
+
+def test_td3_of_stable_baselines_moves_an_arm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = ["--joints", "1", "--frames", "1280", "--episodes", "20", "--max-steps", "20"]
+    out = tmp_path / "td3.zip"
+    stable_baselines_arm.main([*own, "--algorithm", "td3", "--out", str(out)])
+    told = capsys.readouterr().out
+    assert "learned" in told and "exact from every start" in told and out.exists()
+    for wrong in (["--algorithm", "dqn"], ["--joints", "9"], ["--out", str(out)]):
+        with pytest.raises(SystemExit) as stop:
+            stable_baselines_arm.main([*own, *wrong])
+        assert stop.value.code == 2
+        assert "\n" not in capsys.readouterr().err.strip()

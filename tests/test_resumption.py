@@ -5,6 +5,7 @@ For every learner, curriculum and scheme of self-play that the registries name, 
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -33,6 +34,7 @@ TINY = {
 }  # fmt: skip
 RUNNER = {"task": "maze", "maze": "3x3", "num_goals": 2, "max_steps": 12}
 CHASER = {"task": "chase", "maze": "3x3", "max_steps": 12}
+ARM = {"task": "reacher", "joints": 2, "max_steps": 12}
 FRAMES = 900
 DISCRETE = [name for name, each in ALGORITHMS.items() if "discrete" in each.actions]
 LONGER = {"q_learning": 6000}
@@ -121,7 +123,8 @@ def tiny(algorithm: str, **flat: Any) -> Any:
 
 @pytest.mark.parametrize("algorithm", DISCRETE)
 def test_every_learner_resumes(algorithm: str, tmp_path: Path) -> None:
-    check_resumption(RUN, tiny(algorithm, **RUNNER), tmp_path)
+    game = RUNNER if "discrete" in ALGORITHMS[algorithm].actions else ARM
+    check_resumption(RUN, tiny(algorithm, **game), tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -140,12 +143,21 @@ def test_switched_learners_resume(flat: dict[str, Any], tmp_path: Path) -> None:
     check_resumption(RUN, tiny(**{**RUNNER, **flat}), tmp_path)
 
 
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c", "reinforce", "cross_entropy"])
+def test_learners_of_both_kinds_of_actions_resume_on_an_arm(algorithm: str, tmp_path: Path) -> None:
+    check_resumption(RUN, tiny(algorithm, **ARM), tmp_path)
+
+
+def test_learners_of_discrete_actions_resume_on_an_arm(tmp_path: Path) -> None:
+    check_resumption(RUN, tiny("dqn", **ARM, discrete_actions=True), tmp_path)
+
+
 def taught(algorithm: str, curriculum: str, **flat: Any) -> Any:
-    """A run with a curriculum, of a runner or, where that has nothing to turn, of a chaser."""
-    try:
-        return tiny(algorithm, curriculum=curriculum, **RUNNER, **flat)
-    except ValueError:
-        return tiny(algorithm, curriculum=curriculum, **CHASER, **flat)
+    """A run with a curriculum: of a runner; of a chaser or an arm where that has not what turns."""
+    for game in (RUNNER, CHASER):
+        with contextlib.suppress(ValueError):
+            return tiny(algorithm, curriculum=curriculum, **game, **flat)
+    return tiny(algorithm, curriculum=curriculum, **ARM, hold=3, **flat)
 
 
 @pytest.mark.parametrize("curriculum", CURRICULA)

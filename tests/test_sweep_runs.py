@@ -106,7 +106,7 @@ def test_a_sweep_over_files_is_taken_up_again_and_reads_its_own_copies(
         given[name].write_text(MAZE)
     given["opponent"].rename(tmp_path / "gone")
     trainee = open_run(folder).trainee
-    assert trainee.parts.task.mazes[0] == load_maze("3x3")
+    assert trainee.parts.world.task.mazes[0] == load_maze("3x3")
     assert len(trainee.parts.plan.task.mazes) == 3
     # The whole sweep is moved: its copies with it.
     (tmp_path / "gone").rename(given["opponent"])

@@ -23,6 +23,7 @@ from train.runs.saved import load_settings
 from train.runs.single import make_run
 from train.settings.curricula import AXES as AXIS_NAMES
 from train.settings.curricula import CURRICULA
+from train.teaching.arm_axes import ARM_AXIS_MAKERS
 from train.teaching.axes import AXIS_MAKERS
 from train.teaching.log import read_log
 from train.teaching.plan import CURRICULUM_MAKERS
@@ -133,7 +134,7 @@ AXES = {
 
 
 def test_every_axis_and_curriculum_that_can_be_named_can_be_made() -> None:
-    assert set(AXIS_MAKERS) == set(AXIS_NAMES)
+    assert {*AXIS_MAKERS, *ARM_AXIS_MAKERS} == set(AXIS_NAMES)
     assert set(CURRICULUM_MAKERS) == set(CURRICULA.values()) - {CURRICULA["none"]}
 
 
@@ -223,7 +224,7 @@ def test_the_regret_of_an_episode_is_against_the_optimum_of_its_own_start(tmp_pa
             best: Any = tour_lengths(maze, positions[:, 0], goals)
         else:
             role = str(flat["role"])
-            table = run.trainee.parts.opponents["evader" if role == "chaser" else "chaser"]
+            table = run.trainee.parts.world.opponents["evader" if role == "chaser" else "chaser"]
             probabilities = table.action_probabilities(maze)  # type: ignore[attr-defined]
             values = best_response(role, maze, probabilities, horizon=200).values  # type: ignore[arg-type]
             best = values[positions[:, 0], positions[:, 1]]

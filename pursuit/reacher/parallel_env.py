@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -80,7 +81,9 @@ class ReacherParallelEnv(ParallelEnv[str, NDArray[np.float32], Any]):
         most = np.array(limits, dtype=np.float32)
         least = np.where(np.arange(len(most)) < task.joints + 2, -most, 0.0).astype(np.float32)
         self.state_space = gymnasium.spaces.Box(least, most, dtype=np.float32)
-        self._numbers = np.eye(task.joints, dtype=np.float32)[:, : len(own)]
+        self._seen = len(seen.low)
+        self._observed = np.zeros((task.joints, len(low)), dtype=np.float32)
+        self._observed[:, self._seen :] = np.eye(task.joints)[:, : len(own)]
         self._turns = np.zeros((1, task.joints))
         self._seeded = False
         self._window: Window | None = None
@@ -131,17 +134,10 @@ class ReacherParallelEnv(ParallelEnv[str, NDArray[np.float32], Any]):
             return {}, {}, {}, {}, {}
         if not isinstance(actions, Mapping):
             raise ValueError(f"actions={actions!r}; give a dict of an action for every agent")
+        if len(actions) != len(self.agents) or any(agent not in actions for agent in self.agents):
+            raise ValueError(self._who_is_missing(actions))
         for joint, agent in enumerate(self.agents):
-            if agent not in actions:
-                raise ValueError(
-                    f"no action for {agent}; every agent in env.agents needs one: {self.agents}"
-                )
             self._turns[0, joint] = self._turn_of(agent, actions[agent])
-        if len(actions) != len(self.agents):
-            stranger = next(name for name in actions if name not in self.agents)
-            raise ValueError(
-                f"an action for {stranger!r}, who is not playing; env.agents is {self.agents}"
-            )
         simulator, agents = self.simulator, self.agents
         simulator.step(self._turns)
         observations = self._observations()
@@ -158,6 +154,13 @@ class ReacherParallelEnv(ParallelEnv[str, NDArray[np.float32], Any]):
             {agent: {} for agent in agents},
         )
 
+    def _who_is_missing(self, actions: Mapping[str, Any]) -> str:
+        for agent in self.agents:
+            if agent not in actions:
+                return f"no action for {agent}; every agent in env.agents needs one: {self.agents}"
+        stranger = next(name for name in actions if name not in self.agents)
+        return f"an action for {stranger!r}, who is not playing; env.agents is {self.agents}"
+
     def _turn_of(self, agent: str, action: Any) -> float:
         name = f"the action of {agent}"
         if self.task.discrete_actions:
@@ -167,18 +170,16 @@ class ReacherParallelEnv(ParallelEnv[str, NDArray[np.float32], Any]):
                 raise ValueError(f"{name}={action!r}; {rule}")
             return float(chosen) - 1.0
         rule = "an array of one float in [-1, 1]"
-        turn = as_array(name, action, "fiu", rule)
-        space = self.action_spaces[agent]
-        if turn.shape != space.shape or not abs(turn[0]) <= 1.0 + ROUNDING:
+        turns = as_array(name, action, "fiu", rule)
+        turn = float(turns[0]) if turns.shape == (1,) else math.nan
+        if not abs(turn) <= 1.0 + ROUNDING:
             raise ValueError(f"{name}={action!r}; {rule}: clip it, or scale it")
-        return float(turn[0])
+        return turn
 
     def _observations(self) -> dict[str, NDArray[np.float32]]:
-        seen = self.simulator.observe(self.observation)[0]
-        return {
-            agent: np.concatenate([seen, number])
-            for agent, number in zip(self.agents, self._numbers, strict=True)
-        }
+        seen = self._observed.copy()
+        seen[:, : self._seen] = self.simulator.observe(self.observation)
+        return dict(zip(self.agents, seen, strict=True))
 
     def state(self) -> NDArray[np.float32]:
         """[joints + 4] float32: the angles, x and y of the target, steps held, steps made."""

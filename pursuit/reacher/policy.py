@@ -21,7 +21,8 @@ class ArmView:
     Attributes:
         task: the rules and settings.
         arms: the state under the names of the rule book.
-        streams: [num_games, ...] uint64, the random streams; a policy draws by `uniform` only.
+        streams: [num_games, ...] uint64, the random streams; a policy draws by `uniform` and
+            `normal` only.
         observe: `observe(encoding)` -> [num_games, numbers] float32.
     """
 
@@ -70,6 +71,12 @@ class ArmView:
         """[num_games] int32, steps taken in the episode."""
         steps: NDArray[np.int32] = self.arms.steps
         return steps
+
+    @property
+    def held(self) -> NDArray[np.int32]:
+        """[num_games] int32, steps that the tip has been in reach without a break."""
+        held: NDArray[np.int32] = self.arms.held
+        return held
 
     def uniform(self) -> NDArray[np.float64]:
         """[num_games] float64 in [0, 1), from the policy's own random stream, which moves on."""

@@ -114,9 +114,11 @@ def scene_to_text(scene: ArmScene) -> str:
 
     for (x, y), (far_x, far_y) in pairwise(points):
         eighths = round(math.atan2(far_y - y, far_x - x) / (math.pi / 4.0))
-        for part in np.linspace(0.0, 1.0, 4 * TEXT_COLUMNS):
-            row, column = cell((x + part * (far_x - x), y + part * (far_y - y)))
-            lines[row][column] = r"-/|\-/|\-"[eighths % 8]
+        (row, column), (last_row, last_column) = cell((x, y)), cell((far_x, far_y))
+        count = max(abs(last_row - row), abs(last_column - column), 1)
+        for i in range(count + 1):
+            down, right = (i * (last_row - row), i * (last_column - column))
+            lines[row + round(down / count)][column + round(right / count)] = "-/|\\"[eighths % 4]
     marks = [*((point, "o") for point in points[1:-1]), (points[0], "#"), (scene.target, "X")]
     on_target = cell(points[-1]) == cell(scene.target)
     for point, mark in (*marks, (points[-1], "*" if on_target else "@")):

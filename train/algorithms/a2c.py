@@ -6,51 +6,14 @@ from typing import Any
 
 import torch
 from tensordict import TensorDict
-from tensordict.nn import (
-    ProbabilisticTensorDictModule,
-    ProbabilisticTensorDictSequential,
-    TensorDictModule,
-)
-from torch import nn
 from torchrl.objectives import A2CLoss, ReinforceLoss
 
 from pursuit.masks import ACTION_MASK
 from train.algorithms.learner import Build, Games, NetworkLearner, has_masks
-from train.algorithms.rollouts import RolloutLearner, actor_critic_of, draw
+from train.algorithms.rollouts import RolloutLearner, actor_critic_of
 from train.networks.actor_critic import ActorCritic
-from train.networks.masks import masked
+from train.networks.losses import actor_of, critic_of
 from train.settings.algorithms import A2CSettings, ReinforceSettings
-
-
-class MaskedHead(nn.Module):
-    """A policy head that keeps to masks."""
-
-    def __init__(self, head: nn.Linear) -> None:
-        super().__init__()
-        self.head = head
-
-    def forward(self, hidden: torch.Tensor, allowed: torch.Tensor) -> torch.Tensor:
-        """[..., actions] logits."""
-        return masked(self.head(hidden), allowed)
-
-
-def actor_of(network: ActorCritic, masks: bool = False) -> ProbabilisticTensorDictSequential:
-    """The policy head as TorchRL's losses want it, on "policy_hidden" (and "action_mask")."""
-    head: nn.Module = MaskedHead(network.policy_head) if masks else network.policy_head
-    return ProbabilisticTensorDictSequential(
-        TensorDictModule(head, ["policy_hidden", ACTION_MASK][: 1 + masks], ["logits"]),
-        ProbabilisticTensorDictModule(
-            in_keys=["logits"],
-            out_keys=["action"],
-            distribution_class=torch.distributions.Categorical,
-            return_log_prob=True,
-        ),
-    )
-
-
-def critic_of(network: ActorCritic) -> TensorDictModule:
-    """The value head, on "value_hidden"."""
-    return TensorDictModule(network.value_head, ["value_hidden"], ["state_value"])
 
 
 class A2C(RolloutLearner):
@@ -89,7 +52,9 @@ class A2C(RolloutLearner):
         frames["policy_hidden"], frames["value_hidden"] = self.network.hidden(frames["prepared"])
         self.loss.entropy_coeff.fill_(self.annealed(self.settings.entropy_coef, progress))
         losses = self.loss(frames)
-        total = losses["loss_objective"] + losses["loss_entropy"]
+        total = losses["loss_objective"]
+        if self.settings.entropy_coef:  # without a bonus TorchRL leaves it out
+            total = total + losses["loss_entropy"]
         if self.settings.critic:
             total = total + losses["loss_critic"]
         self.descend(total)
@@ -122,6 +87,7 @@ class Reinforce(NetworkLearner):
         self.settings = settings
         actor = actor_of(network, has_masks(env))
         self.loss = ReinforceLoss(actor, critic_of(network), loss_critic_type="l2")
+        self.loss.set_keys(action=network.form.DRAWN)
 
     def iterate(self, progress: float) -> dict[str, float]:
         """Play the episodes and take one gradient step on all their frames."""
@@ -136,9 +102,9 @@ class Reinforce(NetworkLearner):
         frames["prepared"] = self.network.policy_trunk.prepare(frames["observation"])
         frames["policy_hidden"], frames["value_hidden"] = self.network.hidden(frames["prepared"])
         losses = self.loss(frames)
-        logits = self.network.policy_head(frames["policy_hidden"])
-        logarithms = masked(logits, frames.get(ACTION_MASK, None)).log_softmax(dim=-1)
-        entropy = -(logarithms.exp() * logarithms).sum(dim=-1).mean()
+        output = self.network.policy_head(frames["policy_hidden"])
+        distribution = self.network.distribution(output, frames.get(ACTION_MASK, None))
+        entropy = distribution.entropy().mean()
         total = losses["loss_actor"] - self.annealed(settings.entropy_coef, progress) * entropy
         if settings.baseline:
             total = total + settings.value_coef * losses["loss_value"]
@@ -159,8 +125,9 @@ class Reinforce(NetworkLearner):
         """One episode in every game; the frames of all of them in a row.
 
         Returns:
-            "observation", "action", "value" [frames, 1] and "value_target" [frames, 1], the
-            discounted return from that frame on; "action_mask" [frames, actions] where masked.
+            "observation", what was drawn ("action", or "drawn" before tanh), "value" [frames, 1]
+            and "value_target" [frames, 1], the discounted return from that frame on; "action_mask"
+            [frames, actions] where masked.
         """
         env, gamma = self.env, self.settings.gamma
         now, masks = env.reset(), has_masks(env)
@@ -168,18 +135,19 @@ class Reinforce(NetworkLearner):
         steps: list[tuple[torch.Tensor, ...]] = []
         kept: list[torch.Tensor] = []
         returns = torch.zeros(env.num_games, 1)
-        actions = torch.zeros(env.num_games, dtype=torch.int64)
+        actions = env.action_spec.zero()
         while len(running):
             observation = now["observation"][running].to(self.device)
-            logits, value = self.network(observation)
+            output, value = self.network(observation)
             allowed = now[ACTION_MASK][running].to(self.device) if masks else None
             if allowed is not None:
                 kept.append(allowed)
-            chosen = draw(masked(logits, allowed).log_softmax(dim=-1))
-            actions[running] = chosen.cpu()
+            distribution = self.network.distribution(output, allowed)
+            drawn = distribution.draw()
+            actions[running] = distribution.action(drawn).cpu()
             now = env.step_episodes(actions, running)
             reward = now["reward"][running]
-            steps.append((running, observation, chosen, value, reward))
+            steps.append((running, observation, drawn, value, reward))
             cut = running[now["truncated"][running, 0] & ~now["terminated"][running, 0]]
             if len(cut) and self.settings.baseline:
                 returns[cut] = self.network(now["observation"][cut].to(self.device))[1].cpu()
@@ -188,7 +156,7 @@ class Reinforce(NetworkLearner):
         for games, _, _, _, reward in reversed(steps):
             returns[games] = reward + gamma * returns[games]
             targets.append(returns[games].to(self.device))
-        columns = ("observation", "action", "value")
+        columns = ("observation", self.network.form.DRAWN, "value")
         stacked = {
             name: torch.cat([step[number] for step in steps])
             for number, name in enumerate(columns, start=1)
@@ -196,7 +164,7 @@ class Reinforce(NetworkLearner):
         stacked["value_target"] = torch.cat(targets[::-1])
         if masks:
             stacked[ACTION_MASK] = torch.cat(kept)
-        return TensorDict(stacked, batch_size=[len(stacked["action"])])
+        return TensorDict(stacked, batch_size=[len(stacked["value"])])
 
 
 def build_a2c(settings: A2CSettings, env: Games, how: Build) -> A2C:

@@ -14,21 +14,23 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from curricula import linear
 from pursuit.compiled import compiled
+from pursuit.policy import Policy
 from pursuit.rules import draw_uniform, next_uniform
 from train.algorithms.exploration import exploration_streams
 from train.algorithms.learner import Build
-from train.environments.simulator_env import SimulatorEnv
+from train.environments.lockstep import LockstepEnv
 from train.networks.actor_critic import ActorCritic
+from train.networks.distributions import SquashedNormal
 from train.networks.layers import Convolutions, Flat, Hidden, IndexLayer
 from train.networks.masks import masked
-from train.networks.policy import NetworkPolicy, Player
+from train.networks.policy import Player
 from train.settings.algorithms import CrossEntropySettings
 
 
 @compiled
 def act_on_index(
     observed: Any, table: Any, layers: Any, tanh: bool, streams: Any, running: Any, allowed: Any,
-    actions: Any, seat: int, hidden: Any,
+    actions: Any, hidden: Any,
 ) -> None:  # fmt: skip
     """Drawn actions of the running games on "index", each by its own candidate's network.
 
@@ -42,7 +44,7 @@ def act_on_index(
         streams: [games, 1] uint64.
         running: [games] bool; the actions of the others stay as they are.
         allowed: [games, actions] bool; no other is drawn.
-        actions, seat: [games, agents] int32, out, and its column.
+        actions: [games] int32, out.
         hidden: [2, width] float32, scratch.
     """
     first, first_bias, second, second_bias, last, last_bias = layers
@@ -77,7 +79,7 @@ def act_on_index(
             logit -= np.log(-np.log1p(-next_uniform(streams[game], 0)))
             if logit > most and allowed[game, action]:
                 best, most = action, logit
-        actions[game, seat] = best
+        actions[game] = best
 
 
 class Candidates:
@@ -87,7 +89,7 @@ class Candidates:
     convolutions, the only first layer that is no matrix product.
 
     Args:
-        network: the architecture.
+        network: the architecture, and the standard deviations of continuous actions.
         named: its policy's weights by name, in the order in which `flat` lists them.
         flat: [population, weights] float32.
     """
@@ -96,6 +98,7 @@ class Candidates:
         self, network: ActorCritic, named: Mapping[str, torch.Tensor], flat: torch.Tensor
     ) -> None:
         self.trunk, self.population = network.policy_trunk, len(flat)
+        self._log_std = None if network.log_std is None else network.log_std.detach()
         weights, taken = {}, 0
         for name, weight in named.items():
             size = weight.numel()
@@ -133,10 +136,9 @@ class Candidates:
         streams: NDArray[np.uint64],
         running: NDArray[np.bool_],
         allowed: NDArray[np.bool_],
-        actions: NDArray[np.int32],
-        seat: int,
+        actions: NDArray[Any],
     ) -> None:
-        """Draw actions for the `running` games [games] into column `seat` of `actions`.
+        """Draw actions for the `running` games [games] into `actions`: [games] or [games, numbers].
 
         Only those are drawn that are `allowed` [games, actions].
 
@@ -152,19 +154,24 @@ class Candidates:
                 running,
                 allowed,
                 actions,
-                seat,
                 self._hidden,
             )
             return
         every = self.logits(torch.from_numpy(observation))
+        if self._log_std is not None:
+            noise = torch.from_numpy(_normal(streams, every.shape[1]))
+            drawn = every + self._log_std.exp() * noise
+            actions[:] = SquashedNormal.action(drawn).numpy()
+            return
         logits = masked(every, torch.from_numpy(allowed)).numpy()
-        uniform = np.empty(logits.shape)
-        for action in range(logits.shape[1]):
-            draw_uniform(streams, 0, uniform[:, action])
-        actions[:, seat] = (logits - np.log(-np.log1p(-uniform))).argmax(axis=1)
+        uniform = _uniform(streams, logits.shape[1])
+        actions[:] = (logits - np.log(-np.log1p(-uniform))).argmax(axis=1)
 
     def logits(self, observation: torch.Tensor) -> torch.Tensor:
-        """[games, actions] from [games, ...]; the games are shared out among the population."""
+        """[games, actions] from [games, ...]; the games are shared out among the population.
+
+        Of continuous actions the means, before tanh.
+        """
         prepared = self.trunk.prepare(observation)
         batch = prepared.reshape(self.population, -1, *prepared.shape[1:])
         if isinstance(self.trunk.first, Convolutions):
@@ -180,6 +187,21 @@ class Candidates:
         return hidden.flatten(0, 1)
 
 
+def _uniform(streams: NDArray[np.uint64], count: int) -> NDArray[np.float64]:
+    """[games, count] in [0, 1)."""
+    numbers = np.empty((len(streams), count))
+    for column in range(count):
+        draw_uniform(streams, 0, numbers[:, column])
+    return numbers
+
+
+def _normal(streams: NDArray[np.uint64], count: int) -> NDArray[np.float32]:
+    """[games, count], standard normal (Box and Muller, 1958)."""
+    uniform = _uniform(streams, 2 * count)
+    lengths = np.sqrt(-2.0 * np.log1p(-uniform[:, :count]))
+    return (lengths * np.cos(2.0 * np.pi * uniform[:, count:])).astype(np.float32)
+
+
 class CrossEntropy:
     """Rubinstein (1999); with noise that is annealed, Szita and Lőrincz (2006).
 
@@ -190,7 +212,7 @@ class CrossEntropy:
 
     Args:
         settings: the hyperparameters.
-        env: the games; its simulator is stepped directly.
+        env: the games, stepped without tensors.
         network: its policy's weights are searched; the value is not used.
         seed: of the candidates.
 
@@ -199,7 +221,7 @@ class CrossEntropy:
     """
 
     def __init__(
-        self, settings: CrossEntropySettings, env: SimulatorEnv, network: ActorCritic, seed: int
+        self, settings: CrossEntropySettings, env: LockstepEnv, network: ActorCritic, seed: int
     ) -> None:
         self.settings, self.env, self.network, self.frames = settings, env, network, 0
         self._named = {
@@ -211,10 +233,9 @@ class CrossEntropy:
         self.mean = torch.zeros_like(parameters_to_vector(self._named.values()).detach())
         self.std = torch.full_like(self.mean, settings.initial_std)
         self._write_mean()
-        simulator = env.simulator
         env.hook.copies = settings.population
-        self._streams = exploration_streams(simulator, seed)
-        self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
+        self._streams = exploration_streams(env.simulator, seed)
+        self._actions = env.action_spec.zero().numpy()
 
     def _write_mean(self) -> None:
         with torch.no_grad():
@@ -240,44 +261,26 @@ class CrossEntropy:
     @torch.no_grad()
     def play(self, candidates: torch.Tensor) -> torch.Tensor:
         """[population] float32: the mean episode return of each of [population, weights]."""
-        env, simulator = self.env, self.env.simulator
-        population, games = len(candidates), simulator.num_games
+        env, population, games = self.env, len(candidates), self.env.num_games
         network = Candidates(self.network, self._named, candidates)
-        if not self.frames:
-            self._share_starts(population, games // population)
+        if not self.frames or env.carries_over:
+            # The same random streams for every candidate: the same starts, while no episode's
+            # start depends on how the last one ended.
+            env.share_starts(games // population)
         env.restart()
         running = np.ones(games, dtype=bool)
-        several = simulator.task.num_evaders > 1
         returns = np.zeros(games, dtype=np.float32)
         while running.any():
-            simulator.act(env.policies, self._actions)
-            network.act(
-                simulator.observe(env.encoding, env.seat),
-                self._streams,
-                running,
-                env.masks()[:, 0],
-                self._actions,
-                env.seat,
-            )
-            simulator.step(self._actions)
+            allowed = env.masks()[:, 0]
+            network.act(env.observe(), self._streams, running, allowed, self._actions)
+            ending = env.advance(self._actions, running)
             self.frames += int(running.sum())
-            done = simulator.ended
-            if several:
-                done |= simulator.active[:, env.seat] == 0
-            ending = running & done
             if ending.any():
-                returns[ending] = simulator.returns[ending, env.seat]
-                env.finish(ending)
+                returns[ending] = env.finished_returns[-1]
                 running &= ~ending
         return torch.from_numpy(returns).reshape(population, -1).mean(dim=1)
 
-    def _share_starts(self, population: int, each: int) -> None:
-        """Give every candidate's games the same random streams, so that all get the same starts."""
-        simulator = self.env.simulator
-        chosen = np.tile(np.arange(each), population)
-        simulator.set_state(simulator.get_state(chosen))
-
-    def policy(self, greedy: bool = True) -> NetworkPolicy:
+    def policy(self, greedy: bool = True) -> Policy:
         """That of the mean."""
         return self.env.player.policy(self.network, greedy)
 
@@ -308,9 +311,10 @@ class CrossEntropy:
 def network_of(settings: CrossEntropySettings, player: Player, how: Build) -> ActorCritic:
     """A policy of what the player observes, with fresh weights; its value is not used."""
     hidden = Hidden(settings.width, settings.activation, form="dense")
-    return ActorCritic(player.features, player.num_actions, hidden)
+    action_std = settings.action_std if player.continuous else None
+    return ActorCritic(player.features, player.num_actions, hidden, action_std=action_std)
 
 
-def build(settings: CrossEntropySettings, env: SimulatorEnv, how: Build) -> CrossEntropy:
+def build(settings: CrossEntropySettings, env: LockstepEnv, how: Build) -> CrossEntropy:
     """The learner over its games."""
     return CrossEntropy(settings, env, network_of(settings, env.player, how), how.seed)

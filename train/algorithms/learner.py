@@ -41,6 +41,10 @@ class Games(Protocol):
     def observation_spec(self) -> Any:
         """TorchRL's spec of what is observed."""
 
+    @property
+    def action_spec(self) -> Any:
+        """TorchRL's spec of actions."""
+
     def reset(self) -> Any:
         """Begin all games anew; a TensorDict of what is observed."""
 

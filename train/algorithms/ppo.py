@@ -11,9 +11,10 @@ from pursuit.masks import ACTION_MASK
 from train.algorithms.learner import Build, Games, means
 from train.algorithms.rollouts import RolloutLearner, actor_critic_of
 from train.networks.actor_critic import ActorCritic, CentralActorCritic
-from train.networks.masks import masked
+from train.networks.distributions import DISTRIBUTION
 from train.networks.policy import Player
 from train.settings.algorithms import PPOSettings
+from train.settings.checks import check
 
 
 def ppo_loss(
@@ -31,8 +32,9 @@ def ppo_loss(
 
     Args:
         network: policy and value.
-        minibatch: "prepared" (see `Trunk.prepare`), "action", "action_log_prob", "advantage" and
-            "value_target"; with `kl_coef` "log_probabilities"; with masks "action_mask".
+        minibatch: "prepared" (see `Trunk.prepare`), what was drawn ("action", or "drawn" before
+            tanh), "action_log_prob", "advantage" and "value_target"; with `kl_coef` the
+            "distribution" that it was drawn from; with masks "action_mask".
         settings: the hyperparameters.
         entropy_coef: weight of the entropy bonus.
         kl_coef: weight of the divergence KL(collecting policy, policy).
@@ -41,29 +43,29 @@ def ppo_loss(
         The loss, and its parts for the log, detached.
     """
     hidden, value_hidden = network.hidden(minibatch["prepared"])
-    logits = masked(network.policy_head(hidden), minibatch.get(ACTION_MASK, None))
-    logarithms = logits.log_softmax(dim=-1)
+    output = network.policy_head(hidden)
+    distribution = network.distribution(output, minibatch.get(ACTION_MASK, None))
     advantage = minibatch["advantage"].squeeze(-1)
     advantage = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
-    chosen = logarithms.gather(-1, minibatch["action"][:, None]).squeeze(-1)
-    change = chosen - minibatch["action_log_prob"]
+    drawn = minibatch[distribution.DRAWN]
+    change = distribution.log_prob(drawn) - minibatch["action_log_prob"]
     ratio = change.exp()
     clipped = ratio.clamp(1.0 - settings.clip, 1.0 + settings.clip)
     objective = -torch.minimum(ratio * advantage, clipped * advantage).mean()
-    entropy = -(logarithms.exp() * logarithms).sum(dim=-1).mean()
-    error = (network.value_head(value_hidden) - minibatch["value_target"]).square().mean()
-    critic = settings.value_coef * error
-    parts = {
-        "loss_objective": objective,
-        "loss_critic": critic,
+    entropy = distribution.entropy().mean()
+    total, parts = objective, {"loss_objective": objective}
+    if settings.critic:
+        error = (network.value_head(value_hidden) - minibatch["value_target"]).square().mean()
+        parts["loss_critic"] = settings.value_coef * error
+        total = total + parts["loss_critic"]
+    total = total - entropy_coef * entropy
+    parts |= {
         "entropy": entropy,
         "clip_fraction": (ratio != clipped).float().mean(),
         "kl_approx": -change.mean(),
     }
-    total = objective + critic - entropy_coef * entropy
     if kl_coef:
-        before = minibatch["log_probabilities"]
-        parts["kl"] = (before.exp() * (before - logarithms)).sum(dim=-1).mean()
+        parts["kl"] = distribution.divergence(minibatch[DISTRIBUTION]).mean()
         total = total + kl_coef * parts["kl"]
     return total, {name: value.detach() for name, value in parts.items()}
 
@@ -72,7 +74,8 @@ class PPO(RolloutLearner):
     """Schulman et al. (2017) with generalised advantages (Schulman et al., 2016).
 
     Args:
-        settings: the hyperparameters.
+        settings: the hyperparameters; without `critic` every value is 0 and lambda is 1, so that
+            advantages are discounted returns.
         env: the games.
         network: policy and value.
         device: where the network lives.
@@ -85,7 +88,8 @@ class PPO(RolloutLearner):
         self, settings: PPOSettings, env: Games, network: ActorCritic, device: str = "cpu"
     ) -> None:
         penalised = settings.kl_target > 0
-        super().__init__(settings, env, network, device, settings.gae_lambda, keep_all=penalised)
+        gae_lambda = settings.gae_lambda if settings.critic else 1.0
+        super().__init__(settings, env, network, device, gae_lambda, settings.critic, penalised)
         self.settings = settings
         self.kl_coef = settings.kl_coef if penalised else 0.0
 
@@ -138,9 +142,17 @@ class PPO(RolloutLearner):
 
 
 def network_of(settings: PPOSettings, player: Player, build: Build) -> ActorCritic:
-    """Fresh, with a critic of its own kind where the settings want a central one."""
+    """Fresh, with a critic of its own kind where the settings want a central one.
+
+    Raises:
+        ValueError: a central critic of continuous actions.
+    """
     if not settings.central_critic:
         return actor_critic_of(settings, player, build)
+    check(
+        not player.continuous,
+        "central_critic=True with continuous actions; it sees agents in a maze: leave it out",
+    )
     sizes = (player.features, player.num_actions, player.members)
     return CentralActorCritic(*sizes, build.hidden(settings)).to(build.device)
 

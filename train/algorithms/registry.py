@@ -152,6 +152,7 @@ def algorithm_of(settings: Hyperparameters) -> Algorithm:
     raise ValueError(f"no algorithm has settings of {type(settings).__name__}")
 
 
+BOTH = frozenset({"discrete", "continuous"})
 _LOAD_ACTOR_CRITIC = network_loader(actor_critic_of)
 
 register(
@@ -163,6 +164,7 @@ register(
         has_advantages=True,
         self_play=True,
         teams=True,
+        actions=BOTH,
     )
 )
 register(
@@ -174,11 +176,17 @@ register(
         has_advantages=True,
         self_play=True,
         teams=True,
+        actions=BOTH,
     )
 )
 register(
     Algorithm(
-        "reinforce", ReinforceSettings, a2c.build_reinforce, _LOAD_ACTOR_CRITIC, whole_episodes=True
+        "reinforce",
+        ReinforceSettings,
+        a2c.build_reinforce,
+        _LOAD_ACTOR_CRITIC,
+        whole_episodes=True,
+        actions=BOTH,
     )
 )
 register(
@@ -199,6 +207,7 @@ register(
         network_loader(cross_entropy.network_of),
         whole_episodes=True,
         cpu_only=True,
+        actions=BOTH,
     )
 )
 register(

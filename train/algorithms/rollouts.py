@@ -11,34 +11,31 @@ from torchrl.objectives.value import GAE
 from pursuit.masks import ACTION_MASK
 from train.algorithms.learner import Build, Games, NetworkLearner, has_masks
 from train.networks.actor_critic import ActorCritic
-from train.networks.masks import masked
+from train.networks.distributions import DISTRIBUTION
 from train.networks.policy import Player
 from train.settings.algorithms import ActorCriticSettings, RolloutSettings
 
 
 def actor_critic_of(settings: ActorCriticSettings, player: Player, build: Build) -> ActorCritic:
     """A policy and a value of what the player observes, with fresh weights."""
-    hidden = build.hidden(settings)
-    network = ActorCritic(player.features, player.num_actions, hidden, settings.shared)
+    network = ActorCritic(
+        player.features,
+        player.num_actions,
+        build.hidden(settings),
+        settings.shared,
+        settings.action_std if player.continuous else None,
+    )
     return network.to(build.device)
 
 
-def draw(logarithms: torch.Tensor) -> torch.Tensor:
-    """[...] int64: an action from each of the log-probabilities [..., actions].
-
-    The Gumbel-max trick: argmax of log p - log(E), E exponential, is a draw from p.
-    """
-    return (logarithms - torch.empty_like(logarithms).exponential_().log()).argmax(dim=-1)
-
-
 class SamplingPolicy(TensorDictModuleBase):
-    """Draws actions and keeps what learning needs: their log-probabilities and the values.
+    """Draws actions and keeps what learning needs: the draws, their log-probabilities, the values.
 
     The same as a `ProbabilisticActor` over `network`, without its fixed cost of a millisecond.
 
     Args:
         network: policy and value.
-        keep_all: keep the log-probabilities of all actions as well.
+        keep_all: keep the parameters of the distributions as well.
         masks: whether there is an "action_mask" to keep to.
     """
 
@@ -46,20 +43,21 @@ class SamplingPolicy(TensorDictModuleBase):
         super().__init__()
         self.in_keys = ["observation", ACTION_MASK][: 1 + masks]
         self.network, self.keep_all = network, keep_all
-        self.out_keys = ["action", "action_log_prob", "state_value"]
+        self.out_keys = [*{"action", network.form.DRAWN}, "action_log_prob", "state_value"]
         if keep_all:
-            self.out_keys.append("log_probabilities")
+            self.out_keys.append(DISTRIBUTION)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the out_keys."""
-        logits, value = self.network(tensordict.get("observation"))
-        logarithms = masked(logits, tensordict.get(ACTION_MASK, None)).log_softmax(dim=-1)
-        action = draw(logarithms)
-        tensordict.set("action", action)
-        tensordict.set("action_log_prob", logarithms.gather(-1, action[..., None]).squeeze(-1))
+        output, value = self.network(tensordict.get("observation"))
+        distribution = self.network.distribution(output, tensordict.get(ACTION_MASK, None))
+        drawn = distribution.draw()
+        tensordict.set(distribution.DRAWN, drawn)
+        tensordict.set("action", distribution.action(drawn))
+        tensordict.set("action_log_prob", distribution.log_prob(drawn))
         tensordict.set("state_value", value)
         if self.keep_all:
-            tensordict.set("log_probabilities", logarithms)
+            tensordict.set(DISTRIBUTION, distribution.parameters)
         return tensordict
 
 
@@ -73,7 +71,7 @@ class RolloutLearner(NetworkLearner):
         device: where the network lives.
         gae_lambda: of the advantages; 1 makes them discounted returns less the value.
         critic: False takes every value as 0.
-        keep_all: keep the log-probabilities of all actions.
+        keep_all: keep the parameters of the distributions that actions are drawn from.
     """
 
     network: ActorCritic
@@ -90,9 +88,9 @@ class RolloutLearner(NetworkLearner):
     ) -> None:
         super().__init__(settings, env, network, device)
         self.critic = critic
-        self.keys = ["action", "action_log_prob", "advantage", "value_target"]
+        self.keys = [network.form.DRAWN, "action_log_prob", "advantage", "value_target"]
         if keep_all:
-            self.keys.append("log_probabilities")
+            self.keys.append(DISTRIBUTION)
         if has_masks(env):
             self.keys.append(ACTION_MASK)
         self.collector = Collector(

@@ -7,18 +7,20 @@ from dataclasses import dataclass, field
 
 from scripted_agents import why_not_team_chase
 from scripted_agents.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
-from train.commands.parse import parse
-from train.commands.scores import print_scores
+from train.commands.parse import named_task, parse
+from train.commands.scores import print_bounds, print_scores
+from train.evaluation.arm_contest import ArmContest
 from train.runs.parts import contest_of
 from train.settings.checks import check
-from train.settings.task import TaskSettings
+from train.settings.task import AnyTask, TaskSettings
 
 
 @dataclass(frozen=True)
 class BaselineCommand:
-    """Random, scripted and optimal agents on a task, exactly where that is possible."""
+    """Random, scripted and optimal agents on a task, exactly where that is possible; of an arm
+    (--task reacher) inverse kinematics and the least steps."""
 
-    task: TaskSettings = field(default_factory=TaskSettings)
+    task: AnyTask = field(default_factory=TaskSettings)
     episodes: int = 10_000
     """Episodes played where there is no exact answer."""
     seed: int = 0
@@ -27,12 +29,16 @@ class BaselineCommand:
 
 def baseline(arguments: Sequence[str]) -> None:
     """`pursuit baseline`."""
-    given = parse(BaselineCommand, arguments, "baseline")
+    given = parse(BaselineCommand, arguments, "baseline", BaselineCommand(named_task(arguments)))
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     contest = contest_of(given.task, given.episodes, given.seed)
-    task = contest.task
     print(contest.line())
-    print_scores(contest.baselines())
+    scores = contest.baselines()
+    print_scores(scores)
+    if isinstance(contest, ArmContest):
+        print_bounds(contest)
+        return
+    task = contest.task
     maze = task.mazes[0]
     if (task.num_agents, task.num_runners) == (1, 1):
         mean = expected_tour_length(maze, task.num_goals)

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from pursuit import chase_v0
+from pursuit.reacher.simulator import ReacherSimulator
+from pursuit.reacher.task import ReacherTask
 from pursuit.simulator import Simulator
 from pursuit.task import Task, make_task
 from scripted_agents.environments import default_policies
@@ -83,6 +85,20 @@ def simulator_rate(
     return rate(step, num_games, seconds)
 
 
+def arm_rate(joints: int, seconds: float = 1.0) -> float:
+    """Steps a second of 4096 arms with random turns drawn beforehand, one core."""
+    simulator = ReacherSimulator(ReacherTask(joints=joints), 4096)
+    drawn = np.random.default_rng(0).uniform(-1.0, 1.0, (16, 4096, joints))
+    turn = 0
+
+    def step() -> None:
+        nonlocal turn
+        simulator.step(drawn[turn % 16])
+        turn += 1
+
+    return rate(step, 4096, seconds)
+
+
 def parallel_env_rate(seconds: float = 1.0) -> float:
     """Steps a second through the PettingZoo environment: chase 5x5, default observation."""
     env = chase_v0.parallel_env(maze="5x5")
@@ -132,6 +148,13 @@ def bench(arguments: Sequence[str]) -> None:
         (
             "maze 7x7, 3 goals, 4096 games",
             lambda: simulator_rate(make_task("maze", maze="7x7"), 4096, seconds),
+        ),
+        *(
+            (
+                f"reacher, {joints} joints, 4096 arms",
+                lambda joints=joints: arm_rate(joints, seconds),
+            )
+            for joints in (2, 8)
         ),
         ("PettingZoo chase 5x5, one game", lambda: parallel_env_rate(seconds)),
         ("PPO, maze 5x5 with 3 goals (frames)", lambda: ppo_rate(max(seconds, 3.0))),

@@ -20,6 +20,7 @@ from train.runs.parts import contest_of
 from train.runs.saved import load_settings
 from train.runs.single import evaluation_of
 from train.settings.checks import check
+from train.settings.task import ReacherSettings
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,8 @@ def evaluate(arguments: Sequence[str]) -> None:
     with heard():
         settings, policy = load_settings(given.run), load_policy(given.run)
     if given.opponent_epsilon is not None:
+        if isinstance(settings.task, ReacherSettings):
+            raise ValueError(f"--opponent-epsilon, and {given.run} moves an arm; leave it out")
         task = replace(settings.task, opponent_epsilon=given.opponent_epsilon)
         settings = replace(settings, task=task)
     contest = contest_of(settings.task, given.episodes, given.seed)

@@ -10,9 +10,6 @@ from typing import Annotated
 import tyro
 
 from curricula import LevelReplay
-from pursuit.parallel_env import scene_of
-from pursuit.rendering import scene_to_text
-from pursuit.simulator import Simulator
 from train.commands.parse import parse
 from train.runs.folder import MISFITS, load_checkpoint, misfit, part_of
 from train.runs.parts import parts_of
@@ -50,8 +47,5 @@ def levels(arguments: Sequence[str]) -> None:
     except MISFITS as error:
         raise misfit(given.run, error) from None
     for seed, score, wins, plays in curriculum.best(given.count):
-        simulator = Simulator(parts.task, 1, auto_restart=False)
-        simulator.seed_starts(None, seed)
-        simulator.reset()
         print(f"level {seed}: {curriculum.score} {score:.4g}, {wins} of {plays} episodes solved")
-        print(scene_to_text(scene_of(simulator)))
+        print(parts.world.level(parts.seat.task, seed))

@@ -13,6 +13,7 @@ from typing import Any, NoReturn, TypeVar
 import tyro
 
 from pursuit.parts import ALLOW, allow
+from train.settings.task import AnyTask, task_form
 
 Form = TypeVar("Form")
 
@@ -38,6 +39,18 @@ def budget_of(arguments: Sequence[str], seconds: float) -> dict[str, Any]:
     if any(a == "--frames" or a.startswith("--frames=") for a in arguments):
         return {"frames": 1}
     return {"seconds": seconds}
+
+
+def named_task(arguments: Sequence[str]) -> AnyTask:
+    """The settings of the task that --task names, as they stand by default; chase if left out."""
+    name, before = None, ""
+    for argument in arguments:
+        if argument.startswith("--task="):
+            name = argument.partition("=")[2]
+        elif before == "--task":
+            name = argument
+        before = argument
+    return task_form(name)()
 
 
 ALLOW_HELP = f"""everywhere:
@@ -83,6 +96,7 @@ def parse(
                     tyro.conf.OmitArgPrefixes,
                     tyro.conf.FlagCreatePairsOff,
                     tyro.conf.HelptextFromCommentsOff,
+                    tyro.conf.AvoidSubcommands,  # the default says which of the tasks' forms
                 ),
                 **extra,
             )

@@ -9,17 +9,22 @@ from typing import Annotated, Any
 
 import tyro
 
-from pursuit.policy import Policy
-from scripted_agents import TablePolicy, TourRunner, why_not_optimal
+from scripted_agents import (
+    InverseKinematics,
+    LeastStepsPolicy,
+    TablePolicy,
+    TourRunner,
+    why_not_optimal,
+)
 from scripted_agents.environments import DEFAULTS
-from train.commands.parse import heard, parse
-from train.evaluation.contest import GameContest
+from train.commands.parse import heard, named_task, parse
+from train.evaluation.arm_contest import ArmContest
 from train.runs.opponents import load_policy
 from train.runs.parts import contest_of
 from train.runs.pictures import save_replay
 from train.runs.saved import load_settings
 from train.settings.checks import check
-from train.settings.task import TaskSettings
+from train.settings.task import AnyTask, TaskSettings
 
 
 @dataclass(frozen=True)
@@ -28,7 +33,7 @@ class RenderCommand:
 
     run: Annotated[Path | None, tyro.conf.Positional] = None
     """The folder of the run; the scripted agents play if left out."""
-    task: TaskSettings = field(default_factory=TaskSettings)
+    task: AnyTask = field(default_factory=TaskSettings)
     out: Path = Path("replay.gif")
     """A new .gif or .mp4 file."""
     episodes: int = 3
@@ -39,7 +44,8 @@ class RenderCommand:
 
 def render(arguments: Sequence[str]) -> None:
     """`pursuit render`."""
-    given = parse(RenderCommand, arguments, "render")
+    default = RenderCommand(task=named_task(arguments))
+    given = parse(RenderCommand, arguments, "render", default)
     check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
     check(not given.out.exists(), f"{given.out}: exists already; give a new file")
     policy: Any
@@ -49,15 +55,29 @@ def render(arguments: Sequence[str]) -> None:
             policy, contest = load_policy(given.run), contest_of(load_settings(given.run).task, 2)
     else:
         contest = contest_of(given.task, 2)
-        policy = DEFAULTS[contest.role](0.0)
+        policy = scripted_policy(contest)
     if given.optimal:
         policy = optimal_policy(contest)
     save_replay(given.out, contest, policy, given.episodes)
     print(f"{given.out}: {given.episodes} episode(s)")
 
 
-def optimal_policy(contest: GameContest) -> Policy:
+def scripted_policy(contest: Any) -> Any:
+    """Who plays without learning: A* in mazes, inverse kinematics for an arm."""
+    if isinstance(contest, ArmContest):
+        check(
+            not contest.task.discrete_actions,
+            "an arm with discrete actions has only learned policies; give the folder of a run",
+        )
+        return InverseKinematics()
+    return DEFAULTS[contest.role](0.0)
+
+
+def optimal_policy(contest: Any) -> Any:
     """Who plays exactly best in a contest; ValueError where that is not known."""
+    if isinstance(contest, ArmContest):
+        check(not contest.task.discrete_actions, "the optimum of discrete actions is not known")
+        return LeastStepsPolicy()
     best, among = contest.best_response(), contest.best_team_response()
     if best is not None:
         return TablePolicy(contest.task.mazes[0], best.policy)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
+from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import Score, optimality_gap
 
 
@@ -17,6 +18,23 @@ def print_floor(floor: float | None, discount: float) -> None:
         print(
             f"floor of the objective: {100 * floor:+.2f} % (the gap of the policy that is best by "
             f"the rewards with discount {discount:g}; exact, over all starts)"
+        )
+
+
+def print_bounds(contest: ArmContest) -> None:
+    """One line on how well the least steps of an arm are known."""
+    bounds = contest.bounds()
+    if contest.task.discrete_actions:
+        print(
+            "optimal: the least steps with continuous actions; discrete ones need as many or more"
+        )
+    elif bounds.share_exact == 1.0:
+        print("optimal: the least steps, exact from every start")
+    else:
+        print(
+            f"optimal: at least {bounds.lower.mean():.3f} steps and at most "
+            f"{bounds.upper.mean():.3f}, exact from {100 * bounds.share_exact:.1f} % of the "
+            "starts; gaps are to the lower bound"
         )
 
 

@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 
 import tyro
 
-from train.commands.parse import budget_of, heard, parse
+from train.commands.parse import budget_of, heard, named_task, parse
 from train.commands.progress import carry_out, leave
 from train.commands.scores import print_floor, print_scores
 from train.evaluation.contest import Score
@@ -26,17 +26,19 @@ from train.settings.algorithms import Hyperparameters
 from train.settings.checks import check
 from train.settings.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
 from train.settings.run import TrainSettings
-from train.settings.task import TaskSettings
+from train.settings.task import AnyTask, TaskSettings
 
 H = TypeVar("H", bound=Hyperparameters, covariant=True)
 
 
 @dataclass(frozen=True)
 class TrainCommand(Generic[H]):
-    """Train one agent against scripted ones, and say how far it is from the exact optimum.
+    """Train one agent against scripted ones, or an arm, and say how far it is from the exact
+    optimum.
 
-    The options of the algorithm's settings are those of --algorithm (ppo if left out), those of the
-    curriculum's are those of --curriculum: `pursuit train --algorithm dqn --help` shows DQN's.
+    The options of the task are those of --task (chase if left out), those of the algorithm's
+    settings those of --algorithm (ppo if left out), those of the curriculum's those of
+    --curriculum: `pursuit train --task reacher --algorithm td3 --help` shows an arm's and TD3's.
     """
 
     settings: TrainSettings[H]
@@ -54,7 +56,7 @@ class TrainCommand(Generic[H]):
 class _First:
     """What is looked for first among the arguments: it decides what the other options are."""
 
-    task: TaskSettings = field(default_factory=TaskSettings)
+    task: AnyTask = field(default_factory=TaskSettings)
     algorithm: str | None = None
     preset: str = TUNED
     curriculum: str | None = None
@@ -67,8 +69,7 @@ def train(arguments: Sequence[str]) -> None:
     given: TrainCommand[Any] = parse(form, arguments, "train", default)
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     settings = given.settings
-    task = settings.task
-    name = f"{task.task}-{task.agent}-{Path(task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
+    name = f"{settings.task.label}-{strftime('%Y%m%d-%H%M%S')}"
     with heard():
         if given.resume is not None:
             run = resume(given.resume, RUN)
@@ -88,7 +89,7 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
     Raises:
         ValueError: an unknown algorithm or preset, or two that do not go together.
     """
-    first = _First()
+    first = _First(named_task(arguments))
     with (
         contextlib.suppress(SystemExit, ValueError),
         contextlib.redirect_stderr(io.StringIO()),  # errors are told when all is parsed
@@ -97,7 +98,12 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
             _First,
             args=[a for a in arguments if a not in ("-h", "--help")],
             return_unknown_args=True,
-            config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+            default=first,
+            config=(
+                tyro.conf.OmitArgPrefixes,
+                tyro.conf.FlagCreatePairsOff,
+                tyro.conf.AvoidSubcommands,
+            ),
         )
     algorithm = first.algorithm or preset_algorithm(first.preset) or "ppo"
     setting = setting_of(first.task)
@@ -105,7 +111,8 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
     curriculum, lessons = lessons_for(algorithm, setting, first.preset, first.curriculum)
     budget = budget_of(arguments, 60.0)
     # With a flag on by default the command line would offer to turn it off, and refuse it as given.
-    task = replace(first.task, stay_action=False, mask_bumps=False)
+    off: Any = dict.fromkeys(first.task.FLAGS, False)
+    task = replace(first.task, **off)
     settings: TrainSettings[Any] = TrainSettings(
         task, hyper, lessons, algorithm, curriculum, **budget
     )

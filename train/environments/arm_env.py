@@ -35,6 +35,7 @@ class ArmEnv(LockstepEnv):
         self, simulator: ReacherSimulator, player: ArmSeat, hook: EpisodeHook | None = None
     ) -> None:
         super().__init__(simulator, hook)
+        self.carries_over = simulator.task.start == "kept"
         self.player, self.encoding, batch = player, player.encoding, simulator.num_games
         if player.continuous:
             shape = (batch, player.num_actions)
@@ -49,18 +50,22 @@ class ArmEnv(LockstepEnv):
     def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:
         return self.simulator.returns[games]
 
+    def observe(self) -> NDArray[np.float32]:
+        """[num_games, numbers]: what is observed."""
+        return self.simulator.observe(self.encoding)
+
     def _seen(self) -> dict[str, torch.Tensor]:
-        return {"observation": torch.from_numpy(self.simulator.observe(self.encoding))}
+        return {"observation": torch.from_numpy(self.observe())}
+
+    def _move(self, actions: NDArray[Any]) -> NDArray[np.bool_]:
+        task = self.simulator.task
+        self.simulator.step(actions if self.player.continuous else task.actions_of(actions))
+        return self.simulator.ended
 
     def _play(
         self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
     ) -> tuple[TensorDictBase, NDArray[np.bool_]]:
-        simulator = self.simulator
-        turns = actions.numpy()
-        if not self.player.continuous:
-            turns = simulator.task.actions_of(turns)
-        simulator.step(turns)
-        over = simulator.ended
+        simulator, over = self.simulator, self._move(actions.numpy())
         ending = over if alive is None else over & alive
         if ending.any():
             self.finish(ending)

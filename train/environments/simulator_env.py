@@ -110,10 +110,24 @@ class SimulatorEnv(LockstepEnv):
 
     def masks(self) -> NDArray[np.bool_]:
         """[num_games, k, actions] bool: what the learner's agents may do."""
-        simulator, actions = self.simulator, self.player.num_actions
         if not self.player.mask_bumps:
-            return np.ones((self.num_games, self.members, actions), dtype=bool)
+            return super().masks()
+        simulator, actions = self.simulator, self.player.num_actions
         return action_masks(simulator.games, self._world, actions, self.seats, simulator.terminated)
+
+    def observe(self) -> NDArray[Any]:
+        """[num_games, ...]: what the learner's first seat observes."""
+        return self.simulator.observe(self.encoding, self.seat)
+
+    def _move(self, actions: NDArray[Any]) -> NDArray[np.bool_]:
+        simulator = self.simulator
+        simulator.act(self.policies, self._actions)
+        self._actions[:, self.seat] = actions
+        simulator.step(self._actions)
+        over = simulator.ended
+        if simulator.task.num_evaders > 1:
+            over |= simulator.active[:, self.seat] == 0
+        return over
 
     def _play(
         self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None

@@ -14,7 +14,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.parallel_env import scene_of
 from pursuit.policy import Policy, TabularPolicy
+from pursuit.rendering import Scene
 from pursuit.simulator import Simulator
 from pursuit.single_agent import fill_seats
 from pursuit.task import ROLES, Task
@@ -93,7 +95,7 @@ class Contest(Protocol):
     def line(self) -> str:
         """The same in one line, with whoever else plays."""
 
-    def score(self, name: str, policy: Policy) -> Score:
+    def score(self, name: str, policy: Any) -> Score:
         """How well a policy does."""
 
     def optimal(self) -> Score | None:
@@ -101,6 +103,9 @@ class Contest(Protocol):
 
     def baselines(self) -> list[Score]:
         """The references: random, scripted and, where it is known, optimal."""
+
+    def scenes(self, policy: Any, episodes: int = 3) -> list[Any]:
+        """What a person sees of some episodes, one after the other, for `save_animation`."""
 
 
 @dataclass(frozen=True)
@@ -269,3 +274,21 @@ class GameContest:
             scores.append(optimum)
         best = self.best_response(mask_bumps=True) if self.mask_bumps else None
         return scores if best is None else [*scores, self._score_of("optimal with masks", best)]
+
+    def scenes(self, policy: Policy, episodes: int = 3) -> list[Scene]:
+        """What a person sees of some episodes, one after the other."""
+        task = self.task
+        seat, policies = fill_seats(task, self.agent, self.opponents)
+        policies[seat] = policy
+        scenes: list[Scene] = []
+        actions = np.zeros((1, task.num_agents), dtype=np.int32)
+        for episode in range(episodes):
+            simulator = Simulator(task, 1, self.seed, first_game=episode, auto_restart=False)
+            caption = f"episode {episode + 1} of {episodes}"
+            scenes.append(scene_of(simulator, caption=caption))
+            while not simulator.ended.any():
+                simulator.act(policies, actions)
+                simulator.step(actions)
+                scenes.append(scene_of(simulator, caption=caption))
+            scenes.extend([scenes[-1]] * 3)
+        return scenes

@@ -25,7 +25,7 @@ TIE = 1e-9
 """Relative difference below which two actions count as equally good."""
 
 
-def objective_floor(contest: GameContest, discount: float) -> float | None:
+def objective_floor(contest: Any, discount: float) -> float | None:
     """The `optimality_gap` of the best policy by the rewards of the task with this discount.
 
     Exact, over all starts. Of policies that are equally good by the rewards the one that is best in
@@ -34,9 +34,11 @@ def objective_floor(contest: GameContest, discount: float) -> float | None:
     Returns:
         A ratio less 1, as `optimality_gap`: negative for evaders. None where it is not known:
         teams, goals among opponents, masks in a duel, rewards by distance or by a user's function,
-        several mazes, starts at marks, more goals than can be enumerated, or rewards by which it
-        does not pay to hurry (an evader: to live on).
+        several mazes, starts at marks, more goals than can be enumerated, rewards by which it does
+        not pay to hurry (an evader: to live on), or a contest of another world.
     """
+    if not isinstance(contest, GameContest):
+        return None
     task = contest.task
     paid = task.role_rewards[contest.role]
     if len(task.mazes) > 1 or task.start != "random":

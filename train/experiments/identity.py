@@ -19,7 +19,7 @@ from train.experiments.kinds import with_mazes
 from train.files import write_bytes
 from train.runs.folder import CHECKPOINT, CONFIG
 from train.runs.provenance import provenance
-from train.runs.tasks import task_of
+from train.runs.tasks import maze_text_of
 from train.runs.third_party import description_of
 from train.settings.checks import check
 from train.settings.self_play import LEARN, ROLES
@@ -46,7 +46,7 @@ class Input:
 
 def named_policies(plain: Mapping[str, Any]) -> dict[str, str]:
     """Which policies plain settings name that are not scripted agents, by the setting's name."""
-    named = {name: plain.get(name) for name in ROLES} | {"opponent": plain["task"]["opponent"]}
+    named = {name: plain.get(name) for name in ROLES} | {"opponent": plain["task"].get("opponent")}
     return {
         name: value
         for name, value in named.items()
@@ -111,7 +111,8 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     plain = asdict(settings)
     named = named_policies(plain)
     plain = put_policies(plain, {n: i.digest for n, i in inputs.items() if n in named})
-    plain["task"]["maze"] = task_of(settings.task).mazes[0].to_text()
+    if (maze := maze_text_of(settings.task)) is not None:
+        plain["task"]["maze"] = maze
     mazes = plain.get("lessons", {}).get("curriculum_mazes")
     if mazes is not None:
         plain["lessons"]["curriculum_mazes"] = [named_maze(n).to_text() for n in names_in(mazes)]
@@ -124,7 +125,7 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
 def given_names(settings: Any, frozen: Any) -> dict[str, Any]:
     """What reports call that which stands in the settings as text or as a copy: as it was given."""
     names: dict[str, Any] = dict(named_policies(asdict(settings)))
-    if settings.task.maze != frozen.task.maze:
+    if settings.task != frozen.task:
         names["maze"] = settings.task.maze
     before, after = (getattr(s, "lessons", None) for s in (settings, frozen))
     if before != after:

@@ -28,7 +28,7 @@ from train.runs.parts import parts_of
 from train.runs.provenance import check_sources
 from train.runs.saved import from_plain
 from train.runs.single import make_run
-from train.runs.tasks import task_of
+from train.runs.tasks import maze_text_of
 from train.self_play.parts import (
     self_play_from_plain,
     self_play_parts,
@@ -94,12 +94,14 @@ def start(kind: str, settings: Any, path: Path) -> Run:
 def write_config(kind: str, settings: Any, folder: Path) -> None:
     """Write `config.json`; the mazes of a curriculum that were files stand in it as their texts."""
     plain = replace(with_mazes(settings), task=settings.task)
-    save_config(folder, kind, plain, task_of(settings.task).mazes[0])
+    save_config(folder, kind, plain, maze_text_of(settings.task))
 
 
 def with_mazes(settings: Any) -> Any:
     """The same settings with the texts of all mazes that were files, which they need no more."""
-    task = replace(settings.task, maze=as_text(settings.task.maze))
+    task = settings.task
+    if hasattr(task, "maze"):
+        task = replace(task, maze=as_text(task.maze))
     lessons = getattr(settings, "lessons", None)
     given = getattr(lessons, "curriculum_mazes", None)
     if lessons is None or given is None:

@@ -107,8 +107,9 @@ def row_of(folder: Path) -> dict[str, Any]:
     row: dict[str, Any] = {"run": folder.name, "kind": kind, "status": status_of(folder)}
     row |= {name: value for name, value in flat.items() if name not in row}
     row["variant"] = label.get("variant")
-    row["maze"] = maze_of(task["maze"]).name
-    row["role"] = who_learns(task["task"], task["role"]) if kind == RUN else "both"
+    if "maze" in task:
+        row["maze"] = maze_of(task["maze"]).name
+        row["role"] = who_learns(task["task"], task["role"]) if kind == RUN else "both"
     if "members" in row:
         row["members"] = " ".join(row["members"])
     # What a sweep names is kept as it says it, so that reports can group by `preset`, say; and

@@ -15,7 +15,7 @@ from pursuit.masks import action_masks
 from pursuit.maze import Maze
 from pursuit.maze_arrays import lay_out
 from pursuit.observations import ENCODINGS, Encoder
-from pursuit.policy import GameView, Policy, pairs_of_cells
+from pursuit.policy import GameView, pairs_of_cells
 from pursuit.rules.layout import Games
 from pursuit.simulator import Simulator
 from pursuit.task import Task
@@ -27,7 +27,7 @@ GAMES_AT_ONCE = 65_536
 
 
 class Network(Protocol):
-    """What is learned, whatever it chooses."""
+    """Whatever learns: weights."""
 
     def parameters(self) -> Iterator[torch.nn.Parameter]:
         """All weights."""
@@ -40,10 +40,22 @@ class Network(Protocol):
 
 
 class PolicyNetwork(Network, Protocol):
-    """What makes a policy of several actions: `ActorCritic`, `QNetwork`."""
+    """What makes a policy of choices: `ActorCritic`, `QNetwork`."""
 
     def logits(self, observation: torch.Tensor) -> torch.Tensor:
         """[..., actions] from observations; the greedy action has the largest."""
+
+
+class ActionNetwork(Network, Protocol):
+    """What makes a policy of continuous actions."""
+
+    def act(self, observation: torch.Tensor, noise: torch.Tensor | None) -> torch.Tensor:
+        """[..., numbers] in [-1, 1] from observations [..., k].
+
+        Args:
+            observation: float32.
+            noise: [..., numbers] standard normal, of a policy that draws; None for the greedy one.
+        """
 
 
 class Player(Protocol):
@@ -65,8 +77,12 @@ class Player(Protocol):
     def members(self) -> int:
         """How many agents have its role, itself included."""
 
-    def policy(self, network: Any, greedy: bool = True) -> Policy:
-        """A network as this player: a `PolicyNetwork`, or one that acts where it is continuous."""
+    @property
+    def bytes_of_game(self) -> int:
+        """What one game takes, about, without its observation."""
+
+    def policy(self, network: Any, greedy: bool = True) -> Any:
+        """A network as this player."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +116,11 @@ class Seat:
     def members(self) -> int:
         """Agents of that role."""
         return self.task.count(self.role)
+
+    @property
+    def bytes_of_game(self) -> int:
+        """About."""
+        return 100 * self.task.num_agents + 20 * self.task.num_goals
 
     @property
     def num_actions(self) -> int:

@@ -12,7 +12,7 @@ from train.runs.parts import parts_of, setting_of
 from train.settings.checks import check
 from train.settings.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
 from train.settings.run import TrainSettings
-from train.settings.task import TaskSettings
+from train.settings.task import task_form
 
 Form = TypeVar("Form")
 
@@ -28,13 +28,13 @@ def settings_of(**flat: Any) -> TrainSettings[Any]:
     given = dict(flat)
     preset = given.pop("preset", TUNED)
     algorithm = given.get("algorithm", preset_algorithm(preset) or "ppo")
-    task = picked(TaskSettings, given)
+    task = picked(task_form(given.get("task")), given)
     setting = setting_of(task)
     hyper = hyperparameters(algorithm, setting, preset)
     curriculum, lessons = lessons_for(algorithm, setting, preset, given.get("curriculum"))
     check_names(
         given,
-        (TaskSettings, hyper, lessons, TrainSettings),
+        (type(task), hyper, lessons, TrainSettings),
         {"preset"},
         f" for algorithm {algorithm!r} and curriculum {curriculum!r}",
     )

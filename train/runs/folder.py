@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pursuit.maze import Maze, library_names
+from pursuit.maze import library_names
 from pursuit.parts import check_trusted
 from train.files import LOCK, is_leftover, read_json, write_csv, write_json
 from train.runs import forms
@@ -55,10 +55,10 @@ def new_folder(path: Path) -> Path:
     return path
 
 
-def save_config(folder: Path, kind: str, settings: Any, maze: Maze) -> None:
-    """Write `config.json`: the kind of run, its settings, the maze as text, users' own parts with
-    the hashes of their source, and the command that runs."""
-    plain = {"format": FORMAT, "kind": kind, **asdict(settings), "maze_text": maze.to_text()}
+def save_config(folder: Path, kind: str, settings: Any, maze_text: str | None) -> None:
+    """Write `config.json`: the kind of run, its settings, the maze as text where there is one,
+    users' own parts with the hashes of their source, and the command that runs."""
+    plain = {"format": FORMAT, "kind": kind, **asdict(settings), "maze_text": maze_text}
     write_json(folder / CONFIG, {**plain, PARTS: provenance(settings), COMMAND: command_line()})
 
 
@@ -89,7 +89,7 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
     found = read_as(forms.Config, plain, path, forms.RESTORE)
     for name in ("kind", "maze_text", PARTS, COMMAND):
         plain.pop(name, None)
-    if found.task.get("maze") not in library_names():
+    if found.maze_text is not None and found.task.get("maze") not in library_names():
         plain["task"]["maze"] = found.maze_text
     return found.kind, plain
 

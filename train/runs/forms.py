@@ -24,7 +24,7 @@ class Config(msgspec.Struct, kw_only=True):
 
     kind: str
     task: dict[str, Any]
-    maze_text: str
+    maze_text: str | None
 
 
 class Objective(msgspec.Struct):
@@ -68,7 +68,7 @@ class Results(msgspec.Struct, kw_only=True):
 
     kind: str
     task: str
-    maze: str
+    maze: str | None
     algorithm: str
     seed: int
     evaluation: dict[str, float | bool | None]

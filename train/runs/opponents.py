@@ -16,16 +16,15 @@ from scripted_agents.environments import (
     scripted_policy,
 )
 from train.algorithms.registry import entry
-from train.networks.policy import Seat
 from train.runs.folder import MISFITS, load_checkpoint, misfit, part_of
 from train.runs.saved import load_settings
-from train.runs.tasks import agent_of, task_of
+from train.runs.tasks import player_of
 from train.runs.third_party import load_stable_baselines
 from train.settings.checks import check
-from train.teaching.plan import training_task
+from train.settings.task import in_maze
 
 
-def load_policy(folder: Path, greedy: bool = True) -> Policy:
+def load_policy(folder: Path, greedy: bool = True) -> Any:
     """The policy of a run, from its last checkpoint, on the CPU.
 
     Raises:
@@ -37,14 +36,7 @@ def load_policy(folder: Path, greedy: bool = True) -> Policy:
         greedy or algorithm.learns_distribution,
         f"{folder}: {settings.algorithm} learns no distribution over actions; take greedy=True",
     )
-    task = task_of(settings.task)
-    agent = agent_of(settings.task, task)
-    seat = Seat(
-        training_task(settings.curriculum, settings.lessons, task),
-        agent,
-        settings.observation,
-        settings.task.mask_bumps,
-    )
+    seat = player_of(settings)
     try:
         learner = part_of(state, "trainee", "learner")
         return algorithm.load(settings.hyper, seat, learner, greedy)
@@ -63,7 +55,9 @@ def load_opponent(path: Path, played: str = "sampled") -> Policy:
         ValueError: neither, or damaged.
     """
     if path.is_dir():
-        sampled = entry(load_settings(path).algorithm).learns_distribution
+        settings = load_settings(path)
+        in_maze(settings.task, str(path))
+        sampled = entry(settings.algorithm).learns_distribution
         return load_policy(path, played == "greedy" or not sampled)
     check(
         path.suffix == ".zip",

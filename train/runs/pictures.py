@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pursuit.animation import save_animation
-from pursuit.parallel_env import scene_of
-from pursuit.policy import Policy
-from pursuit.rendering import Scene
-from pursuit.simulator import Simulator
-from pursuit.single_agent import fill_seats
-from train.evaluation.contest import GameContest
+from train.evaluation.contest import Contest
 from train.figures import (
     BLUE,
     GREEN,
@@ -27,6 +23,8 @@ from train.figures import (
     tidy,
 )
 
+DASHES: tuple[Any, ...] = ("--", "-.", ":", (0, (6, 2)), (0, (3, 1, 1, 1, 1, 1)))
+"""Of references of the same colour."""
 COLORS = {"learned": BLUE, "optimal": GREEN, "scripted": ORANGE, "random": GREY}
 
 
@@ -64,12 +62,14 @@ def draw_learning_curve(
     )
     upper = axes[0, 0]
     upper.plot(frames, steps, "o-", color=COLORS["learned"], ms=3.5, lw=1.8, label="learned")
+    dashes = itertools.cycle(DASHES)
     for name, score in by_name.items():
         if name.startswith("learned"):
             continue
+        dash = "--" if name in COLORS else next(dashes)
         color = COLORS.get(name, COLORS["scripted"])
         label = f"{name}: {score['mean_steps']:.2f}"
-        upper.axhline(score["mean_steps"], color=color, lw=1.4, ls="--", label=label)
+        upper.axhline(score["mean_steps"], color=color, lw=1.4, ls=dash, label=label)
     upper.set_yscale("log")
     plain_numbers(upper.yaxis)
     upper.set_ylabel("mean episode length (steps, log)")
@@ -105,25 +105,6 @@ def draw_lessons(axis: Any, lessons: list[dict[str, Any]], end: float, taught: s
     axis.set_ylabel(taught.replace("-", "\n", 1).replace("-", " "))
 
 
-def replay(contest: GameContest, policy: Policy, episodes: int = 3) -> list[Scene]:
-    """The scenes of some episodes played by `policy`, one after the other."""
-    task = contest.task
-    seat, policies = fill_seats(task, contest.agent, contest.opponents)
-    policies[seat] = policy
-    scenes: list[Scene] = []
-    actions = np.zeros((1, task.num_agents), dtype=np.int32)
-    for episode in range(episodes):
-        simulator = Simulator(task, 1, contest.seed, first_game=episode, auto_restart=False)
-        caption = f"episode {episode + 1} of {episodes}"
-        scenes.append(scene_of(simulator, caption=caption))
-        while not simulator.ended.any():
-            simulator.act(policies, actions)
-            simulator.step(actions)
-            scenes.append(scene_of(simulator, caption=caption))
-        scenes.extend([scenes[-1]] * 3)
-    return scenes
-
-
-def save_replay(path: Path, contest: GameContest, policy: Policy, episodes: int = 3) -> None:
+def save_replay(path: Path, contest: Contest, policy: Any, episodes: int = 3) -> None:
     """Write a replay as .gif or .mp4, by the suffix of `path`."""
-    save_animation(path, replay(contest, policy, episodes))
+    save_animation(path, contest.scenes(policy, episodes))

@@ -13,12 +13,12 @@ from train.algorithms.registry import entry
 from train.runs.folder import CONFIG, RUN, SIDE, load_config
 from train.runs.forms import RESTORE
 from train.runs.provenance import check_sources
-from train.runs.tasks import agent_of, task_of
+from train.runs.tasks import player_of
 from train.schemas import read_as
 from train.settings.checks import check
 from train.settings.curricula import curriculum_form
 from train.settings.run import TrainSettings
-from train.settings.task import TaskSettings
+from train.settings.task import task_form
 
 
 def read_own(form: type[Any], plain: Mapping[str, Any], where: str, inner: set[str]) -> Any:
@@ -52,7 +52,7 @@ def from_plain(plain: Mapping[str, Any], where: str) -> TrainSettings[Any]:
     own = read_own(TrainSettings, plain, where, {"task", "hyper", "lessons"})
     try:
         forms: tuple[type[Any], ...] = (
-            TaskSettings,
+            task_form(plain.get("task", {}).get("task")),
             entry(own.algorithm).settings,
             curriculum_form(own.curriculum),
         )
@@ -64,7 +64,7 @@ def from_plain(plain: Mapping[str, Any], where: str) -> TrainSettings[Any]:
     }
     try:
         settings = TrainSettings(**parts, **msgspec.structs.asdict(own))
-        agent_of(settings.task, task_of(settings.task))
+        player_of(settings)
     except ValueError as error:
         raise ValueError(f"{where}: {error}; {RESTORE}") from None
     return settings

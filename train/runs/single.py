@@ -9,9 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 
-from pursuit.simulator import Simulator, SimulatorState
-from pursuit.single_agent import fill_seats
-from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import Score, optimality_gap
 from train.evaluation.floor import objective_floor
 from train.runs.folder import MISFITS, RUN, misfit, part_of
@@ -21,7 +18,6 @@ from train.runs.threads import prepare_torch
 from train.settings.checks import check
 from train.settings.run import TrainSettings
 from train.teaching.log import write_log
-from train.teaching.teacher import Teacher
 from train.tensors import Misfit, check_like
 
 EPISODES = 500
@@ -50,13 +46,8 @@ class SingleAgent:
 
     def __init__(self, parts: Parts, evaluate: str, state: dict[str, Any] | None = None) -> None:
         self.parts, self.evaluated = parts, evaluate
-        task, agent = parts.seat.task, parts.seat.agent
-        self.simulator = Simulator(
-            task, parts.hyper.num_games, parts.build.seed, auto_restart=False
-        )
-        seat, policies = fill_seats(task, agent, parts.opponents)
-        self.teacher = None if parts.plan is None else Teacher(parts.plan, self.simulator, seat)
-        self.env = SimulatorEnv(self.simulator, parts.seat, policies, self.teacher)
+        self.env, self.teacher = parts.games()
+        self.simulator = self.env.simulator
         if state is not None:  # before there is a collector, which begins with what it finds
             put_games(self.simulator, state.get("simulator"), "trainee.simulator")
             if self.teacher is not None:
@@ -172,7 +163,7 @@ def evaluation_of(
     }
 
 
-def plain_games(simulator: Simulator) -> dict[str, torch.Tensor]:
+def plain_games(simulator: Any) -> dict[str, torch.Tensor]:
     """The state of the games for a checkpoint: torch has few operations on uint64, so the bits of
     the random streams travel as int64."""
     return {
@@ -181,30 +172,16 @@ def plain_games(simulator: Simulator) -> dict[str, torch.Tensor]:
     }
 
 
-def put_games(simulator: Simulator, saved: Any, where: str) -> None:
-    """Put what `plain_games` gave of such games into `simulator`.
+def put_games(simulator: Any, saved: Any, where: str) -> None:
+    """Put what `plain_games` gave of such games into `simulator`, which checks what it takes.
 
     Raises:
         Misfit: it is something else, or a game in it is none that can be played on.
     """
     check_like(saved, plain_games(simulator), where)
     arrays = {name: tensor.numpy() for name, tensor in saved.items()}
-    state = SimulatorState(**{**arrays, "streams": arrays["streams"].view(np.uint64)})
-    # Kernels check no bounds, so what they are given must be right; `set_state` checks the cells.
-    task, most = simulator.task, 2**31 - 1
-    limits = {
-        "positions": (0, most),
-        "active": (0, 1),
-        "goals": (-1, most),
-        "steps": (0, task.max_steps),
-        "maze_index": (0, len(task.mazes) - 1),
-        "next_maze": (-1, len(task.mazes) - 1),
-        "next_num_goals": (-1, task.num_goals),
-    }
-    for name, (least, largest) in limits.items():
-        numbers = getattr(state, name)
-        if ((numbers < least) | (numbers > largest)).any():
-            raise Misfit(f"{where}.{name}: numbers from {least} to {largest} needed")
+    form = type(simulator.get_state())
+    state = form(**{**arrays, "streams": arrays["streams"].view(np.uint64)})
     try:
         simulator.set_state(state)
     except ValueError as error:

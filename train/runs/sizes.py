@@ -6,17 +6,17 @@ from math import prod
 from typing import Any
 
 from pursuit.memory import free_memory
-from train.networks.policy import Seat
+from train.networks.policy import Player
 from train.settings.algorithms import Hyperparameters
 
 UNITS = ("bytes", "KB", "MB", "GB", "TB", "PB", "EB")
 
 
-def bytes_of(hyper: Hyperparameters, seat: Seat) -> dict[str, int]:
+def bytes_of(hyper: Hyperparameters, seat: Player) -> dict[str, int]:
     """What a learner in this seat takes at least, in bytes, by the settings that it grows with."""
     given: dict[str, Any] = vars(hyper)
     observation = 4 * prod(seat.features.shape)
-    game = 100 * seat.task.num_agents + 20 * seat.task.num_goals + observation
+    game = seat.bytes_of_game + observation
     frame = 2 * observation + 32 + (4 * seat.num_actions if seat.continuous else 8)
     needs = {
         "num_games": hyper.num_games * game,
@@ -37,7 +37,7 @@ def bytes_of(hyper: Hyperparameters, seat: Seat) -> dict[str, int]:
     return needs
 
 
-def check_memory(hyper: Hyperparameters, seat: Seat) -> None:
+def check_memory(hyper: Hyperparameters, seat: Player) -> None:
     """Refuse what is beyond the free memory of this machine.
 
     Raises:

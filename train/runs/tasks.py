@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 from pursuit.maze import Maze, load_maze
 from pursuit.task import Task, make_task
+from train.networks.arm_policy import ArmSeat
+from train.networks.policy import Seat
 from train.settings.checks import check
-from train.settings.task import TaskSettings
+from train.settings.run import TrainSettings
+from train.settings.task import AnyTask, ReacherSettings, TaskSettings
+from train.teaching.plan import training_task
 
 
 def task_of(settings: TaskSettings) -> Task:
@@ -40,6 +45,13 @@ def maze_of(maze: str) -> Maze:
     return Maze.from_text(maze) if "\n" in maze else load_maze(maze)
 
 
+def maze_text_of(settings: AnyTask) -> str | None:
+    """The maze as text; None where there is none."""
+    if isinstance(settings, ReacherSettings):
+        return None
+    return task_of(settings).mazes[0].to_text()
+
+
 def agent_of(settings: TaskSettings, task: Task) -> str:
     """Who learns; ValueError where that agent does not play in the task."""
     known = {*task.agent_names, *task.seat_roles}
@@ -49,3 +61,14 @@ def agent_of(settings: TaskSettings, task: Task) -> str:
         f"{', '.join(sorted(known))}",
     )
     return settings.agent
+
+
+def player_of(settings: TrainSettings[Any]) -> Seat | ArmSeat:
+    """Who learns in a run, as its training games have it; ValueError for settings of none."""
+    given = settings.task
+    if isinstance(given, ReacherSettings):
+        return ArmSeat(given.build(), settings.observation)
+    task = task_of(given)
+    agent = agent_of(given, task)
+    played = training_task(settings.curriculum, settings.lessons, task)
+    return Seat(played, agent, settings.observation, given.mask_bumps)

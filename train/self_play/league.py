@@ -37,7 +37,7 @@ from train.self_play.ratings import (
 )
 from train.settings.checks import check, evaluation_seed
 from train.settings.self_play import ROLES
-from train.settings.task import TaskSettings
+from train.settings.task import TaskSettings, in_maze
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def enter(
             runs.append((name, folder))
     task = task_of(TaskSettings(maze=maze))
     if runs:
-        task = task_of(load_settings(runs[0][1]).task)
+        task = task_of(in_maze(load_settings(runs[0][1]).task, runs[0][0]))
         check(
             bool(task.num_chasers and task.num_evaders),
             f"{runs[0][0]}: learned in task {task.name!r}; a league is between chasers and evaders",
@@ -111,7 +111,7 @@ def enter(
     entries = []
     for name, folder in runs:
         settings = load_settings(folder)
-        role = settings.task.agent.split("_")[0]
+        role = in_maze(settings.task, name).agent.split("_")[0]
         check(role in ROLES, f"{name}: learned to be {role!r}; a league has chasers and evaders")
         sampled = not greedy and algorithm_entry(settings.algorithm).learns_distribution
         policy: Any = load_policy(folder, greedy=not sampled)

@@ -95,7 +95,8 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     sides = {}
     for role in settings.learning:
         own = side_settings(settings, role)
-        seat = Seat(task, role, own.observation, own.task.mask_bumps)
+        masks = settings.task.mask_bumps
+        seat = Seat(task, role, own.observation, masks)
         check_memory(own.hyper, seat)
         sides[role] = SideParts(
             seat,

@@ -336,7 +336,8 @@ class SelfPlay:
             own = folder / role
             if not (own / CONFIG).exists():
                 own.mkdir(exist_ok=True)
-                save_config(own, SIDE, side_settings(self.settings, role), self.task.mazes[0])
+                maze = self.task.mazes[0].to_text()
+                save_config(own, SIDE, side_settings(self.settings, role), maze)
             save_checkpoint(own, {"trainee": {"learner": side.learner.state_dict()}})
         for pool in self.pools.values():
             pool.clean()

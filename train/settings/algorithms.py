@@ -41,6 +41,8 @@ class ActorCriticSettings(NetworkSettings):
     """Weight of the value loss."""
     shared: bool = True
     """Whether policy and value share their hidden layers."""
+    action_std: float = 0.6
+    """Standard deviation of continuous actions, before tanh, at the start; it is learned."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,8 @@ class PPOSettings(RolloutSettings):
     objective, and its weight adapted to keep the divergence near this target."""
     kl_coef: float = 0.2
     """Weight of that penalty at the start."""
+    critic: bool = True
+    """Learn a value; without, returns end with the rollout and nothing is subtracted from them."""
     central_critic: bool = False
     """In self-play with several agents of a role: one value of what all of them observe (MAPPO)
     instead of one of what each observes (IPPO)."""
@@ -79,6 +83,10 @@ class PPOSettings(RolloutSettings):
             self.minibatch_size <= frames,
             f"minibatch_size={self.minibatch_size} is more than a rollout of num_games × "
             f"rollout_steps = {frames} frames; lower it",
+        )
+        check(
+            self.critic or not self.central_critic,
+            "central_critic=True with critic=False; leave one of them out",
         )
 
 
@@ -126,6 +134,8 @@ class CrossEntropySettings(Hyperparameters):
     """Standard deviation of every weight at the start."""
     extra_std: float = 0.02
     """Added to the standard deviations, annealed to 0: it keeps the search from ending early."""
+    action_std: float = 0.1
+    """Standard deviation of continuous actions, before tanh; it is not searched."""
     width: int = 16
     """Units of each of the two hidden layers."""
     activation: str = "tanh"

@@ -20,8 +20,12 @@ AXES = (
     "num-goals",
     "maze-size",
     "loops",
+    "target-distance",
+    "free-joints",
+    "hold",
+    "tolerance",
 )
-"""What a curriculum can turn, from easy to hard."""
+"""What a curriculum can turn, from easy to hard; the last four of an arm."""
 
 
 def is_axis(part: Any) -> bool:
@@ -74,7 +78,8 @@ class AxisSettings(CurriculumSettings):
 
     easiest: float | None = None
     """Value at the beginning; where left out epsilon 1, a radius or distance of 3 (around fixed
-    goals 0), one goal, the smallest maze, walls all open."""
+    goals 0), one goal, the smallest maze, walls all open; of an arm 3 steps, one joint, hold 1,
+    five times the tolerance."""
     hardest: float | None = None
     """Value in the end; the task's own if left out."""
     curriculum_mazes: str | None = None
@@ -165,8 +170,9 @@ class StagedSettings(AxisSettings):
 
     axis: str = "auto"
     """What is turned: opponent-epsilon, goal-spread-fixed, goal-spread-start, start-distance,
-    num-goals, maze-size, loops, or package.module:Name of your own. auto: goal-spread-start where
-    there are goals, else start-distance."""
+    num-goals, maze-size, loops; of an arm target-distance, free-joints, hold, tolerance; or
+    package.module:Name of your own. auto: goal-spread-start where there are goals, else
+    start-distance; of an arm target-distance."""
     num_stages: int = 8
     """At most this many values from easiest to hardest."""
 

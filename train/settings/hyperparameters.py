@@ -26,8 +26,11 @@ class Hyperparameters:
         }
     )  # fmt: skip
     POSITIVE: ClassVar[frozenset[str]] = frozenset(
-        {"learning_rate", "max_grad_norm", "clip", "first_std", "adam_epsilon", "initial_std"}
-    )
+        {
+            "learning_rate", "max_grad_norm", "clip", "first_std", "adam_epsilon", "initial_std",
+            "action_std",
+        }
+    )  # fmt: skip
     SHARES: ClassVar[frozenset[str]] = frozenset(
         {
             "gamma", "gae_lambda", "epsilon_start", "epsilon_end",

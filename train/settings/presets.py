@@ -9,6 +9,7 @@ from typing import Any
 from train.settings.algorithms import (
     HYPERPARAMETERS,
     A2CSettings,
+    ActorCriticSettings,
     DDPGSettings,
     DQNSettings,
     Hyperparameters,
@@ -35,6 +36,7 @@ class Setting:
         cells: of the largest maze.
         random_start: or from the marks of the maze.
         duel: whether one chaser plays against one evader.
+        joints: of an arm.
     """
 
     task: str
@@ -42,6 +44,7 @@ class Setting:
     cells: int
     random_start: bool = True
     duel: bool = False
+    joints: int = 0
 
     @property
     def large_chase(self) -> bool:
@@ -78,6 +81,16 @@ def thesis_ppo() -> PPOSettings:
         activation="tanh",
         shared=False,
     )
+
+
+def thesis_reacher_ppo() -> PPOSettings:
+    """The thesis' table A.3; whatever it does not name is as in `thesis_ppo`.
+
+    The table's "use critic: False" is taken at its word: nothing is subtracted from the returns.
+    RLlib's PPO of 2020 first ignored that option while generalised advantages, its default, were
+    on, and later refused the two together; which of them the thesis' runs met is not known.
+    """
+    return replace(thesis_ppo(), critic=False, kl_target=0.005, clip=0.3, width=512)
 
 
 def thesis_a2c() -> A2CSettings:
@@ -182,6 +195,7 @@ _THESIS_CONTINUOUS: dict[str, Any] = {
 }
 THESIS: dict[str, Callable[[], Hyperparameters]] = {
     "thesis-ppo": thesis_ppo,
+    "thesis-reacher-ppo": thesis_reacher_ppo,
     "thesis-a2c": thesis_a2c,
     "thesis-dqn": thesis_dqn,
     "thesis-ddpg": thesis_ddpg,
@@ -197,7 +211,7 @@ def preset_algorithm(preset: str) -> str | None:
         ValueError: an unknown preset.
     """
     check(preset in PRESETS, f"unknown preset {preset!r}; one of {', '.join(PRESETS)}")
-    return None if preset == TUNED else preset.removeprefix("thesis-")
+    return None if preset == TUNED else preset.removeprefix("thesis-").removeprefix("reacher-")
 
 
 def hyperparameters(algorithm: str, setting: Setting, preset: str = TUNED) -> Hyperparameters:
@@ -229,6 +243,8 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
     hyper = hyperparameter_form(algorithm)()
     if algorithm not in HYPERPARAMETERS:  # a user's own, whose defaults are as they are meant
         return hyper
+    if setting.task == "reacher" and isinstance(hyper, ActorCriticSettings):
+        return tuned_for_arms(hyper, setting.joints)
     if isinstance(hyper, QLearningSettings) and setting.task != "maze":
         # Against random opponents averages over visits count instead of the last outcome. Who is
         # paid for every step needs a discount, lest values grow without bound.
@@ -249,6 +265,26 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
             )
         hyper = replace(hyper, gamma=0.97)
     return hyper
+
+
+def tuned_for_arms(hyper: ActorCriticSettings, joints: int) -> ActorCriticSettings:
+    """What learns policy and value on an arm: networks of their own, no bonus on entropy.
+
+    The best actions are full turns, which a policy finds the sooner the less it is held to chance;
+    and values, of returns far larger than those in mazes, would rule hidden layers that are shared.
+    """
+    hyper = replace(hyper, shared=False, entropy_coef=0.0, learning_rate=3e-3, width=64)
+    if isinstance(hyper, A2CSettings):
+        return replace(hyper, gamma=0.9)
+    if isinstance(hyper, PPOSettings):
+        return _ppo_for_arms(hyper, joints)
+    return replace(hyper, gamma=0.9)
+
+
+def _ppo_for_arms(hyper: PPOSettings, joints: int) -> PPOSettings:
+    if joints > 3:
+        return replace(hyper, width=128, learning_rate=2e-3)
+    return replace(hyper, learning_rate=5e-3)
 
 
 def lessons_for(

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from pursuit.own_observations import OBSERVATIONS
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import check, check_budget, check_choice, check_seed
 from train.settings.curricula import CurriculumSettings, curriculum_form
-from train.settings.task import TaskSettings
+from train.settings.task import AnyTask, TaskSettings
 
 S = TypeVar("S", bound=Hyperparameters, covariant=True)
 EVALUATED = ("greedy", "sampled")
@@ -21,7 +20,7 @@ FIRST_LAYERS = ("auto", "bag", "dense")
 class TrainSettings(Generic[S]):
     """One training run, complete."""
 
-    task: TaskSettings = field(default_factory=TaskSettings)
+    task: AnyTask = field(default_factory=TaskSettings)
     hyper: S = field(default_factory=PPOSettings)  # type: ignore[assignment]
     """The settings of the algorithm."""
     lessons: CurriculumSettings = field(default_factory=CurriculumSettings)
@@ -31,12 +30,14 @@ class TrainSettings(Generic[S]):
     your own."""
     curriculum: str = "none"
     """What is taught when. Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start,
-    start-distance, num-goals, maze-size, loops. Adaptive: success-gated, learning-progress,
-    level-replay, learnability. Controls: none, uniform, reversed, shuffled. Or package.module:Name,
-    of a curriculum or an axis of your own."""
-    observation: str = "index"
-    """What the network is given: index (the same network as one_hot, faster), one_hot, positions,
-    cells, walls or planes (convolutions), or package.module:Name of your own."""
+    start-distance, num-goals, maze-size, loops; of an arm target-distance, free-joints, hold,
+    tolerance. Adaptive: success-gated, learning-progress, level-replay, learnability. Controls:
+    none, uniform, reversed, shuffled. Or package.module:Name, of a curriculum or an axis of your
+    own."""
+    observation: str = "auto"
+    """What the network is given. In mazes: index (the same network as one_hot, faster), one_hot,
+    positions, cells, walls or planes (convolutions), or package.module:Name of your own. Of an arm:
+    positions or positions_angles. auto: the first of these."""
     evaluate: str = "greedy"
     """Which policy is evaluated: greedy (the most probable action), or sampled (as learned: it
     gets away where the greedy one steps to and fro for ever). Final results have both."""
@@ -58,7 +59,9 @@ class TrainSettings(Generic[S]):
     whichever is the faster at the time."""
 
     def __post_init__(self) -> None:
-        OBSERVATIONS.check(self.observation)
+        if self.observation == "auto":
+            object.__setattr__(self, "observation", self.task.OBSERVATION)
+        self.task.check_observation(self.observation)
         check_choice("evaluate", self.evaluate, EVALUATED)
         check_choice("precision", self.precision, PRECISIONS)
         check_choice("first_layer", self.first_layer, FIRST_LAYERS)

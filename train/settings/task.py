@@ -1,22 +1,32 @@
-"""What is played, and against whom, by name."""
+"""What is played, and against whom, by name: games in mazes, and the arm."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, ClassVar
 
+from pursuit.own_observations import OBSERVATIONS
+from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
+from pursuit.reacher.task import ReacherTask
 from pursuit.rewards import kept_rewards, rewards_text
 from pursuit.task import TASK_NAMES
 from train.settings.checks import check, check_choice
 
 OPPONENT_POLICIES = ("sampled", "greedy")
+REACHER = "reacher"
 
 
 @dataclass(frozen=True)
 class TaskSettings:
     """What is played, and against whom."""
 
+    OBSERVATION: ClassVar[str] = "index"
+    FLAGS: ClassVar[tuple[str, ...]] = ("stay_action", "mask_bumps")
+
     task: str = "chase"
-    """chase, maze, race or heist."""
+    """chase, maze, race, heist, or reacher, which has options of its own: see --task reacher
+    --help."""
     role: str = "auto"
     """Who learns: chaser, evader or runner (or one agent, such as chaser_1). auto: the first."""
     maze: str = "5x5"
@@ -61,7 +71,8 @@ class TaskSettings:
             0.0 <= self.opponent_epsilon <= 1.0,
             f"opponent_epsilon={self.opponent_epsilon}; a share of random moves lies in [0, 1]",
         )
-        check_choice("task", self.task, TASK_NAMES)
+        check(self.task != REACHER, f"task={self.task!r} in TaskSettings; give ReacherSettings")
+        check_choice("task", self.task, (*TASK_NAMES, REACHER))
         check_choice("opponent_policy", self.opponent_policy, OPPONENT_POLICIES)
         object.__setattr__(self, "rewards", rewards_text(self.rewards))
         if self.rewards != "default":
@@ -72,9 +83,78 @@ class TaskSettings:
         """Who learns."""
         return who_learns(self.task, self.role)
 
+    @property
+    def label(self) -> str:
+        """What the folder of a run is called after."""
+        return f"{self.task}-{self.agent}-{Path(self.maze).stem}"
+
+    def check_observation(self, name: str) -> None:
+        """ValueError unless it can be observed."""
+        OBSERVATIONS.check(name)
+
 
 def who_learns(task: str, role: str) -> str:
     """The role that is named, or the first of a task for "auto"."""
     if role != "auto":
         return role
     return "runner" if task in ("maze", "race") else "chaser"
+
+
+@dataclass(frozen=True)
+class ReacherSettings:
+    """An arm that is to bring its tip to a target, in as few steps as it can."""
+
+    OBSERVATION: ClassVar[str] = "positions"
+    FLAGS: ClassVar[tuple[str, ...]] = ("discrete_actions",)
+
+    task: str = REACHER
+    """reacher; the games in mazes have options of their own: see --task chase --help."""
+    joints: int = 2
+    """Joints, 1 to 8; links have length 1."""
+    start: str = "kept"
+    """The pose that an episode begins in: kept from the last one, random, or fixed (straight)."""
+    hold: int = 1
+    """Steps in a row after which the tip must be in reach of the target."""
+    tolerance: float = 0.2
+    """It is in reach within this distance."""
+    max_steps: int = 400
+    """An episode of this many steps is truncated."""
+    max_turn: float = 0.1
+    """Radians that a joint turns in a step, at most."""
+    effort: float = 0.01
+    """Cost of turning one joint as far as it goes."""
+    discrete_actions: bool = False
+    """Every joint turns fully, back or forth, or not at all."""
+
+    def __post_init__(self) -> None:
+        check_choice("task", self.task, (REACHER,))
+        self.build()
+
+    @property
+    def label(self) -> str:
+        """What the folder of a run is called after."""
+        return f"{self.task}-{self.joints}"
+
+    def build(self) -> ReacherTask:
+        """The task itself; ValueError for what it does not allow."""
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        return ReacherTask(**{name: value for name, value in given.items() if name != "task"})
+
+    def check_observation(self, name: str) -> None:
+        """ValueError unless it can be observed."""
+        check_choice("observation", name, ARM_ENCODINGS)
+
+
+AnyTask = TaskSettings | ReacherSettings
+
+
+def in_maze(task: AnyTask, what: str) -> TaskSettings:
+    """`task`, if it is a game in mazes; ValueError naming `what` needs one for another."""
+    if isinstance(task, ReacherSettings):
+        raise ValueError(f"{what}: games in mazes are needed, and task {task.task!r} has none")
+    return task
+
+
+def task_form(name: Any) -> type[AnyTask]:
+    """The settings of a task by its name; those of mazes for an unknown one, which they refuse."""
+    return ReacherSettings if name == REACHER else TaskSettings

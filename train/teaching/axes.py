@@ -6,64 +6,67 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.maze import Maze
 from pursuit.placements import check_placeable
+from pursuit.policy import Policy
 from pursuit.simulator import Simulator
 from pursuit.task import Task
 from train.settings.checks import check
 from train.settings.curricula import AXIS_PARTS, AxisSettings
+from train.teaching.arm_axes import ARM_AXIS_MAKERS, ArmMaker
+from train.teaching.axis import Axis as Axis
+from train.teaching.axis import ends_of
 from train.teaching.mazes import training_mazes
-
-Apply = Callable[[Simulator, NDArray[np.intp], NDArray[np.float64]], None]
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One quantity from easy to hard.
-
-    Attributes:
-        name: one of `train.settings.curricula.AXES`, or a user's own.
-        easiest, hardest: the ends.
-        apply: (simulator, games [n], values [n]): has the next episode of each of the games played
-            with its value.
-        whole: whether only whole numbers make sense.
-        mazes: of the training games, where these are what changes; the last is the task's.
-    """
-
-    name: str
-    easiest: float
-    hardest: float
-    apply: Apply
-    whole: bool = True
-    mazes: tuple[Maze, ...] = ()
-
-    def stages(self, count: int) -> list[float]:
-        """At most `count` values from easy to hard, evenly spaced, all different."""
-        values = np.linspace(self.easiest, self.hardest, count)
-        return list(dict.fromkeys((np.round(values) if self.whole else values).tolist()))
+from train.teaching.optimum import Optimum, optimum_of
 
 
 @dataclass(frozen=True)
 class Ground:
-    """What axes are laid over.
+    """The game in a maze that axes are laid over.
 
     Attributes:
         task: the task itself, to which every axis leads.
         agent: who learns, by name or role.
+        opponents: the policy of every other role.
         opponent_epsilon: share of random moves of the scripted opponents.
         learned_opponent: the name of an opponent that is not scripted; None where all are.
     """
 
     task: Task
     agent: str
+    opponents: Mapping[str, Policy] = field(default_factory=dict)
     opponent_epsilon: float = 0.0
     learned_opponent: str | None = None
+
+    @property
+    def default_axis(self) -> str:
+        """What `axis="auto"` means; ValueError where there is nothing to turn."""
+        task = self.task
+        if task.num_goals:
+            return "goal-spread-start"
+        check(
+            task.num_chasers > 0 and task.num_evaders > 0,
+            f"task {task.name!r} has neither goals nor chasers with evaders; name an axis",
+        )
+        return "start-distance"
+
+    def check_levels(self, name: str) -> None:
+        """ValueError where there are no starts to be replayed."""
+        check(
+            self.task.start == "random",
+            f"curriculum={name!r} replays random starts; leave out start='marks'",
+        )
+
+    def optimum(self, task: Task) -> Optimum | None:
+        """The exact optimum of every start of `task`, this one in other mazes; None if unknown."""
+        return optimum_of(task, self.agent, self.opponents)
 
 
 @dataclass(frozen=True)
@@ -86,9 +89,14 @@ class Maker:
     scripted: bool = False
     mazes: bool = False
 
-    def check(self, name: str, ground: Ground, ends: AxisSettings) -> None:
+    def check(self, name: str, ground: Any, ends: AxisSettings) -> None:
         """Raise ValueError for what the task has not."""
         task = ground.task
+        check(
+            isinstance(ground, Ground),
+            f"curriculum {name!r} turns games in mazes, and task {task.name!r} is none; take "
+            "target-distance, free-joints, hold or tolerance",
+        )
         check(
             not self.goals or task.num_goals > 0,
             f"curriculum {name!r} moves goals, and task {task.name!r} has none; take "
@@ -120,18 +128,7 @@ class Maker:
         )
 
 
-def default_axis(task: Task) -> str:
-    """What `axis="auto"` means; ValueError where there is nothing to turn."""
-    if task.num_goals:
-        return "goal-spread-start"
-    check(
-        task.num_chasers > 0 and task.num_evaders > 0,
-        f"task {task.name!r} has neither goals nor chasers with evaders; name an axis",
-    )
-    return "start-distance"
-
-
-def axis_of(name: str, ground: Ground, ends: AxisSettings) -> Axis:
+def axis_of(name: str, ground: Any, ends: AxisSettings) -> Axis:
     """The axis of that name, or of "auto", over a task.
 
     Warns where an end lies beyond what the maze has, and is clipped.
@@ -139,26 +136,19 @@ def axis_of(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     Raises:
         ValueError: the task has not what the axis turns, or ends that are not allowed.
     """
-    name = default_axis(ground.task) if name == "auto" else name
+    name = ground.default_axis if name == "auto" else name
     maker = maker_of(name)
     maker.check(name, ground, ends)
     return maker.make(name, ground, ends)
 
 
-def maker_of(name: str) -> Maker:
+def maker_of(name: str) -> Maker | ArmMaker:
     """What makes the axis of that name, one of ours or a user's; ValueError for an unknown one."""
-    if name in AXIS_MAKERS:
-        return AXIS_MAKERS[name]
-    maker: Maker = AXIS_PARTS.get(name)
+    for makers in (AXIS_MAKERS, ARM_AXIS_MAKERS):
+        if name in makers:
+            return makers[name]
+    maker: Maker | ArmMaker = AXIS_PARTS.get(name)
     return maker
-
-
-def _ends(ends: AxisSettings, easiest: float, hardest: float) -> tuple[float, float]:
-    first = easiest if ends.easiest is None else float(ends.easiest)
-    last = hardest if ends.hardest is None else float(ends.hardest)
-    for value in (first, last):
-        check(bool(np.isfinite(value)), f"{value} as the easiest or hardest; a finite number")
-    return first, last
 
 
 # -- what turns -----------------------------------------------------------------------------------
@@ -168,7 +158,7 @@ def opponent_epsilon(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     """Share of random moves of the opponents, from 1 down."""
     own = ground.task.seat(ground.agent)
     others = [seat for seat in range(ground.task.num_agents) if seat != own]
-    first, last = _ends(ends, 1.0, ground.opponent_epsilon)
+    first, last = ends_of(ends, 1.0, ground.opponent_epsilon)
     for value in (first, last):
         check(0.0 <= value <= 1.0, f"epsilon={value}; a share of random moves lies in [0, 1]")
 
@@ -229,7 +219,7 @@ def num_goals(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     """How many goals there are."""
     goals = ground.task.num_goals
     check(goals > 1, f"curriculum {name!r} needs at least 2 goals; num_goals={goals}")
-    first, last = _ends(ends, 1, goals)
+    first, last = ends_of(ends, 1, goals)
     for value in (first, last):
         check(
             1 <= value <= goals and value == int(value),
@@ -245,7 +235,7 @@ def num_goals(name: str, ground: Ground, ends: AxisSettings) -> Axis:
 def maze_number(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     """Which of several mazes is played in."""
     mazes = training_mazes(name, ends.curriculum_mazes, ground.task)
-    first, last = _ends(ends, 0, len(mazes) - 1)
+    first, last = ends_of(ends, 0, len(mazes) - 1)
     for value in (first, last):
         check(
             0 <= value < len(mazes) and value == int(value),
@@ -264,7 +254,7 @@ def _radius(
 ) -> tuple[float, float]:
     """Ends in steps; `own` are those of the maze, which none may exceed."""
     values, longest = [], own[1]
-    for value in _ends(ends, *own):
+    for value in ends_of(ends, *own):
         check(
             value >= least and value == int(value),
             f"{name} of {value:g}; a whole number of steps of at least {least}",

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from curricula import (
     Curriculum,
@@ -16,8 +19,6 @@ from curricula import (
     Uniform,
 )
 from curricula.schedules import Schedule
-from pursuit.policy import Policy
-from pursuit.task import Task
 from train.algorithms.registry import Algorithm
 from train.settings.checks import check
 from train.settings.curricula import (
@@ -36,9 +37,9 @@ from train.settings.curricula import (
     SuccessGatedSettings,
     UniformSettings,
 )
-from train.teaching.axes import Axis, Ground, axis_of, maker_of
+from train.teaching.axes import axis_of, maker_of
+from train.teaching.axis import Axis
 from train.teaching.mazes import training_mazes
-from train.teaching.optimum import Optimum, optimum_of
 
 
 @dataclass(frozen=True)
@@ -50,15 +51,16 @@ class Plan:
         lessons: its settings.
         axis: what it turns; None where it chooses levels.
         task: of the training games: the task itself, with the mazes of the curriculum.
-        optimum: the exact optimum of every start, where the lessons need it.
+        optimum: (simulator, games [n]) -> [n] the exact optimum of where these games begin, where
+            the lessons need it.
         seed: of what the curriculum draws.
     """
 
     name: str
     lessons: CurriculumSettings
     axis: Axis | None
-    task: Task
-    optimum: Optimum | None
+    task: Any
+    optimum: Callable[[Any, NDArray[np.intp]], NDArray[np.float64]] | None
     seed: int
 
     def curriculum(self) -> Curriculum:
@@ -66,27 +68,31 @@ class Plan:
         return make_curriculum(self.name, self.lessons, self.axis, self.seed)
 
 
-def plan_lessons(
-    name: str,
-    lessons: CurriculumSettings,
-    task: Task,
-    agent: str,
-    opponents: Mapping[str, Policy],
-    *,
-    opponent_epsilon: float,
-    learned_opponent: str | None,
-    seed: int,
-) -> Plan | None:
+class Terrain(Protocol):
+    """What lessons are planned over: a world's task, and what is known of it (a `Ground`)."""
+
+    @property
+    def task(self) -> Any:
+        """To which the lessons lead."""
+
+    @property
+    def default_axis(self) -> str:
+        """What `axis="auto"` means; ValueError where there is nothing to turn."""
+
+    def check_levels(self, name: str) -> None:
+        """ValueError where there are no starts to be replayed by curriculum `name`."""
+
+    def optimum(self, task: Any) -> Callable[[Any, NDArray[np.intp]], NDArray[np.float64]] | None:
+        """The exact optimum of every start of the training games; None where it is not known."""
+
+
+def plan_lessons(name: str, lessons: CurriculumSettings, ground: Terrain, seed: int) -> Plan | None:
     """What is to be taught in a task; None for the curriculum "none".
 
     Args:
         name: of the curriculum.
         lessons: its settings.
-        task: to which it leads.
-        agent: who learns, by name or role.
-        opponents: the policy of every other role.
-        opponent_epsilon: share of random moves of those that are scripted.
-        learned_opponent: what the one that is not scripted is called in errors; None where all are.
+        ground: the task, with whoever plays in it.
         seed: of what the curriculum draws.
 
     Raises:
@@ -94,23 +100,19 @@ def plan_lessons(
     """
     if name == "none":
         return None
-    axis, turned = None, None
+    axis, turned, task = None, None, ground.task
     if isinstance(lessons, AxisSettings):
-        ground = Ground(task, agent, opponent_epsilon, learned_opponent)
         turned = axis_name(name, lessons)
         axis = axis_of(turned, ground, lessons)
         if isinstance(lessons, ScheduleSettings):
             for _, value in lessons.points():  # each must be possible, as the ends must
                 axis_of(turned, ground, replace(lessons, easiest=value))
     else:
-        check(
-            task.start == "random",
-            f"curriculum={name!r} replays random starts; leave out start='marks'",
-        )
+        ground.check_levels(name)
     optimum, played = None, training_task(name, lessons, task)
     if lessons.needs_optimum:
         steady = axis is None or turned == "auto" or not maker_of(str(turned)).scripted
-        optimum = optimum_of(played, agent, opponents) if steady else None
+        optimum = ground.optimum(played) if steady else None
         check(
             optimum is not None,
             f"curriculum={name!r} as set needs the exact optimum of every start, which is not "
@@ -127,7 +129,7 @@ def axis_name(name: str, lessons: AxisSettings) -> str:
     return lessons.axis if isinstance(lessons, StagedSettings) else name
 
 
-def training_task(name: str, lessons: CurriculumSettings, task: Task) -> Task:
+def training_task(name: str, lessons: CurriculumSettings, task: Any) -> Any:
     """The task of the training games: that of the run, with the mazes of the curriculum in it.
 
     Raises:

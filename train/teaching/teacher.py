@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,9 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from curricula import Curriculum, Outcomes, Progress
-from pursuit.simulator import Simulator
 from train.environments.hooks import EpisodeHook
-from train.evaluation.games import won_by
 from train.settings.checks import check
 from train.teaching.log import NUMBERS, REASON, row_of
 from train.teaching.plan import Plan
@@ -20,13 +20,28 @@ from train.tensors import Misfit, check_like, check_tensor
 LEVELS = "levels"
 
 
+@dataclass(frozen=True)
+class Judge:
+    """How an episode of the learner is read off the games as it ends.
+
+    Attributes:
+        won: (simulator) -> [num_games] bool, of games that have just ended.
+        returns: (simulator) -> [num_games] of its episodes so far.
+        less_is_better: whether few steps are good.
+    """
+
+    won: Callable[[Any], NDArray[np.bool_]]
+    returns: Callable[[Any], NDArray[np.float64]]
+    less_is_better: bool = True
+
+
 class Teacher(EpisodeHook):
     """Asks the curriculum for a lesson whenever a game begins anew, and tells it how that went.
 
     Args:
         plan: what is taught.
         simulator: the training games, of the plan's task, with `auto_restart=False`.
-        seat: the learner's.
+        judge: of the learner's episodes.
 
     Attributes:
         curriculum, axis: what is taught.
@@ -36,14 +51,13 @@ class Teacher(EpisodeHook):
         rows: of `curriculum.csv`.
     """
 
-    def __init__(self, plan: Plan, simulator: Simulator, seat: int) -> None:
+    def __init__(self, plan: Plan, simulator: Any, judge: Judge) -> None:
         self.name, self.axis, self.optimum = plan.name, plan.axis, plan.optimum
-        self.curriculum, self.simulator, self.seat = plan.curriculum(), simulator, seat
+        self.curriculum, self.simulator, self.judge = plan.curriculum(), simulator, judge
         self.solved_within = plan.lessons.solved_within
         self.wants_advantages = plan.lessons.needs_advantages
         self.rng = np.random.default_rng([plan.seed, 0xC0551])
-        games, task = simulator.num_games, simulator.task
-        self._evading = task.seat_roles[seat] == "evader" and not task.num_goals
+        games = simulator.num_games
         self.episodes = 0
         self.playing, self.optima = np.zeros(games), np.full(games, np.nan)
         self.applied = np.full(games, np.nan)
@@ -86,12 +100,12 @@ class Teacher(EpisodeHook):
 
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
         """Note the outcomes of the games of the mask, whose episodes have just ended."""
-        simulator, seat = self.simulator, self.seat
+        simulator, judge = self.simulator, self.judge
         chosen = np.flatnonzero(games)
-        won = won_by(simulator, seat)[chosen]
+        won = judge.won(simulator)[chosen]
         lengths = simulator.steps[chosen].astype(np.int64)
         optima = self.optima[chosen]
-        if self._evading:
+        if not judge.less_is_better:
             regrets = np.maximum(1.0 - lengths / optima, 0.0)
             near = lengths * self.solved_within >= optima
         else:
@@ -100,7 +114,7 @@ class Teacher(EpisodeHook):
         if self.solved_within:
             won = won & near
         lessons = self.playing[chosen]
-        returns = simulator.returns[chosen, seat]
+        returns = judge.returns(simulator)[chosen]
         self._outcomes.append((lessons, won, returns, lengths, regrets))
         self._played.append(lessons)
         self._won.append(won)

@@ -1,0 +1,203 @@
+"""The contest of an arm: how many steps a policy needs, beside the least that it could."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.compiled import source_stamp
+from pursuit.reacher.policy import ArmPolicy
+from pursuit.reacher.rendering import ArmScene, scene_of
+from pursuit.reacher.simulator import ReacherSimulator
+from pursuit.reacher.task import ReacherTask
+from scripted_agents import (
+    IK_METHODS,
+    InverseKinematics,
+    LeastStepsPolicy,
+    RandomArm,
+    ThesisInverseKinematics,
+    least_steps_kernels,
+    least_steps_of,
+)
+from train.evaluation.contest import Score
+from train.evaluation.games import half_width
+from train.files import write_beside
+from train.settings.checks import EVALUATION_SEED
+
+EPISODES = 1000
+"""Starts that are solved at once, at least."""
+JOINTS_KEPT = 5
+"""From here on a thousand starts take seconds."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """The least lengths of the episodes from given starts.
+
+    Attributes:
+        lower, upper: [episodes] int64; equal where the least length is known.
+    """
+
+    lower: NDArray[np.int64]
+    upper: NDArray[np.int64]
+
+    @property
+    def share_exact(self) -> float:
+        """Of the starts."""
+        return float((self.lower == self.upper).mean())
+
+
+@lru_cache(maxsize=16)
+def bounds_of(task: ReacherTask, episodes: int, seed: int) -> Bounds:
+    """The least lengths of the episodes that an evaluation plays.
+
+    A tip that begins in reach needs a step all the same, and one that is to be held stays for the
+    rest of `hold`; nothing takes longer than `max_steps`. Discrete actions reach no more poses than
+    continuous ones, so of those only the lower bounds hold.
+
+    The first starts of a larger evaluation are those of a smaller one, so both are solved at once.
+    """
+    if episodes < EPISODES:
+        first = bounds_of(task, EPISODES, seed)
+        return Bounds(first.lower[:episodes], first.upper[:episodes])
+    steps = solved(task, episodes, seed)
+    lengths = np.minimum(np.maximum(steps, 1) + task.hold - 1, task.max_steps)
+    return Bounds(lengths[:, 0], lengths[:, 1])
+
+
+def solved(task: ReacherTask, episodes: int, seed: int) -> NDArray[np.int64]:
+    """[episodes, 2] bounds of the least steps from the starts of an evaluation.
+
+    Of many joints they take a minute, so they are kept on disk as compiled kernels are, under a
+    name that changes with the task, the starts, the rules and the solver.
+    """
+    arms = ReacherSimulator(task, episodes, seed, auto_restart=False)
+    given = (arms.angles, arms.targets, task.max_turn, task.tolerance)
+    if task.joints < JOINTS_KEPT:
+        return np.stack(least_steps_of(*given)[:2], axis=1)
+    digest = hashlib.sha256(source_stamp(least_steps_kernels.__file__).encode())
+    for array in given:
+        digest.update(np.asarray(array).tobytes())
+    path = kept_files() / f"least-steps-{digest.hexdigest()[:32]}.npy"
+    with contextlib.suppress(OSError, ValueError, EOFError):
+        kept: NDArray[np.int64] = np.load(path, allow_pickle=False)
+        if kept.shape == (episodes, 2) and kept.dtype == np.int64:
+            return kept
+    steps = np.stack(least_steps_of(*given)[:2], axis=1)
+    with contextlib.suppress(OSError, ValueError):  # it can be solved again
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_beside(path, lambda partial: _save(partial, steps))
+    return steps
+
+
+def _save(path: Path, steps: NDArray[np.int64]) -> None:
+    with path.open("wb") as file:  # of a path NumPy would change the name
+        np.save(file, steps)
+
+
+def kept_files() -> Path:
+    """The folder of what can be computed again: PURSUIT_CACHE, else that of the user's caches."""
+    own = os.environ.get("PURSUIT_CACHE")
+    caches = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(own) if own else Path(caches) / "pursuit"
+
+
+@dataclass(frozen=True)
+class ArmContest:
+    """An arm alone with its targets; a `Contest`.
+
+    Poses begin at random, or fixed where the task says so: those of a kept pose would depend on
+    who moved the arm before.
+    """
+
+    task: ReacherTask
+    episodes: int = 1000
+    seed: int = EVALUATION_SEED
+    less_is_better: bool = True
+
+    def describe(self) -> dict[str, Any]:
+        """The task, and how many joints."""
+        return {"task": "reacher", "role": "arm", "maze": None, "joints": self.task.joints}
+
+    def line(self) -> str:
+        """One line that says what is evaluated."""
+        task = self.task
+        joints = f"{task.joints} joint{'s' if task.joints > 1 else ''}"
+        held = f", held for {task.hold} steps" if task.hold > 1 else ""
+        discrete = ", discrete actions" if task.discrete_actions else ""
+        return (
+            f"reacher: an arm of {joints}, target within {task.tolerance:g}{held}{discrete}, "
+            f"at most {task.max_steps} steps"
+        )
+
+    def starts(self) -> ReacherSimulator:
+        """The arms of the evaluation at their starts."""
+        return ReacherSimulator(self.task, self.episodes, self.seed, auto_restart=False)
+
+    def play(self, policy: ArmPolicy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Play every start to its end: episode lengths [episodes], and which succeeded."""
+        arms = self.starts()
+        lengths = np.full(self.episodes, self.task.max_steps, dtype=np.int64)
+        running, reached = np.ones(self.episodes, dtype=bool), np.zeros(self.episodes, dtype=bool)
+        for step in range(1, self.task.max_steps + 1):
+            arms.step(policy.act(arms.view()))
+            ended = running & arms.ended
+            lengths[ended] = step
+            reached[ended] = arms.terminated[ended]
+            running &= ~ended
+            if not running.any():
+                break
+        return lengths, reached
+
+    def score(self, name: str, policy: ArmPolicy) -> Score:
+        """Play."""
+        lengths, reached = self.play(policy)
+        mean, share = float(lengths.mean()), float(reached.mean())
+        return Score(name, mean, half_width(lengths), share, len(lengths), False)
+
+    def bounds(self) -> Bounds:
+        """The least lengths of these episodes."""
+        return bounds_of(self.task, self.episodes, self.seed)
+
+    def optimal(self) -> Score:
+        """The least steps from the same starts: of intervals their lower ends."""
+        bounds = self.bounds()
+        mean = float(bounds.lower.mean())
+        return Score("optimal", mean, half_width(bounds.lower), 1.0, self.episodes, False)
+
+    def baselines(self) -> list[Score]:
+        """Random, every kinematic method, the thesis' baseline, and the least steps.
+
+        The moves that achieve the upper ends of their intervals are played as well, where these are
+        intervals; discrete actions can play neither these nor the kinematic ones.
+        """
+        if self.task.discrete_actions:
+            return [self.score("random", RandomArm()), self.optimal()]
+        scores = [self.score("random", RandomArm())]
+        scores += [self.score(method, InverseKinematics(method)) for method in IK_METHODS]
+        scores.append(self.score("thesis' inverse kinematics", ThesisInverseKinematics()))
+        scores.append(self.optimal())
+        if self.bounds().share_exact < 1.0:
+            scores.append(self.score("least steps, as proved", LeastStepsPolicy()))
+        return scores
+
+    def scenes(self, policy: ArmPolicy, episodes: int = 3) -> list[ArmScene]:
+        """What a person sees of some episodes, one after the other."""
+        scenes: list[ArmScene] = []
+        for episode in range(episodes):
+            arm = ReacherSimulator(self.task, 1, self.seed, episode, auto_restart=False)
+            caption = f"episode {episode + 1} of {episodes}"
+            scenes.append(scene_of(arm, caption=caption))
+            while not arm.ended.any():
+                arm.step(policy.act(arm.view()))
+                scenes.append(scene_of(arm, caption=caption))
+            scenes.extend([scenes[-1]] * 3)
+        return scenes

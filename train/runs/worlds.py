@@ -1,0 +1,182 @@
+"""Worlds: what a run of one agent asks of a task, whatever that is; games in mazes, and the arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+from pursuit.parallel_env import scene_of
+from pursuit.policy import Policy
+from pursuit.reacher import rendering as arm_rendering
+from pursuit.reacher.simulator import ReacherSimulator
+from pursuit.reacher.task import ReacherTask
+from pursuit.rendering import scene_to_text
+from pursuit.simulator import Simulator
+from pursuit.single_agent import fill_seats
+from pursuit.task import Task
+from scripted_agents.environments import SCRIPTED
+from train.environments.arm_env import ArmEnv
+from train.environments.simulator_env import SimulatorEnv
+from train.evaluation.arm_contest import ArmContest
+from train.evaluation.contest import GameContest
+from train.evaluation.games import won_by
+from train.networks.arm_policy import ArmSeat
+from train.networks.policy import Seat
+from train.runs.opponents import opponents_of
+from train.runs.tasks import agent_of, task_of
+from train.settings.checks import EVALUATION_SEED
+from train.settings.presets import Setting
+from train.settings.task import AnyTask, ReacherSettings, TaskSettings
+from train.teaching.arm_axes import ArmGround
+from train.teaching.axes import Ground
+from train.teaching.plan import Plan, Terrain
+from train.teaching.teacher import Judge, Teacher
+
+
+class World(Protocol):
+    """A task with whoever else plays in it, made of its settings once."""
+
+    @property
+    def task(self) -> Any:
+        """What is evaluated."""
+
+    @property
+    def setting(self) -> Setting:
+        """What the presets go by."""
+
+    @property
+    def ground(self) -> Terrain:
+        """What lessons are planned over."""
+
+    def games(
+        self, seat: Any, num_games: int, seed: int, plan: Plan | None
+    ) -> tuple[Any, Teacher | None]:
+        """The training games as a TorchRL environment, and who teaches in them.
+
+        Args:
+            seat: who learns, in these games.
+            num_games: in lockstep.
+            seed: of the games.
+            plan: what is taught; None without a curriculum.
+        """
+
+    def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> Any:
+        """What is judged: the task itself, whatever the training games are."""
+
+    def level(self, task: Any, seed: int) -> str:
+        """The start that belongs to a seed in the training games of `task`, as text."""
+
+
+@dataclass(frozen=True)
+class GridWorld:
+    """A game in mazes; a `World`."""
+
+    settings: TaskSettings
+
+    @cached_property
+    def task(self) -> Task:
+        """The task; ValueError for settings that make no game."""
+        return task_of(self.settings)
+
+    @cached_property
+    def agent(self) -> str:
+        """Who learns; ValueError where that agent does not play."""
+        return agent_of(self.settings, self.task)
+
+    @cached_property
+    def opponents(self) -> dict[str, Policy]:
+        """The policy of every role; ValueError as `opponents_of`."""
+        given = self.settings
+        how = (given.opponent, given.opponent_epsilon, given.opponent_policy)
+        return opponents_of(self.task, self.agent, *how)
+
+    @property
+    def setting(self) -> Setting:
+        """By task, role and size."""
+        given, task = self.settings, self.task
+        role = self.agent.split("_")[0]
+        return Setting(given.task, role, task.max_cells, given.start == "random", task.is_duel)
+
+    @property
+    def ground(self) -> Ground:
+        """The task, and who plays in it."""
+        given = self.settings
+        learned = None if given.opponent in SCRIPTED else given.opponent
+        return Ground(self.task, self.agent, self.opponents, given.opponent_epsilon, learned)
+
+    def games(
+        self, seat: Seat, num_games: int, seed: int, plan: Plan | None
+    ) -> tuple[SimulatorEnv, Teacher | None]:
+        """As `World`."""
+        simulator = Simulator(seat.task, num_games, seed, auto_restart=False)
+        number, policies = fill_seats(seat.task, seat.agent, self.opponents)
+        teacher = None
+        if plan is not None:
+            evading = seat.role == "evader" and not seat.task.num_goals
+            judge = Judge(
+                lambda games: won_by(games, number),
+                lambda games: games.returns[:, number],
+                not evading,
+            )
+            teacher = Teacher(plan, simulator, judge)
+        return SimulatorEnv(simulator, seat, policies, teacher), teacher
+
+    def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> GameContest:
+        """As `World`."""
+        masks = self.settings.mask_bumps
+        return GameContest(self.task, self.agent, self.opponents, episodes, seed, mask_bumps=masks)
+
+    def level(self, task: Task, seed: int) -> str:
+        """As `World`."""
+        simulator = Simulator(task, 1, auto_restart=False)
+        simulator.seed_starts(None, seed)
+        simulator.reset()
+        return scene_to_text(scene_of(simulator))
+
+
+@dataclass(frozen=True)
+class ArmWorld:
+    """An arm; a `World`."""
+
+    settings: ReacherSettings
+
+    @cached_property
+    def task(self) -> ReacherTask:
+        """The task."""
+        return self.settings.build()
+
+    @property
+    def setting(self) -> Setting:
+        """By the number of joints."""
+        return Setting("reacher", "arm", 0, joints=self.task.joints)
+
+    @property
+    def ground(self) -> ArmGround:
+        """The arm."""
+        return ArmGround(self.task)
+
+    def games(
+        self, seat: ArmSeat, num_games: int, seed: int, plan: Plan | None
+    ) -> tuple[ArmEnv, Teacher | None]:
+        """As `World`."""
+        simulator = ReacherSimulator(seat.task, num_games, seed, auto_restart=False)
+        judge = Judge(lambda arms: arms.terminated, lambda arms: arms.returns)
+        teacher = None if plan is None else Teacher(plan, simulator, judge)
+        return ArmEnv(simulator, seat, teacher), teacher
+
+    def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> ArmContest:
+        """As `World`."""
+        return ArmContest(self.task, episodes, seed)
+
+    def level(self, task: ReacherTask, seed: int) -> str:
+        """As `World`."""
+        arm = ReacherSimulator(task, 1, auto_restart=False)
+        arm.seed_starts(None, seed)
+        arm.reset()
+        return arm_rendering.scene_to_text(arm_rendering.scene_of(arm))
+
+
+def world_of(settings: AnyTask) -> World:
+    """The world of a task's settings."""
+    return ArmWorld(settings) if isinstance(settings, ReacherSettings) else GridWorld(settings)
