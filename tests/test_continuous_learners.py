@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -313,12 +312,8 @@ def test_the_thesis_tables_are_what_the_presets_hold() -> None:
 
 
 def test_memory_counts_the_numbers_of_an_action() -> None:
-    settings, sizes = DDPGSettings(buffer_size=1000), []
-    for joints in (1, 8):
-        player = arm_games(1, joints=joints).player
-        task = SimpleNamespace(num_agents=1, num_goals=1)
-        parts = {"features": player.features, "num_actions": joints, "continuous": True}
-        seat: Any = SimpleNamespace(task=task, **parts)
-        sizes.append(bytes_of(settings, seat)["buffer_size"])
+    settings = DDPGSettings(buffer_size=1000)
+    players = [arm_games(1, joints=joints).player for joints in (1, 8)]
+    sizes = [bytes_of(settings, player)["buffer_size"] for player in players]
     observations = 1000 * 2 * 4 * 2 * 7  # two observations of two numbers more for each joint
     assert sizes[1] - sizes[0] == observations + 1000 * 4 * 7

@@ -36,7 +36,6 @@ RUNNER = {"task": "maze", "maze": "3x3", "num_goals": 2, "max_steps": 12}
 CHASER = {"task": "chase", "maze": "3x3", "max_steps": 12}
 ARM = {"task": "reacher", "joints": 2, "max_steps": 12}
 FRAMES = 900
-DISCRETE = [name for name, each in ALGORITHMS.items() if "discrete" in each.actions]
 LONGER = {"q_learning": 6000}
 """Where an iteration takes more frames than most: each run has to have several."""
 
@@ -121,7 +120,7 @@ def tiny(algorithm: str, **flat: Any) -> Any:
     )
 
 
-@pytest.mark.parametrize("algorithm", DISCRETE)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_every_learner_resumes(algorithm: str, tmp_path: Path) -> None:
     game = RUNNER if "discrete" in ALGORITHMS[algorithm].actions else ARM
     check_resumption(RUN, tiny(algorithm, **game), tmp_path)
@@ -134,13 +133,15 @@ def test_every_learner_resumes(algorithm: str, tmp_path: Path) -> None:
         {"algorithm": "a2c", "critic": False},
         {"algorithm": "dqn", "prioritized": True, "dueling": True},
         {"algorithm": "dqn", "mask_bumps": True},
+        {"algorithm": "td3", "prioritized": True, "noise": "ornstein-uhlenbeck", **ARM},
         {"algorithm": "cross_entropy", "observation": "planes"},
         {"algorithm": "q_learning", "role": "evader", **CHASER},
     ],
     ids=lambda flat: " ".join(map(str, flat.values())),
 )
 def test_switched_learners_resume(flat: dict[str, Any], tmp_path: Path) -> None:
-    check_resumption(RUN, tiny(**{**RUNNER, **flat}), tmp_path)
+    game = {} if "joints" in flat else RUNNER
+    check_resumption(RUN, tiny(**{**game, **flat}), tmp_path)
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "a2c", "reinforce", "cross_entropy"])
@@ -171,7 +172,7 @@ def test_levels_scored_by_advantages_resume(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("curriculum", CURRICULA)
-@pytest.mark.parametrize("algorithm", DISCRETE)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_every_learner_resumes_with_every_curriculum(
     algorithm: str, curriculum: str, tmp_path: Path
 ) -> None:
