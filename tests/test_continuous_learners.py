@@ -26,6 +26,11 @@ SMALL: dict[str, Any] = {
     "learning_starts": 100, "gradient_steps": 3, "noise": "ornstein-uhlenbeck",
 }  # fmt: skip
 
+LEARNING: dict[str, Any] = {
+    "num_games": 128, "batch_size": 256, "width": 128, "learning_starts": 5000, "tau": 0.03,
+    "learning_rate": 3e-3, "critic_learning_rate": 3e-3,
+}  # fmt: skip
+
 
 def make(name: str, seed: int = 0, **changes: Any) -> Any:
     settings: Any = entry(name).settings(**{**SMALL, **changes})
@@ -63,15 +68,14 @@ def test_gaussian_noise_forgets_and_games_have_their_own() -> None:
 
 
 def test_noise_begins_anew_with_the_episode_of_its_game() -> None:
-    learner = make("td3", learning_starts=0, noise_start=0.3, rollout_steps=1)
-    ended = 0
-    for _ in range(120):
-        learner.iterate(0.0)
-        over = learner.env.simulator.ended
-        ended += over.sum()
-        assert bool((learner.noise.state[torch.from_numpy(over)] == 0.0).all())
-        assert bool((learner.noise.state[torch.from_numpy(~over)] != 0.0).all())
-    assert ended > 0
+    learner = make("td3", noise_start=0.3, rollout_steps=1)
+    learner.explorer.anything, learner.noise.std, ended = False, 0.3, 0
+    for _ in range(410):
+        over = next(learner._batches)["next", "done"][:, 0, 0]
+        ended += int(over.sum())
+        assert bool((learner.noise.state[over] == 0.0).all())
+        assert bool((learner.noise.state[~over] != 0.0).all())
+    assert ended >= 16
 
 
 def test_noise_is_annealed_over_its_share_of_the_budget() -> None:
@@ -215,21 +219,20 @@ def test_a_state_that_does_not_fit_is_refused(name: str) -> None:
 # -- learning --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", LEARNERS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "td3")) for name in LEARNERS]
+)
 def test_an_arm_of_one_joint_learns_to_reach(name: str) -> None:
     torch.manual_seed(0)
-    settings: Any = entry(name).settings(
-        num_games=64, batch_size=128, width=32, learning_starts=1000, learning_rate=3e-3,
-        critic_learning_rate=3e-3, tau=0.05, gamma=0.9,
-    )  # fmt: skip
-    learner: Any = entry(name).build(settings, arm_games(64, joints=1), Build())
+    settings: Any = entry(name).settings(**LEARNING)
+    learner: Any = entry(name).build(settings, arm_games(128, joints=1), Build())
     untrained = steps_of(learner.policy(), joints=1)
-    while learner.updates < 700:
-        learner.iterate(learner.updates / 700)
+    while learner.updates < 1000:
+        learner.iterate(learner.updates / 1000)
     again = entry(name).load(settings, learner.env.player, learner.state_dict(), True)
     learner.close()
     found = steps_of(learner.policy(), joints=1)
-    assert steps_of(again, joints=1) == found < 17.0 < 100.0 < untrained  # at least: 14.0
+    assert steps_of(again, joints=1) == found < 30.0 < 100.0 < untrained  # at least: 14.0
 
 
 @pytest.mark.parametrize("tau", [0.0, 1.0])
@@ -253,13 +256,13 @@ def test_the_actor_waits_for_its_critics() -> None:
 
 
 def test_the_temperature_of_sac_follows_the_entropy() -> None:
-    for target, change in ((-8.0, -1.0), (0.6, 1.0)):
+    for target, change in ((-8.0, -1.0), (5.0, 1.0)):
         learner = make("sac", target_entropy=target, learning_starts=0)
         for _ in range(20):
             figures = learner.iterate(0.0)
-        assert change * (figures["temperature"] - 0.1) > 0.0
+        assert change * (figures["temperature"] - 0.02) > 0.0
     learner = make("sac", adapt_temperature=False, learning_starts=0)
-    assert learner.iterate(0.0)["temperature"] == pytest.approx(0.1)
+    assert learner.iterate(0.0)["temperature"] == pytest.approx(0.02)
 
 
 # -- what is said ----------------------------------------------------------------------------------
@@ -310,8 +313,7 @@ def test_the_thesis_tables_are_what_the_presets_hold() -> None:
 
 def test_memory_counts_the_numbers_of_an_action() -> None:
     settings = DDPGSettings(buffer_size=1000)
-    sizes = [
-        bytes_of(settings, arm_games(1, joints=joints).player)["buffer_size"] for joints in (1, 8)
-    ]
+    players = [arm_games(1, joints=joints).player for joints in (1, 8)]
+    sizes = [bytes_of(settings, player)["buffer_size"] for player in players]
     observations = 1000 * 2 * 4 * 2 * 7  # two observations of two numbers more for each joint
     assert sizes[1] - sizes[0] == observations + 1000 * 4 * 7

@@ -51,6 +51,7 @@ def test_a_new_learner_is_one_entry() -> None:
 
 # -- whole runs ------------------------------------------------------------------------------------
 
+ARM = {"task": "reacher", "joints": 1, "max_steps": 40, "threads": 1}
 EASY = {"task": "maze", "maze": "3x3", "num_goals": 2, "threads": 1}
 SMALL: dict[str, dict[str, Any]] = {
     "ppo": {"num_games": 64, "minibatch_size": 256},
@@ -115,11 +116,15 @@ def test_chasers_and_evaders_learn_with_every_kind_of_learner(
 
 @pytest.mark.parametrize("preset", THESIS)
 def test_the_presets_of_the_thesis_run(preset: str, tmp_path: Path) -> None:
-    run = start(RUN, settings_of(preset=preset, **EASY, frames=1300), tmp_path)
+    owner = preset_algorithm(preset)
+    assert owner is not None
+    task = EASY if "discrete" in entry(owner).actions else ARM
+    flat = {"learning_starts": 600, "batch_size": 64} if task is ARM else {}
+    run = start(RUN, settings_of(preset=preset, **task, **flat, frames=1300), tmp_path)
     run.train()
     assert run.trainee.learner.frames >= 1300
     content = run.results(10)
-    assert content["algorithm"] == preset_algorithm(preset)
+    assert content["algorithm"] == owner
 
 
 def test_the_thesis_tables_are_what_the_presets_hold() -> None:

@@ -9,6 +9,7 @@ from torch import nn
 
 from train.networks.features import Features
 from train.networks.layers import Flat, Hidden, Trunk, head
+from train.networks.stacked import StackedLayers
 
 LOG_STD = (-20.0, 2.0)
 """Where logarithms of standard deviations are kept (Haarnoja et al., 2018, their code)."""
@@ -122,7 +123,7 @@ class Critics(nn.Module):
         for parts in zip(*layers, strict=True):
             self.weights.append(torch.stack([part.weight.detach().T for part in parts]))
             self.biases.append(torch.stack([part.bias.detach()[None] for part in parts]))
-        self.activation = torch.tanh if hidden.activation == "tanh" else torch.relu
+        self.tanh = hidden.activation == "tanh"
         self.autocast_bfloat16 = hidden.bfloat16
 
     def forward(self, prepared: torch.Tensor, action: torch.Tensor) -> torch.Tensor:
@@ -147,11 +148,17 @@ class Critics(nn.Module):
         weights: list[torch.Tensor],
         biases: list[torch.Tensor],
     ) -> torch.Tensor:
-        hidden = torch.cat([prepared, action], dim=-1).expand(len(weights[0]), -1, -1)
-        with torch.autocast(prepared.device.type, torch.bfloat16, enabled=self.autocast_bfloat16):
+        inputs = torch.cat([prepared, action], dim=-1)
+        if not self.autocast_bfloat16:
+            layers = [part for pair in zip(weights, biases, strict=True) for part in pair]
+            values: torch.Tensor = StackedLayers.apply(inputs, self.tanh, *layers)
+            return values
+        hidden = inputs.expand(len(weights[0]), -1, -1)
+        with torch.autocast(prepared.device.type, torch.bfloat16):
             for weight, bias in zip(weights[:2], biases[:2], strict=True):
-                hidden = self.activation(torch.baddbmm(bias, hidden, weight))
-        return torch.baddbmm(biases[2], hidden.float(), weights[2]).squeeze(-1)
+                hidden = torch.baddbmm(bias, hidden, weight)
+                hidden = hidden.tanh() if self.tanh else hidden.relu()
+        return (hidden.float() * weights[2].mT).sum(dim=-1) + biases[2].squeeze(-1)
 
 
 def follow(targets: nn.Module, networks: nn.Module, tau: float) -> None:

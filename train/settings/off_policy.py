@@ -87,21 +87,21 @@ class ContinuousSettings(ReplaySettings):
 
     num_games: int = 128
     """Games in lockstep."""
-    learning_rate: float = 1e-3
+    learning_rate: float = 3e-3
     """Of the actor's Adam, at the start."""
-    critic_learning_rate: float = 1e-3
+    critic_learning_rate: float = 3e-3
     """Of the critics' Adam, at the start."""
     rollout_steps: int = 1
     """Steps of every game between two rounds of gradient steps."""
     gradient_steps: int = 1
     """Gradient steps in a round."""
-    batch_size: int = 512
+    batch_size: int = 256
     """Transitions of one gradient step."""
     learning_starts: int = 5000
     """Frames of uniformly random actions before the first gradient step."""
     n_steps: int = 1
     """Rewards before bootstrapping, at most rollout_steps; 1 is the original."""
-    tau: float = 0.01
+    tau: float = 0.03
     """The share of the way that the targets go towards the networks after a gradient step of the
     actor: 0 leaves them as they were at the start, 1 makes them copies."""
     policy_delay: int = 1
@@ -152,11 +152,12 @@ class SACSettings(ContinuousSettings):
 
     noise: str = "none"
     """What is added to the actor's draws to explore: gaussian, ornstein-uhlenbeck or none."""
-    temperature: float = 0.1
+    temperature: float = 0.02
     """Weight of the policy's entropy, at the start."""
     adapt_temperature: bool = True
     """Adapt the weight to keep the entropy near its target."""
     temperature_learning_rate: float = 3e-3
     """Of the temperature's Adam, at the start."""
-    target_entropy: float = -1.0
-    """The entropy sought for each number of an action; of a uniform one it is log 2."""
+    target_entropy: float = -3.0
+    """The entropy sought for each number of an action; that of a uniform one is log 2. Haarnoja et
+    al. take -1, which leaves an arm too uncertain to turn at full speed."""
