@@ -151,7 +151,9 @@ class Critics(nn.Module):
         inputs = torch.cat([prepared, action], dim=-1)
         if not self.autocast_bfloat16:
             layers = [part for pair in zip(weights, biases, strict=True) for part in pair]
-            values: torch.Tensor = StackedLayers.apply(inputs, self.tanh, *layers)
+            values: torch.Tensor = StackedLayers.apply(  # type: ignore[no-untyped-call]
+                inputs, self.tanh, *layers
+            )
             return values
         hidden = inputs.expand(len(weights[0]), -1, -1)
         with torch.autocast(prepared.device.type, torch.bfloat16):

@@ -41,7 +41,7 @@ class StackedLayers(torch.autograd.Function):
         return torch.stack(values).add_(last_bias.squeeze(-1))
 
     @staticmethod
-    def backward(ctx: Any, gradient: torch.Tensor) -> Any:  # type: ignore[override]
+    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
         """Those of inputs and weights, where they are asked for."""
         inputs, hidden, higher, first, second, last = ctx.saved_tensors
         above = gradient[:, :, None] * last.mT
