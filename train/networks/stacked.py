@@ -19,7 +19,7 @@ class StackedLayers(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(  # type: ignore[override]
+    def forward(
         ctx: Any,
         inputs: torch.Tensor,
         tanh: bool,
