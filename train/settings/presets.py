@@ -268,15 +268,16 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
 
 
 def tuned_for_arms(hyper: ActorCriticSettings, joints: int) -> ActorCriticSettings:
-    """What learns policy and value on an arm: networks of their own, no bonus on entropy.
+    """What learns policy and value on an arm: by networks of their own.
 
-    The best actions are full turns, which a policy finds the sooner the less it is held to chance;
-    and values, of returns far larger than those in mazes, would rule hidden layers that are shared.
+    Values, of returns far larger than those in mazes, would rule hidden layers that are shared. The
+    greater deviation and the bonus on entropy keep PPO from settling for two joints early: within
+    15 % of the least steps after 30 s of one core, not 18 %.
     """
-    hyper = replace(hyper, gamma=0.9, shared=False, entropy_coef=0.0, learning_rate=3e-3, width=64)
+    hyper = replace(hyper, shared=False, width=64)
     if not isinstance(hyper, PPOSettings):
-        return hyper
-    hyper = replace(hyper, rollout_steps=8, minibatch_size=2048)
+        return replace(hyper, gamma=0.9, entropy_coef=0.0, learning_rate=3e-3)
+    hyper = replace(hyper, rollout_steps=8, minibatch_size=2048, learning_rate=5e-3)
     return replace(hyper, width=128, learning_rate=2e-3) if joints > 2 else hyper
 
 
