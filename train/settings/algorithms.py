@@ -41,7 +41,7 @@ class ActorCriticSettings(NetworkSettings):
     """Weight of the value loss."""
     shared: bool = True
     """Whether policy and value share their hidden layers."""
-    action_std: float = 0.6
+    action_std: float = 1.0
     """Standard deviation of continuous actions, before tanh, at the start; it is learned."""
 
 
