@@ -19,7 +19,7 @@ class StackedLayers(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(  # type: ignore[override]
+    def forward(
         ctx: Any,
         inputs: torch.Tensor,
         tanh: bool,
@@ -41,7 +41,7 @@ class StackedLayers(torch.autograd.Function):
         return torch.stack(values).add_(last_bias.squeeze(-1))
 
     @staticmethod
-    def backward(ctx: Any, gradient: torch.Tensor) -> Any:  # type: ignore[override]
+    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
         """Those of inputs and weights, where they are asked for."""
         inputs, hidden, higher, first, second, last = ctx.saved_tensors
         above = gradient[:, :, None] * last.mT
@@ -70,3 +70,9 @@ def _through(gradient: torch.Tensor, activated: torch.Tensor, tanh: bool) -> Non
         torch.ops.aten.tanh_backward.grad_input(gradient, activated, grad_input=gradient)
     else:
         torch.ops.aten.threshold_backward.grad_input(gradient, activated, 0, grad_input=gradient)
+
+
+def stacked_values(inputs: torch.Tensor, tanh: bool, *layers: torch.Tensor) -> torch.Tensor:
+    """[count, batch]: see `StackedLayers`, whose weights and biases `layers` are, in turns."""
+    values: torch.Tensor = StackedLayers.apply(inputs, tanh, *layers)  # type: ignore[no-untyped-call]
+    return values
