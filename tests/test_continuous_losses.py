@@ -26,6 +26,7 @@ from train.algorithms.continuous_losses import (
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor, follow
 from train.networks.features import Features
 from train.networks.layers import Hidden
+from train.networks.stacked import stacked_values
 
 ROWS, GAMMA = 128, 0.9
 FEATURES = Features("flat", (5,), np.full(5, 2.0))
@@ -327,6 +328,32 @@ def test_stacked_critics_are_networks_of_their_own() -> None:
     planes = Features("planes", (3, 4, 4), np.ones(48))
     with pytest.raises(ValueError, match="kind 'planes'"):
         Critics(planes, 2, Hidden(16), 2)
+
+
+@pytest.mark.parametrize("tanh", [False, True])
+def test_the_gradient_of_stacked_layers_is_that_of_differences(tanh: bool) -> None:
+    torch.manual_seed(0)
+    sizes = ((5, 6), (6, 6), (6, 1))
+    layers = []
+    for inputs, outputs in sizes:
+        layers += [torch.randn(2, inputs, outputs), torch.randn(2, 1, outputs)]
+    given = [torch.randn(9, 5), *layers]
+    exact = [each.double().requires_grad_() for each in given]
+    assert torch.autograd.gradcheck(
+        lambda inputs, *parts: stacked_values(inputs, tanh, *parts), exact
+    )
+
+
+@pytest.mark.parametrize("activation", ["relu", "tanh"])
+def test_critics_in_bfloat16_are_the_same_to_its_precision(activation: str) -> None:
+    torch.manual_seed(0)
+    exact = Critics(FEATURES, 2, Hidden(16, activation), 2)
+    rounded = Critics(FEATURES, 2, Hidden(16, activation, bfloat16=True), 2)
+    rounded.load_state_dict(exact.state_dict())
+    given = torch.randn(50, 5), torch.randn(50, 2)
+    values = rounded(*given)
+    assert values.dtype == torch.float32
+    torch.testing.assert_close(values, exact(*given), rtol=0.05, atol=0.05)
 
 
 def test_gradients_are_clipped_as_torch_does_it() -> None:

@@ -9,7 +9,7 @@ from torch import nn
 
 from train.networks.features import Features
 from train.networks.layers import Flat, Hidden, Trunk, head
-from train.networks.stacked import StackedLayers
+from train.networks.stacked import stacked_values
 
 LOG_STD = (-20.0, 2.0)
 """Where logarithms of standard deviations are kept (Haarnoja et al., 2018, their code)."""
@@ -151,10 +151,7 @@ class Critics(nn.Module):
         inputs = torch.cat([prepared, action], dim=-1)
         if not self.autocast_bfloat16:
             layers = [part for pair in zip(weights, biases, strict=True) for part in pair]
-            values: torch.Tensor = StackedLayers.apply(  # type: ignore[no-untyped-call]
-                inputs, self.tanh, *layers
-            )
-            return values
+            return stacked_values(inputs, self.tanh, *layers)
         hidden = inputs.expand(len(weights[0]), -1, -1)
         with torch.autocast(prepared.device.type, torch.bfloat16):
             for weight, bias in zip(weights[:2], biases[:2], strict=True):

@@ -70,3 +70,9 @@ def _through(gradient: torch.Tensor, activated: torch.Tensor, tanh: bool) -> Non
         torch.ops.aten.tanh_backward.grad_input(gradient, activated, grad_input=gradient)
     else:
         torch.ops.aten.threshold_backward.grad_input(gradient, activated, 0, grad_input=gradient)
+
+
+def stacked_values(inputs: torch.Tensor, tanh: bool, *layers: torch.Tensor) -> torch.Tensor:
+    """[count, batch]: see `StackedLayers`, whose weights and biases `layers` are, in turns."""
+    values: torch.Tensor = StackedLayers.apply(inputs, tanh, *layers)  # type: ignore[no-untyped-call]
+    return values

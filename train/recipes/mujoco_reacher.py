@@ -212,8 +212,8 @@ def run(recipe: Recipe) -> dict[str, Any]:
     settings: Any = recipe.settings
     games = GymnasiumGames(ENVIRONMENT, recipe.games, recipe.seed)
     learner: Any = entry(recipe.algorithm).build(settings, games, Build(seed=recipe.seed))
-    rows: list[list[Any]] = []
     policy, seconds = learner.policy(), 0.0
+    rows: list[list[float]] = []
     seed = evaluation_seed(recipe.seed)
     while learner.frames < recipe.frames:
         began = perf_counter()
