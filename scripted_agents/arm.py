@@ -105,6 +105,9 @@ class Planned:
         else:
             off = (view.angles - old["angles"] + np.pi) % (2.0 * np.pi) - np.pi
             new = (view.steps == 0) | (np.abs(off) > AS_PLANNED).any(axis=1)
+            # Who did only nearly as planned may stand a hair out of reach when the plan is over.
+            away = np.hypot(*(view.ends[:, -1] - view.targets).T)
+            new |= (old["left"] <= 0.0) & (away > view.tolerance)
             for name, array in aims.items():
                 new |= (array != old[name]).reshape(view.num_games, -1).any(axis=1)
         games = np.flatnonzero(new)

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.declared import as_array, number, whole
-from pursuit.reacher.task import MAX_JOINTS
+from pursuit.reacher.task import LEAST_TOLERANCE, MAX_JOINTS
 from scripted_agents.least_steps_kernels import least_steps_kernel
 
-LEAST_TOLERANCE = 1e-6
 BUDGET = 1_000_000
 """Nodes of the search for one arm: up to some 0.2 seconds, and many times what most arms take."""
 

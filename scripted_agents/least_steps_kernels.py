@@ -11,7 +11,7 @@ is out of their reach (h = |q| - sum L, with q from the first free joint to the 
 piece points at it and is longer than all others, which point back, together with |q|
 (h = L_p - sum of the others - |q|). Hence the nearest of at most 3**joints poses, each in closed
 form, is the nearest of all: `nearest_pose` visits them in a tree and leaves a branch as soon as a
-free joint would have to be out of its range.
+free joint would have to be out of its range. (Pieces of length 0 turn freely, to a bound.)
 
 This holds only while the tip cannot touch the target, so `march` widens the range by steps that are
 too small for that: turning every joint by less than x moves link k by less than k x, and so the tip
@@ -28,7 +28,7 @@ import numpy as np
 from pursuit.compiled import allocating, inlined, subroutine
 
 ROUNDING = 1e-9
-"""Angles and distances that differ by no more count as equal, in favour of what is not proved."""
+"""Angles and distances that differ by no more count as equal; nothing is proved by them."""
 SHORT = 1e-6
 """A piece so short has no direction; its joint is taken to be within its range."""
 
@@ -63,6 +63,7 @@ class Search(NamedTuple):
     forth: Any  # int64, bit i: whether piece i can point at the target, and the others back
     choice: Any  # int64, LOW, HIGH or FREE
     best: Any  # int64, the choices of the nearest pose, then its kind
+    spare: Any  # float64, a pose on trial
     visits: Any  # [1] int64, nodes of the tree visited so far
 
 
@@ -71,18 +72,16 @@ def least_steps_kernel(
     angles: Any, targets: Any, tolerances: Any, free_joints: Any, max_turn: float, budget: int,
     steps: Any, goals: Any,
 ) -> None:  # fmt: skip
-    """Fill `steps` [games, 2] with lower and upper, and `goals` [games, n] with displacements.
+    """Fill `steps` [games, 2] with lower and upper, `goals` [games, n] with displacements.
 
-    Only the first `free_joints` [games] turn. A goal is NaN where any pose of the arm that puts the
-    tip in reach will do, and none was met.
-    """
+    Only the first `free_joints` turn. A goal is NaN where any pose in reach will do."""
     n = angles.shape[1]
-    numbers, lengths = np.empty((4, n + 2), np.complex128), np.empty((3, n + 2))
+    numbers, lengths = np.empty((4, n + 2), np.complex128), np.empty((4, n + 2))
     whole, truths = np.empty((6, n + 2), np.int64), np.empty((2, n + 2), np.bool_)
     search = Search(
         numbers[0], np.empty(1, np.complex128), np.empty(1), numbers[1], numbers[2], numbers[3],
         whole[0], whole[1], lengths[0], lengths[1], lengths[2], whole[2], truths[0], truths[1],
-        whole[3], whole[4], whole[5], np.empty(1, np.int64),
+        whole[3], whole[4], whole[5], lengths[3], np.empty(1, np.int64),
     )  # fmt: skip
     for game in range(angles.shape[0]):
         march(
@@ -128,19 +127,26 @@ def march(
             continue
         pose_of(at, n, width, search, goal)
         if distance_at(angles, goal, target) > tolerance:
-            safe = False  # a pose that rounding made
+            # Rounding made it, of too short a piece: nothing is proved from here on.
+            tried, safe = max(tried, count), False
             continue
         count = max(count, tried + 1)
         while count - tried > 1:  # all in the safe range
             middle = (tried + count) // 2
             distance = nearest_pose(at, n, middle * max_turn, enough, search)
-            if distance <= enough:
-                count = middle
-                pose_of(at, n, middle * max_turn, search, goal)
-            else:
+            if distance > enough:
                 tried = middle
                 if distance > tolerance:
                     proved = middle
+                continue
+            search.spare[:] = 0.0
+            pose_of(at, n, middle * max_turn, search, search.spare)
+            if distance_at(angles, search.spare, target) <= tolerance:
+                count = middle
+                for joint in range(n):
+                    goal[joint] = search.spare[joint]
+            else:
+                tried = middle  # as above
         steps[0], steps[1] = proved + 1, count
         return
     goal[:] = nan

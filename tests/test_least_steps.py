@@ -200,3 +200,24 @@ def test_what_is_refused() -> None:
     for several in ({"tolerance": [0.1, 0.2]}, {"free_joints": 0}, {"free_joints": 3}):
         with pytest.raises(ValueError, match=r"tolerance|free_joints"):
             batch([[0.1, 0.2]], [[1.0, 0.5]], **several)
+
+
+@pytest.mark.parametrize("beyond", [0.0, 1e-12, 1e-8, 1e-7, 1e-6])
+@pytest.mark.parametrize("joints", [3, 4, 5])
+def test_pieces_too_short_for_a_direction_end_the_search(joints: int, beyond: float) -> None:
+    """Arms that fold onto themselves after whole steps: a pose found so may be none."""
+    rng = np.random.default_rng(joints)
+    for steps in (1, 2, 3, 5, 8):
+        for folded in range(1, joints):
+            angles = rng.uniform(-np.pi, np.pi, joints)
+            angles[folded] = np.pi - 0.1 * steps + beyond
+            for _ in range(6):
+                radius, turn = rng.uniform(0.0, joints), rng.uniform(-np.pi, np.pi)
+                target = radius * np.array([np.cos(turn), np.sin(turn)])
+                lower, upper, turned = batch(angles[None], target[None])
+                assert 0 <= lower[0] <= upper[0] <= 32
+                assert (np.abs(turned) <= 0.1 * upper[0] + 1e-9).all()
+                tip = np.exp(1j * np.cumsum(angles + turned[0])).sum()
+                assert abs(tip - complex(*target)) <= 0.2 + 1e-9
+    lower, upper = least_steps([0.0, np.pi - 0.3 + 1e-7, np.pi / 2], [0.0, 1.15])[:2]
+    assert 1 <= lower <= upper <= 32

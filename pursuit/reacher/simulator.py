@@ -15,7 +15,7 @@ from pursuit.reacher.observations import encode
 from pursuit.reacher.policy import ArmView
 from pursuit.reacher.rules import Arms, Coming, Outcome
 from pursuit.reacher.state import ArmState, check_fits
-from pursuit.reacher.task import ReacherTask
+from pursuit.reacher.task import LEAST_TOLERANCE, ReacherTask
 
 
 class ReacherSimulator:
@@ -194,23 +194,24 @@ class ReacherSimulator:
         """
         chosen, task = slots(games, self.num_games), self.task
         given: dict[str, tuple[ArrayLike | None, float, float]] = {
-            "distance": (target_distance, -1.0, 1e9),
+            "target_distance": (target_distance, -1.0, 1e9),
             "free_joints": (free_joints, 1, task.joints),
             "hold": (hold, 1, task.max_steps),
-            "tolerance": (tolerance, 1e-9, 2.0 * task.joints),
+            "tolerance": (tolerance, LEAST_TOLERANCE, 2.0 * task.joints),
         }
         waiting: dict[str, NDArray[Any]] = {}
         for name, (value, least, most) in given.items():
             if value is None:
                 continue
-            live = getattr(self._coming, name)
+            field = name.removeprefix("target_")
+            live = getattr(self._coming, field)
             whole_only = live.dtype.kind == "i"
             rule = f"{'whole numbers' if whole_only else 'numbers'} from {least} to {most}"
             numbers = as_array(name, value, "iu" if whole_only else "iuf", rule)
             if not ((numbers >= least) & (numbers <= most)).all():
                 raise ValueError(f"{name}={value!r}; {rule}")
             try:
-                waiting[name] = np.broadcast_to(numbers, chosen.shape)
+                waiting[field] = np.broadcast_to(numbers, chosen.shape)
             except ValueError:
                 raise ValueError(f"{name}={value!r}; one, or one for each of these arms") from None
         for name, numbers in waiting.items():

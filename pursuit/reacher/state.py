@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.reacher.task import ReacherTask
+from pursuit.reacher.task import LEAST_TOLERANCE, ReacherTask
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def check_fits(state: Any, live: Mapping[str, NDArray[Any]], task: ReacherTask, 
         "steps": (0, task.max_steps),
         "free_joints": (1, task.joints),
         "hold": (1, task.max_steps),
-        "tolerance": (0.0, most),
+        "tolerance": (LEAST_TOLERANCE, most),
         "next_distance": (-1.0, most),
         "next_free_joints": (-1, task.joints),
         "next_hold": (-1, task.max_steps),
@@ -68,3 +68,10 @@ def check_fits(state: Any, live: Mapping[str, NDArray[Any]], task: ReacherTask, 
         wrong = ~((values >= least) & (values <= largest))  # NaN is wrong too
         if wrong.any():
             raise ValueError(f"a state of other arms: {name} holds {values[wrong][0]}")
+    for name in ("next_free_joints", "next_hold", "next_tolerance"):
+        values = getattr(state, name)
+        if ((values > -1) & (values <= 0)).any():
+            raise ValueError(f"a state of other arms: {name} holds numbers that nobody can set")
+    locked = np.arange(task.joints) >= state.free_joints[:, None]
+    if (state.angles[locked] != 0.0).any():
+        raise ValueError("a state of other arms: angles of locked joints that are not 0")

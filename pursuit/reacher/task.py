@@ -21,6 +21,8 @@ from pursuit.declared import (
 )
 
 MAX_JOINTS = 8
+LEAST_TOLERANCE = 1e-6
+"""What is nearer is a matter of rounding, and the least steps could not be told."""
 STARTS = ("kept", "random", "fixed")
 
 
@@ -29,6 +31,13 @@ def positive(name: str, value: Any) -> float:
     found = number(name, value)
     if found <= 0.0:
         raise ValueError(f"{name}={value}; it is above 0")
+    return found
+
+
+def _nearness(name: str, value: Any) -> float:
+    found = number(name, value)
+    if found < LEAST_TOLERANCE:
+        raise ValueError(f"{name}={value}; it is above 0, {LEAST_TOLERANCE:g} at least")
     return found
 
 
@@ -73,7 +82,7 @@ class ReacherTask:
     joints: int = declared(lambda name, value: whole(name, value, 1, MAX_JOINTS), default=2)
     start: str = choice(STARTS, default="kept")
     hold: int = count(1, default=1)
-    tolerance: float = declared(positive, default=0.2)
+    tolerance: float = declared(_nearness, default=0.2)
     max_steps: int = count(1, default=400)
     max_turn: float = declared(_turn, default=0.1)
     effort: float = declared(_cost, default=0.01)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Protocol
 
+import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 
@@ -38,7 +39,8 @@ class ActionNoise:
         self.kind, self.theta = kind, theta if kind == "ornstein-uhlenbeck" else 1.0
         self.std = 0.0
         self.state = torch.zeros(num_games, num_actions)
-        self.generator = torch.Generator().manual_seed(seed)
+        own = int(np.random.SeedSequence([seed, 1]).generate_state(1, np.uint64)[0] >> 1)
+        self.generator = torch.Generator().manual_seed(own)  # not that of weights or replay
 
     def normal(self) -> torch.Tensor:
         """[num_games, num_actions] standard normal."""

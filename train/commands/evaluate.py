@@ -11,7 +11,8 @@ import tyro
 
 from train.algorithms.registry import entry
 from train.commands.parse import heard, parse
-from train.commands.scores import print_floor, print_scores
+from train.commands.scores import print_bounds, print_floor, print_scores
+from train.evaluation.arm_contest import ArmContest
 from train.evaluation.floor import objective_floor
 from train.files import write_json
 from train.runs.loop import machine, versions
@@ -59,6 +60,8 @@ def evaluate(arguments: Sequence[str]) -> None:
         scores.append(contest.score("learned, sampled", sampled))
     print(contest.line())
     print_scores(scores)
+    if isinstance(contest, ArmContest):
+        print_bounds(contest)
     floor = objective_floor(contest, settings.hyper.gamma)
     print_floor(floor, settings.hyper.gamma)
     if given.out is not None:

@@ -14,7 +14,8 @@ import tyro
 
 from train.commands.parse import budget_of, heard, named_task, parse
 from train.commands.progress import carry_out, leave
-from train.commands.scores import print_floor, print_scores
+from train.commands.scores import print_bounds, print_floor, print_scores
+from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import Score
 from train.experiments.kinds import resume, start
 from train.runs.folder import CURVE, REPLAY, RUN
@@ -124,6 +125,8 @@ def show(run: Run, content: dict[str, Any]) -> None:
     trainee: SingleAgent = run.trainee
     print()
     print_scores([Score(**score) for score in content["scores"]])
+    if isinstance(trainee.contest, ArmContest):
+        print_bounds(trainee.contest)
     contest, teacher = trainee.contest, trainee.teacher
     title = f"{contest.line().split(', at most')[0]}; {content['algorithm'].upper()}"
     if teacher is not None:

@@ -44,10 +44,12 @@ class Bounds:
 
     Attributes:
         lower, upper: [episodes] int64; equal where the least length is known.
+        possible: [episodes] whether `max_steps` may be enough.
     """
 
     lower: NDArray[np.int64]
     upper: NDArray[np.int64]
+    possible: NDArray[np.bool_]
 
     @property
     def share_exact(self) -> float:
@@ -67,10 +69,11 @@ def bounds_of(task: ReacherTask, episodes: int, seed: int) -> Bounds:
     """
     if episodes < EPISODES:
         first = bounds_of(task, EPISODES, seed)
-        return Bounds(first.lower[:episodes], first.upper[:episodes])
+        return Bounds(*(array[:episodes] for array in vars(first).values()))
     steps = solved(task, episodes, seed)
-    lengths = np.minimum(np.maximum(steps, 1) + task.hold - 1, task.max_steps)
-    return Bounds(lengths[:, 0], lengths[:, 1])
+    needed = np.maximum(steps, 1) + task.hold - 1
+    lengths = np.minimum(needed, task.max_steps)
+    return Bounds(lengths[:, 0], lengths[:, 1], needed[:, 0] <= task.max_steps)
 
 
 def solved(task: ReacherTask, episodes: int, seed: int) -> NDArray[np.int64]:
@@ -83,13 +86,16 @@ def solved(task: ReacherTask, episodes: int, seed: int) -> NDArray[np.int64]:
     given = (arms.angles, arms.targets, task.max_turn, task.tolerance)
     if task.joints < JOINTS_KEPT:
         return np.stack(least_steps_of(*given)[:2], axis=1)
-    digest = hashlib.sha256(source_stamp(least_steps_kernels.__file__).encode())
+    kernels = least_steps_kernels.__file__
+    digest = hashlib.sha256(source_stamp(kernels).encode())
+    digest.update(Path(kernels).with_name("least_steps.py").read_bytes())
     for array in given:
         digest.update(np.asarray(array).tobytes())
     path = kept_files() / f"least-steps-{digest.hexdigest()[:32]}.npy"
     with contextlib.suppress(OSError, ValueError, EOFError):
         kept: NDArray[np.int64] = np.load(path, allow_pickle=False)
-        if kept.shape == (episodes, 2) and kept.dtype == np.int64:
+        fits = kept.shape == (episodes, 2) and kept.dtype == np.int64
+        if fits and (kept[:, 0] >= 0).all() and (kept[:, 0] <= kept[:, 1]).all():
             return kept
     steps = np.stack(least_steps_of(*given)[:2], axis=1)
     with contextlib.suppress(OSError, ValueError):  # it can be solved again
@@ -124,8 +130,15 @@ class ArmContest:
     less_is_better: bool = True
 
     def describe(self) -> dict[str, Any]:
-        """The task, and how many joints."""
-        return {"task": "reacher", "role": "arm", "maze": None, "joints": self.task.joints}
+        """The task, how many joints, and between which bounds the least steps lie."""
+        bounds = self.bounds()
+        least = {
+            "lower": float(bounds.lower.mean()),
+            "upper": None if self.task.discrete_actions else float(bounds.upper.mean()),
+            "share_exact": 0.0 if self.task.discrete_actions else bounds.share_exact,
+        }
+        joints = self.task.joints
+        return {"task": "reacher", "role": "arm", "maze": None, "joints": joints, "least": least}
 
     def line(self) -> str:
         """One line that says what is evaluated."""
@@ -171,7 +184,8 @@ class ArmContest:
         """The least steps from the same starts: of intervals their lower ends."""
         bounds = self.bounds()
         mean = float(bounds.lower.mean())
-        return Score("optimal", mean, half_width(bounds.lower), 1.0, self.episodes, False)
+        share = float(bounds.possible.mean())
+        return Score("optimal", mean, half_width(bounds.lower), share, self.episodes, False)
 
     def baselines(self) -> list[Score]:
         """Random, every kinematic method, the thesis' baseline, and the least steps.

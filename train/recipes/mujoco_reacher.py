@@ -71,7 +71,7 @@ class Recipe:
     games: int = 8
     """In lockstep."""
     gradient_steps: int = 4
-    """After each step of all games."""
+    """After each step of all games; the published runs took one a frame."""
     learning_starts: int = 10_000
     """Frames of random actions before the first gradient step."""
     every: int = 10_000

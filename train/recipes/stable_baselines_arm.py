@@ -109,7 +109,10 @@ def run(recipe: Recipe) -> None:
     class Budget(BaseCallback):
         """Ends the training when its time is over."""
 
-        began = perf_counter()
+        began = 0.0
+
+        def _on_training_start(self) -> None:
+            self.began = perf_counter()
 
         def _on_step(self) -> bool:
             return bool(recipe.frames) or perf_counter() - self.began < recipe.seconds

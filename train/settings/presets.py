@@ -32,7 +32,7 @@ class Setting:
 
     Attributes:
         task: its name.
-        role: who learns: "chaser", "evader" or "runner".
+        role: who learns: "chaser", "evader", "runner" or "arm".
         cells: of the largest maze.
         random_start: or from the marks of the maze.
         duel: whether one chaser plays against one evader.

@@ -26,8 +26,8 @@ class TrainSettings(Generic[S]):
     lessons: CurriculumSettings = field(default_factory=CurriculumSettings)
     """The settings of the curriculum."""
     algorithm: str = "ppo"
-    """The learner: ppo, a2c, reinforce, dqn, cross_entropy, q_learning, or package.module:Name of
-    your own."""
+    """The learner: ppo, a2c, reinforce, dqn, cross_entropy, q_learning; of an arm ppo, a2c,
+    reinforce, cross_entropy, ddpg, td3, sac; or package.module:Name of your own."""
     curriculum: str = "none"
     """What is taught when. Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start,
     start-distance, num-goals, maze-size, loops; of an arm target-distance, free-joints, hold,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.reacher.simulator import ReacherSimulator
-from pursuit.reacher.task import ReacherTask
+from pursuit.reacher.task import LEAST_TOLERANCE, ReacherTask
 from scripted_agents import least_steps_of
 from train.settings.checks import check
 from train.settings.curricula import AxisSettings
@@ -36,8 +36,9 @@ class ArmGround:
         """Starts can be replayed whatever they are."""
 
     def optimum(self, task: Any) -> Callable[[Any, NDArray[np.intp]], NDArray[np.float64]] | None:
-        """The least steps of any start; None for arms of more joints than are exact at once."""
-        return least_from if self.task.joints <= EXACT_JOINTS else None
+        """The least steps of any start; None for many joints, and where actions are discrete."""
+        known = self.task.joints <= EXACT_JOINTS and not self.task.discrete_actions
+        return least_from if known else None
 
 
 def least_from(simulator: ReacherSimulator, games: NDArray[np.intp]) -> NDArray[np.float64]:
@@ -135,7 +136,10 @@ def tolerance(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
     own, most = ground.task.tolerance, 2.0 * ground.task.joints
     first, last = ends_of(ends, min(5.0 * own, most), own)
     for value in (first, last):
-        check(0 < value <= most, f"{name} of {value:g}; above 0, and {most:g} at most")
+        check(
+            LEAST_TOLERANCE <= value <= most,
+            f"{name} of {value:g}; from {LEAST_TOLERANCE:g} to {most:g}",
+        )
 
     def apply(
         simulator: ReacherSimulator, games: NDArray[np.intp], values: NDArray[np.float64]
