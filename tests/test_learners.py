@@ -119,7 +119,7 @@ def test_the_presets_of_the_thesis_run(preset: str, tmp_path: Path) -> None:
     owner = preset_algorithm(preset)
     assert owner is not None
     task = EASY if "discrete" in entry(owner).actions else ARM
-    flat = {"learning_starts": 600, "batch_size": 64} if task is ARM else {}
+    flat = {"learning_starts": 1270, "batch_size": 64} if task is ARM else {}
     run = start(RUN, settings_of(preset=preset, **task, **flat, frames=1300), tmp_path)
     run.train()
     assert run.trainee.learner.frames >= 1300
