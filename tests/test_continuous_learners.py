@@ -43,7 +43,8 @@ def make(name: str, seed: int = 0, **changes: Any) -> Any:
 
 def test_the_noise_that_drifts_is_its_equation_and_has_its_stationary_variance() -> None:
     noise = ActionNoise("ornstein-uhlenbeck", 0.15, 2000, 3, seed=1)
-    twin = torch.Generator().manual_seed(1)
+    twin = torch.Generator()
+    twin.set_state(noise.generator.get_state())
     noise.std, expected, taken = 0.2, torch.zeros(2000, 3), []
     for step in range(200):
         expected = expected + 0.15 * (0.0 - expected) + 0.2 * torch.randn(2000, 3, generator=twin)

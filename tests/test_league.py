@@ -164,7 +164,7 @@ def test_every_learned_opponent_plays_by_one_rule(tmp_path: Path) -> None:
     folder = tmp_path / "pair" / "evader"
     for chosen, greedy in (({}, False), ({"opponent_policy": "greedy"}, True)):
         settings = settings_of(maze="3x3", opponent=str(folder), frames=1, **chosen)
-        trained = parts_of(settings).opponents["evader"]
+        trained = parts_of(settings).world.opponents["evader"]
         game = {"maze": "3x3", "rewards": "zero_sum", **chosen}
         frozen = make_settings(evader=str(folder), task=game)
         played = self_play_parts(frozen).frozen["evader"]

@@ -114,7 +114,17 @@ def test_chasers_and_evaders_learn_with_every_kind_of_learner(
     assert steps_of(evader) > 1.5 * evader.trainee.contest.score("random", RandomAgent()).mean_steps
 
 
-@pytest.mark.parametrize("preset", THESIS)
+SLOW_PRESETS = ("thesis-reacher-ppo", "thesis-ddpg")
+"""An iteration takes seconds; `make test-all` runs them."""
+
+
+@pytest.mark.parametrize(
+    "preset",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name in SLOW_PRESETS else name
+        for name in THESIS
+    ],
+)
 def test_the_presets_of_the_thesis_run(preset: str, tmp_path: Path) -> None:
     owner = preset_algorithm(preset)
     assert owner is not None

@@ -241,7 +241,7 @@ def test_an_evader_learns_to_survive_longer_than_a_random_one() -> None:
     assert learned.mean_steps > 3 * random.mean_steps
 
 
-@pytest.mark.parametrize("encoding", ["one_hot", "planes"])
+@pytest.mark.parametrize("encoding", ["one_hot", pytest.param("planes", marks=pytest.mark.slow)])
 def test_a_runner_learns_from_other_encodings(encoding: str) -> None:
     task = make_task("maze", maze="3x3", num_goals=2)
     contest = GameContest(task, "runner", {}, 500)
