@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.declared import as_array, number, whole
-from pursuit.reacher.task import LEAST_TOLERANCE, MAX_JOINTS
+from pursuit.reacher.task import LEAST_TOLERANCE, LEAST_TURN, MAX_JOINTS
 from scripted_agents.least_steps_kernels import least_steps_kernel
 
 BUDGET = 1_000_000
@@ -82,8 +82,9 @@ def least_steps_of(
     if places.shape != (arms, 2):
         raise ValueError(f"targets of shape {places.shape}; one for each arm is {(arms, 2)}")
     max_turn, budget = number("max_turn", max_turn), whole("budget", budget, 0, 2**62)
-    if not 0.0 < max_turn <= np.pi:
-        raise ValueError(f"max_turn={max_turn}; a step turns a joint by more than 0, at most by pi")
+    if not LEAST_TURN <= max_turn <= np.pi:
+        rule = f"a step turns a joint by {LEAST_TURN:g} at least, and at most by pi"
+        raise ValueError(f"max_turn={max_turn}; {rule}")
     within = _one_each("tolerance", tolerance, arms, "fiu").astype(np.float64)
     if not ((within >= LEAST_TOLERANCE) & np.isfinite(within)).all():
         raise ValueError(f"tolerance={tolerance!r}; it is at least {LEAST_TOLERANCE}, and finite")

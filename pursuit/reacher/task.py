@@ -21,6 +21,8 @@ from pursuit.declared import (
 )
 
 MAX_JOINTS = 8
+LEAST_TURN = 1e-4
+"""Slower joints would need more steps for half a turn than is worth searching."""
 LEAST_TOLERANCE = 1e-6
 """What is nearer is a matter of rounding, and the least steps could not be told."""
 STARTS = ("kept", "random", "fixed")
@@ -43,8 +45,9 @@ def _nearness(name: str, value: Any) -> float:
 
 def _turn(name: str, value: Any) -> float:
     found = positive(name, value)
-    if found > math.pi:
-        raise ValueError(f"{name}={value}; a step turns a joint by pi, half a turn, at most")
+    if not LEAST_TURN <= found <= math.pi:
+        rule = f"a step turns a joint by {LEAST_TURN:g} at least, and by pi, half a turn, at most"
+        raise ValueError(f"{name}={value}; {rule}")
     return found
 
 

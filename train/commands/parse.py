@@ -117,6 +117,7 @@ def in_words(boxed: str) -> str:
         text,
     )
     text = re.sub(r"Error parsing \S+: ", "", text)
+    text = re.sub(r" Perhaps you meant:? (--\S+).*", r"; perhaps you meant \1", text)
     number = re.search(
         r"(invalid literal for int\(\) with base 10|could not convert string to float): (?P<value>"
         r"'[^']*')",

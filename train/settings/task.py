@@ -71,7 +71,11 @@ class TaskSettings:
             0.0 <= self.opponent_epsilon <= 1.0,
             f"opponent_epsilon={self.opponent_epsilon}; a share of random moves lies in [0, 1]",
         )
-        check(self.task != REACHER, f"task={self.task!r} in TaskSettings; give ReacherSettings")
+        check(
+            self.task != REACHER,
+            f"task={self.task!r} is no game in mazes; take {', '.join(TASK_NAMES)} here, and the "
+            "arm in `pursuit train`, `baseline`, `render` or a sweep (ReacherSettings in Python)",
+        )
         check_choice("task", self.task, (*TASK_NAMES, REACHER))
         check_choice("opponent_policy", self.opponent_policy, OPPONENT_POLICIES)
         object.__setattr__(self, "rewards", rewards_text(self.rewards))
