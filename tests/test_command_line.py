@@ -203,7 +203,7 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
         (["train", "--width", "wide"], ["--width 'wide': a whole number is needed"]),
         (["train", "--frames", "abc"], ["--frames 'abc': a whole number is needed"]),
         (["train", "--seconds", "x"], ["--seconds 'x': a number is needed"]),
-        (["train", "--frams", "3"], ["Perhaps you meant: --frames Budget"]),
+        (["train", "--frams", "3"], ["perhaps you meant --frames"]),
         (["train", "--num-games", "1000000000"], ["num_games=1000000000", "this machine has"]),
         (["train", "--width", "1000000000"], ["width=1000000000", "EB of memory", "lower width"]),
         (["self-play", "--width", "1000000000"], ["width=1000000000", "this machine has"]),
