@@ -139,6 +139,8 @@ def markdown(
         for name in names:
             value = line[name]
             text = f"{value:.2f}" if isinstance(value, float) else str(value)
+            if isinstance(value, float) and name == names[0]:  # a setting: told as it was set
+                text = f"{value:g}"
             text = text.replace("-0.00", "0.00")
             if name in ("success", "seconds"):
                 text = f"{value:.0f}"
