@@ -152,7 +152,8 @@ def _check_reach(
     radii, others = np.hypot(targets[:, 0], targets[:, 1]), free - 1.0
     most = others + tails
     least = np.maximum(2.0 * np.maximum(tails, free > 1) - most, 0.0)
-    wrong = (radii > most + tolerance) | (radii < least - tolerance)
+    within = tolerance - 1e-9  # what rounding alone could reach is out of reach
+    wrong = (radii - most > within) | (least - radii > within)
     if wrong.any():
         arm = int(wrong.argmax())
         raise ValueError(

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from pursuit.reacher.simulator import ReacherSimulator
+from pursuit.reacher.task import ReacherTask
 from scripted_agents import least_steps
 from scripted_agents import least_steps_of as batch
 from scripted_agents.least_steps import pose_at
@@ -221,3 +223,12 @@ def test_pieces_too_short_for_a_direction_end_the_search(joints: int, beyond: fl
                 assert abs(tip - complex(*target)) <= 0.2 + 1e-9
     lower, upper = least_steps([0.0, np.pi - 0.3 + 1e-7, np.pi / 2], [0.0, 1.15])[:2]
     assert 1 <= lower <= upper <= 32
+
+
+@pytest.mark.parametrize("joints", range(1, 9))
+def test_what_rounding_alone_could_reach_is_out_of_reach(joints: int) -> None:
+    with pytest.raises(ValueError, match="out of reach"):
+        least_steps(np.zeros(joints), [joints + 0.2, 0.0])
+    arm = ReacherSimulator(ReacherTask(joints=joints))
+    with pytest.raises(ValueError, match="out of reach"):
+        arm.place(np.zeros(joints), [joints + 0.2, 0.0])

@@ -135,7 +135,8 @@ class ReacherTask:
         radii = np.hypot(targets[:, 0], targets[:, 1])
         free = np.broadcast_to(free_joints, radii.shape)
         least = np.maximum(self.joints - 2 * free + 2, 0)  # as `rules.least_radius` has it
-        wrong = (radii > self.joints + self.tolerance) | (radii < least - self.tolerance)
+        within = self.tolerance - 1e-9  # what rounding alone could reach is out of reach
+        wrong = (radii - self.joints > within) | (least - radii > within)
         if wrong.any():
             x, y = targets[wrong][0].tolist()
             raise ValueError(

@@ -44,7 +44,8 @@ class TrainCommand(Generic[H]):
 
     settings: TrainSettings[H]
     preset: str = TUNED
-    """Where the algorithm's settings come from: tuned, or thesis-ppo, thesis-a2c, thesis-dqn."""
+    """Where the algorithm's settings come from: tuned, or thesis-ppo, thesis-a2c, thesis-dqn; of an
+    arm thesis-ddpg, thesis-td3, thesis-reacher-ppo."""
     out: Path | None = None
     """A new folder for the run; runs/TASK-ROLE-MAZE-TIME if left out."""
     resume: Path | None = None
