@@ -66,7 +66,8 @@ def allocating(function: Function) -> Function:
 
 def _compile(function: Function, **options: bool) -> Function:
     dispatcher = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
-    dispatcher._cache._cache_file._source_stamp = source_stamp(function.__code__.co_filename)
+    if dispatcher is not function:  # as it is with NUMBA_DISABLE_JIT=1
+        dispatcher._cache._cache_file._source_stamp = source_stamp(function.__code__.co_filename)
     return dispatcher
 
 

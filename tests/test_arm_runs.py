@@ -20,6 +20,10 @@ from train.runs.folder import RUN
 from train.runs.opponents import load_opponent, load_policy
 from train.runs.parts import contest_of, parts_of
 from train.runs.saved import load_settings
+from train.runs.worlds import world_of
+from train.settings.algorithms import TD3Settings
+from train.settings.curricula import curriculum_form
+from train.settings.run import TrainSettings
 from train.settings.task import ReacherSettings
 from train.teaching.plan import plan_lessons
 
@@ -93,7 +97,12 @@ def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert "at least 1" in refused(capsys, *train, "--joints", "0")
     assert "above 0" in refused(capsys, *train, "--tolerance", "-1")
     assert "--maze" in refused(capsys, *train, "--maze", "5x5")
-    assert "continuous" in refused(capsys, *train, "--algorithm", "dqn")
+    assert "or discrete_actions=True" in refused(capsys, *train, "--algorithm", "dqn")
+    table = refused(capsys, *train, "--discrete-actions", "--algorithm", "q_learning")
+    assert "of a maze, and there is none here; take ppo" in table
+    assert "threads=100000; from 0 to 1024" in refused(capsys, *train, "--threads", "100000")
+    wide = refused(capsys, *train, "--tolerance", "5", "--curriculum", "tolerance")
+    assert "set the task's own tolerance" in wide
     assert "unknown observation" in refused(capsys, *train, "--observation", "index")
     assert "games in mazes" in refused(capsys, *train, "--curriculum", "maze-size")
     assert "turns an arm" in refused(capsys, "train", "--curriculum", "hold")
@@ -101,7 +110,22 @@ def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert "discrete" in refused(capsys, "train", "--algorithm", "td3")
 
 
+def test_what_teaches_nothing_is_said() -> None:
+    arm = ReacherSettings(joints=1)
+    with pytest.warns(UserWarning, match="curriculum 'hold' goes from 1 to 1: it teaches nothing"):
+        plan_lessons("hold", curriculum_form("hold")(), world_of(arm).ground, 0)
+    hyper = TD3Settings(learning_starts=500)
+    with pytest.warns(UserWarning, match="frames=400 and learning_starts=500"):
+        parts_of(TrainSettings(arm, hyper, algorithm="td3", frames=400))
+
+
 # -- what it is judged by --------------------------------------------------------------------------
+
+
+def test_there_is_no_gap_where_time_is_too_short_for_everybody() -> None:
+    contest = contest_of(ReacherSettings(joints=1, max_steps=1, tolerance=1e-6, max_turn=1e-3), 20)
+    assert contest.optimal() is None
+    assert "optimal" not in [score.name for score in contest.baselines()]
 
 
 def test_a_contest_counts_the_steps_of_every_start() -> None:

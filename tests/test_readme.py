@@ -46,11 +46,12 @@ def test_the_python_examples_of_the_arm_run_in_order(
     pytest.importorskip("stable_baselines3")
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", REACHER.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(blocks) == 7
+    assert len(blocks) == 8
     names: dict[str, Any] = {}
     for block in blocks:
         exec(compile(block, str(REACHER), "exec"), names)
     assert names["observed"].shape == (4096, 7) and (tmp_path / "arm.gif").is_file()
+    assert names["rollout"]["next", "observation"].shape == (16, 50, 7)
     assert names["lower"] == names["upper"] and names["policy"].method == "cyclic"
 
 

@@ -264,61 +264,39 @@ def keep_final(arms: Arms, outcome: Outcome, arm: int) -> None:
 # -- the kernels over a batch: start, step, observe ------------------------------------------------
 
 
+@inlined
+def arms_of(arrays: Any) -> tuple[Arms, Outcome, Coming, Any, Rules]:
+    """The flat arguments of a kernel under their names: `ReacherSimulator` has them in this order.
+
+    Those of `Arms`, of `Outcome` without its last, of `Arms` as the last episodes ended, of
+    `Coming`, the streams [arms, streams] uint64, and the numbers of `Rules`.
+    """
+    arms, final = Arms(*arrays[0:8]), Arms(*arrays[14:22])
+    outcome = Outcome(*arrays[8:14], final)  # type: ignore[call-arg]
+    return arms, outcome, Coming(*arrays[22:27]), arrays[27], Rules(*arrays[28:32])
+
+
 @compiled
-def start_arms(
-    angles: Any, target: Any, ends: Any, held: Any, steps: Any, free_joints: Any, hold: Any,
-    tolerance: Any, rewards: Any, returns: Any, episode_returns: Any, terminated: Any,
-    truncated: Any, episode_lengths: Any, final_angles: Any, final_target: Any, final_ends: Any,
-    final_held: Any, final_steps: Any, final_free_joints: Any, final_hold: Any,
-    final_tolerance: Any, fresh: Any, distance: Any, next_free_joints: Any, next_hold: Any,
-    next_tolerance: Any, streams: Any, start: int, max_steps: int, max_turn: float, effort: float,
-    chosen: Any,
-) -> None:  # fmt: skip
-    """Begin new episodes in the arms of the mask `chosen` [arms]."""
-    arms = Arms(angles, target, ends, held, steps, free_joints, hold, tolerance)
-    final = Arms(
-        final_angles, final_target, final_ends, final_held, final_steps, final_free_joints,
-        final_hold, final_tolerance,
-    )  # fmt: skip
-    outcome = Outcome(
-        rewards, returns, episode_returns, terminated, truncated, episode_lengths, final
-    )
-    coming = Coming(fresh, distance, next_free_joints, next_hold, next_tolerance)
-    rules = Rules(start, max_steps, max_turn, effort)
+def start_arms(chosen: Any, *arrays: Any) -> None:
+    """Begin new episodes in the arms of the mask `chosen` [arms]; `arrays` as in `arms_of`."""
+    arms, outcome, coming, streams, rules = arms_of(arrays)
     for arm in range(chosen.shape[0]):
         if chosen[arm]:
-            terminated[arm] = truncated[arm] = False
+            outcome.terminated[arm] = outcome.truncated[arm] = False
             begin(arms, outcome, coming, streams, rules, arm)
 
 
 @compiled
-def step_arms(
-    angles: Any, target: Any, ends: Any, held: Any, steps: Any, free_joints: Any, hold: Any,
-    tolerance: Any, rewards: Any, returns: Any, episode_returns: Any, terminated: Any,
-    truncated: Any, episode_lengths: Any, final_angles: Any, final_target: Any, final_ends: Any,
-    final_held: Any, final_steps: Any, final_free_joints: Any, final_hold: Any,
-    final_tolerance: Any, fresh: Any, distance: Any, next_free_joints: Any, next_hold: Any,
-    next_tolerance: Any, streams: Any, start: int, max_steps: int, max_turn: float, effort: float,
-    actions: Any, auto_restart: bool,
-) -> int:  # fmt: skip
+def step_arms(actions: Any, auto_restart: bool, *arrays: Any) -> int:
     """Move all arms by actions [arms, joints]; BAD_ACTION, before any has moved, for one outside.
 
-    An action that is no number is outside.
+    An action that is no number is outside. `arrays` as in `arms_of`.
     """
     for arm in range(actions.shape[0]):
         for joint in range(actions.shape[1]):
             if not abs(actions[arm, joint]) <= 1.0 + ROUNDING:
                 return BAD_ACTION
-    arms = Arms(angles, target, ends, held, steps, free_joints, hold, tolerance)
-    final = Arms(
-        final_angles, final_target, final_ends, final_held, final_steps, final_free_joints,
-        final_hold, final_tolerance,
-    )  # fmt: skip
-    outcome = Outcome(
-        rewards, returns, episode_returns, terminated, truncated, episode_lengths, final
-    )
-    coming = Coming(fresh, distance, next_free_joints, next_hold, next_tolerance)
-    rules = Rules(start, max_steps, max_turn, effort)
+    arms, outcome, coming, streams, rules = arms_of(arrays)
     for arm in range(actions.shape[0]):
         move(arms, outcome, coming, streams, rules, arm, actions, auto_restart)
     return DONE

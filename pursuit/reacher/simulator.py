@@ -143,7 +143,7 @@ class ReacherSimulator:
         chosen[slots(games, self.num_games)] = True
         if seed is not None:
             self.seed(seed, games)
-        rules.start_arms(*self._kernel_arrays, chosen)
+        rules.start_arms(chosen, *self._kernel_arrays)
 
     def step(self, actions: ArrayLike) -> None:
         """Move every arm by one step. Results are in the attributes.
@@ -160,7 +160,7 @@ class ReacherSimulator:
         if turns.shape != shape:
             raise ValueError(f"actions of shape {turns.shape}; [num_games, joints] is {shape}")
         turns = np.ascontiguousarray(turns, dtype=np.float64)
-        if rules.step_arms(*self._kernel_arrays, turns, self.auto_restart) == rules.BAD_ACTION:
+        if rules.step_arms(turns, self.auto_restart, *self._kernel_arrays) == rules.BAD_ACTION:
             arm, joint = np.argwhere(~(np.abs(turns) <= 1.0 + rules.ROUNDING))[0]
             raise ValueError(
                 f"an action of joint {joint} of arm {arm} is {turns[arm, joint]}; it is a number "

@@ -15,7 +15,7 @@ from pursuit.policy import Policy
 from train.algorithms import a2c, continuous, cross_entropy, dqn, ppo, q_learning
 from train.algorithms.learner import Build, Learner, network_loader
 from train.algorithms.rollouts import actor_critic_of
-from train.networks.policy import Player
+from train.networks.policy import Player, Seat
 from train.settings.algorithms import (
     HYPERPARAMETERS,
     LEARNERS,
@@ -94,10 +94,22 @@ class Algorithm:
     def check_actions(self, player: Player) -> None:
         """Raise ValueError where it cannot choose such actions as `player`'s."""
         kind = "continuous" if player.continuous else "discrete"
-        able = [name for name, other in ALGORITHMS.items() if kind in other.actions]
+        in_maze = isinstance(player, Seat)
+        able = [
+            name
+            for name, other in ALGORITHMS.items()
+            if kind in other.actions and (in_maze or not other.one_maze)
+        ]
+        turned = player.continuous and "discrete" in self.actions and not self.one_maze
         check(
             kind in self.actions,
-            f"algorithm={self.name!r} cannot choose {kind} actions; take {' or '.join(able)}",
+            f"algorithm={self.name!r} cannot choose {kind} actions; take {' or '.join(able)}"
+            + (", or discrete_actions=True" if turned else ""),
+        )
+        check(
+            in_maze or not self.one_maze,
+            f"algorithm={self.name!r} has a table over the cells of a maze, and there is none "
+            f"here; take {' or '.join(able)}",
         )
 
     def check_self_play(self, role: str, agents: int) -> None:

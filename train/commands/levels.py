@@ -46,6 +46,9 @@ def levels(arguments: Sequence[str]) -> None:
         load_curriculum(curriculum, state)
     except MISFITS as error:
         raise misfit(given.run, error) from None
-    for seed, score, wins, plays in curriculum.best(given.count):
+    kept = curriculum.best(given.count)
+    if not kept:
+        print(f"{given.run}: no level was kept; none was played often enough to be scored")
+    for seed, score, wins, plays in kept:
         print(f"level {seed}: {curriculum.score} {score:.4g}, {wins} of {plays} episodes solved")
         print(parts.world.level(parts.seat.task, seed))

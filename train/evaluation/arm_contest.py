@@ -180,9 +180,14 @@ class ArmContest:
         """The least lengths of these episodes."""
         return bounds_of(self.task, self.episodes, self.seed)
 
-    def optimal(self) -> Score:
-        """The least steps from the same starts: of intervals their lower ends."""
+    def optimal(self) -> Score | None:
+        """The least steps from the same starts: of intervals their lower ends.
+
+        None where `max_steps` cuts every episode off: then everybody takes as long.
+        """
         bounds = self.bounds()
+        if not bounds.possible.any():
+            return None
         mean = float(bounds.lower.mean())
         share = float(bounds.possible.mean())
         return Score("optimal", mean, half_width(bounds.lower), share, self.episodes, False)
@@ -193,13 +198,15 @@ class ArmContest:
         The moves that achieve the upper ends of their intervals are played as well, where these are
         intervals; discrete actions can play neither these nor the kinematic ones.
         """
-        if self.task.discrete_actions:
-            return [self.score("random", RandomArm()), self.optimal()]
+        optimum = self.optimal()
+        known = [] if optimum is None else [optimum]
         scores = [self.score("random", RandomArm())]
+        if self.task.discrete_actions:
+            return scores + known
         scores += [self.score(method, InverseKinematics(method)) for method in IK_METHODS]
         scores.append(self.score("thesis' inverse kinematics", ThesisInverseKinematics()))
-        scores.append(self.optimal())
-        if self.bounds().share_exact < 1.0:
+        scores += known
+        if known and self.bounds().share_exact < 1.0:
             scores.append(self.score("least steps, as proved", LeastStepsPolicy()))
         return scores
 

@@ -239,7 +239,8 @@ class GameContest:
         """The exact optimum on the same starts; None where it is not known.
 
         Known for one agent of a chase of one evader (the best response to all others) and for one
-        runner (the shortest tours, up to MAX_EXACT_GOALS goals: beyond, tours are heuristic).
+        runner (the shortest tours, up to MAX_EXACT_GOALS goals: beyond, tours are heuristic), while
+        `max_steps` is enough for one start at least.
         """
         task, best = self.task, self.best_response()
         among = self.best_team_response()
@@ -259,6 +260,8 @@ class GameContest:
                 starts, goals = simulator.positions[here, 0], simulator.goals[here]
                 lengths[here] = tour_lengths(maze, starts, goals)
         share = float((lengths <= task.max_steps).mean())
+        if share == 0.0:  # every episode is cut off: everybody takes as long
+            return None
         mean = float(np.minimum(lengths, task.max_steps).mean())
         return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
 

@@ -6,6 +6,7 @@ its plan, a contest its task and opponents.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,7 @@ from train.runs.threads import uses_bfloat16
 from train.runs.worlds import World, world_of
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import check, evaluation_seed
+from train.settings.off_policy import ReplaySettings
 from train.settings.presets import Setting
 from train.settings.run import TrainSettings
 from train.settings.task import AnyTask
@@ -59,18 +61,26 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
             is none, or what the algorithm or the curriculum cannot do.
     """
     algorithm = entry(settings.algorithm)
+    seat = player_of(settings)
+    algorithm.check_actions(seat)
     check_algorithm(settings, algorithm)
     check(
         not (isinstance(settings.hyper, PPOSettings) and settings.hyper.central_critic),
         "central_critic=True is for several agents that learn at once; use it in "
         "`pursuit self-play`",
     )
+    if isinstance(settings.hyper, ReplaySettings):
+        starts = settings.hyper.learning_starts
+        if settings.frames is not None and settings.frames <= starts:
+            warnings.warn(
+                f"frames={settings.frames} and learning_starts={starts}: it ends before anything "
+                "is learned; take more frames, or lower learning_starts",
+                stacklevel=2,
+            )
     world = world_of(settings.task)
     plan = plan_lessons(settings.curriculum, settings.lessons, world.ground, settings.seed)
     if plan is not None:
         check_learner(plan, algorithm)
-    seat = player_of(settings)
-    algorithm.check_actions(seat)
     algorithm.check_player(settings.hyper, seat)
     check_memory(settings.hyper, seat)
     bfloat16 = uses_bfloat16(settings.precision, settings.device)

@@ -33,6 +33,17 @@ EVALUATION_SEED = 2**62
 nothing is judged by games that it may have learned from: one rule, for every command."""
 
 
+MOST_THREADS = 1024
+
+
+def check_threads(threads: int, least: int) -> None:
+    """ValueError for a number of torch's threads that no machine can start."""
+    check(
+        least <= threads <= MOST_THREADS,
+        f"threads={threads}; from {least} to {MOST_THREADS}, and no more than there are cores",
+    )
+
+
 def check_seed(seed: int) -> None:
     """ValueError for a seed that is not one to train with."""
     check(

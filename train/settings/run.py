@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from train.settings.algorithms import Hyperparameters, PPOSettings
-from train.settings.checks import check, check_budget, check_choice, check_seed
+from train.settings.checks import check, check_budget, check_choice, check_seed, check_threads
 from train.settings.curricula import CurriculumSettings, curriculum_form
 from train.settings.task import AnyTask, TaskSettings
 
@@ -67,7 +67,7 @@ class TrainSettings(Generic[S]):
         check_choice("first_layer", self.first_layer, FIRST_LAYERS)
         check_budget(self.seconds, self.frames)
         check_seed(self.seed)
-        check(self.threads >= 0, f"threads={self.threads}; at least 0")
+        check_threads(self.threads, 0)
         check(
             self.device == "cpu" or self.device.split(":")[0] == "cuda",
             f"unknown device {self.device!r}; cpu or cuda (or cuda:1, ...)",

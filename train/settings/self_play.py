@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pursuit.own_observations import OBSERVATIONS
 from scripted_agents.environments import SCRIPTED, is_own_policy
 from train.settings.algorithms import PPOSettings
-from train.settings.checks import check, check_budget, check_choice, check_seed
+from train.settings.checks import check, check_budget, check_choice, check_seed, check_threads
 from train.settings.task import TaskSettings
 
 ROLES = ("chaser", "evader")
@@ -83,7 +83,8 @@ class SelfPlaySettings:
         )
         check(self.task.opponent is None, "opponent is of `pursuit train`; use chaser or evader")
         check_budget(self.seconds, self.frames)
-        for name in ("window", "snapshots", "pool_size", "threads"):
+        check_threads(self.threads, 1)
+        for name in ("window", "snapshots", "pool_size"):
             check(getattr(self, name) >= 1, f"{name}={getattr(self, name)}; at least 1")
         check(
             self.sampling != "window" or self.window <= self.pool_size,

@@ -138,7 +138,8 @@ def tolerance(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
     for value in (first, last):
         check(
             LEAST_TOLERANCE <= value <= most,
-            f"{name} of {value:g}; from {LEAST_TOLERANCE:g} to {most:g}",
+            f"{name} of {value:g}; from {LEAST_TOLERANCE:g} to {most:g}, twice the joints: set the "
+            "task's own tolerance, easiest and hardest within",
         )
 
     def apply(

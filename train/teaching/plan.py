@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -104,6 +105,12 @@ def plan_lessons(name: str, lessons: CurriculumSettings, ground: Terrain, seed: 
     if isinstance(lessons, AxisSettings):
         turned = axis_name(name, lessons)
         axis = axis_of(turned, ground, lessons)
+        if axis.easiest == axis.hardest:
+            warnings.warn(
+                f"curriculum {name!r} goes from {axis.easiest:g} to {axis.hardest:g}: it teaches "
+                "nothing; give easiest and hardest, or a task that is harder",
+                stacklevel=2,
+            )
         if isinstance(lessons, ScheduleSettings):
             for _, value in lessons.points():  # each must be possible, as the ends must
                 axis_of(turned, ground, replace(lessons, easiest=value))
