@@ -185,13 +185,6 @@ def test_environments_that_cannot_be(settings: dict[str, Any], message: str) -> 
             make()
 
 
-def test_unknown_options_of_a_reset_are_refused() -> None:
-    env, envs = gymnasium.make(ID), gymnasium.make_vec(ID, num_envs=2)
-    for each in (env, envs):
-        with pytest.raises(ValueError, match="known are angles and target"):
-            each.reset(options={"angle": [0.0, 0.0], "target": [1.0, 0.0]})
-
-
 def test_an_unknown_setting_of_an_environment() -> None:
     for make in (gymnasium.make, gymnasium.make_vec):
         with pytest.raises(TypeError, match="keyword argument 'links'; the settings are joints"):
