@@ -30,8 +30,8 @@ TOLD = (
     *MEASURED.values(),
 )
 """Settings that stand in the paragraph, and so in no table."""
-NONE = "none"
-"""What stands for no value."""
+NONE, MISSING = "none", "–"
+"""What stands for no value, and for a setting that a run has not."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,11 @@ def _of_one_kind(runs: Sequence[Facts]) -> list[str]:
     """The paragraph of runs of one kind, and the tables that it needs."""
     varying = _varying(runs)
     lines = [" ".join(_sentences(runs)), ""]
-    shared = [name for name in _names(runs) if name not in (*varying, *TOLD)]
+    shared = [
+        name
+        for name in _names(runs)
+        if name not in (*varying, *TOLD) and all(name in run.settings for run in runs)
+    ]
     rows = [
         {"setting": name, "value": _text(runs[0].settings[name]), "default": told}
         for name in shared
@@ -185,13 +189,19 @@ def _names(runs: Sequence[Facts]) -> list[str]:
 
 
 def _varying(runs: Sequence[Facts]) -> list[str]:
-    """The settings that are not alike in all runs, seeds apart."""
-    return [
-        name
-        for name in _names(runs)
-        if name not in ("seed", "variant")
-        and len({_text(run.settings.get(name)) for run in runs}) > 1
-    ]
+    """The settings that are not alike in all runs, seeds apart.
+
+    One that only some of them have (a clip of PPO's beside A2C) counts where it is not the default.
+    """
+    found = []
+    for name in _names(runs):
+        have = [run for run in runs if name in run.settings]
+        values = {_text(run.settings[name]) for run in have}
+        usual = all(_text(run.settings[name]) == _default([run], name) for run in have)
+        differs = len(values) > 1 or (len(have) < len(runs) and not usual)
+        if differs and name not in ("seed", "variant"):
+            found.append(name)
+    return found
 
 
 def _default(runs: Sequence[Facts], name: str) -> str:
@@ -219,7 +229,7 @@ def _differences(runs: Sequence[Facts], varying: Sequence[str]) -> ResultTable:
     named = any(run.settings.get("variant") for run in runs)
     for run in runs:
         row: Row = {"name": run.settings.get("variant") or ""} if named else {}
-        row |= {name: _text(run.settings.get(name)) for name in varying}
+        row |= {name: _text(run.settings.get(name, MISSING)) for name in varying}
         seeds = rows.setdefault(str(row), row | {"seeds": []})["seeds"]
         seeds.append(run.settings["seed"])
     heads = [*(["name"] if named else []), *varying]
@@ -270,7 +280,8 @@ def _who(runs: Sequence[Facts], setting: Callable[[str], str]) -> str:
     what = f"One agent ({role}) was" if number == 1 else f"{number} agents ({role}) were"
     curriculum = setting("curriculum")
     taught = "without a curriculum" if curriculum == NONE else f"with the curriculum {curriculum}"
-    return f"{what} trained by {_learner(setting('algorithm'))}, {taught}."
+    learners = " or ".join(map(_learner, setting("algorithm").split(" or ")))
+    return f"{what} trained by {learners}, {taught}."
 
 
 def _learner(name: str) -> str:

@@ -67,9 +67,8 @@ def overlay(folders: Sequence[Path], out: Path, look: Look = PLAIN) -> Path:
     for name, folder in zip(names, folders, strict=True):
         found = _curves_of(folder)
         for row, path in found:
-            row["_group"] = ": ".join(
-                part for part in (name if len(folders) > 1 else "", row["_group"]) if part
-            )
+            parts = (name if len(folders) > 1 or not row["_group"] else "", row["_group"])
+            row["_group"] = ": ".join(filter(None, parts))
             row["run"], row["_x"] = str(path), ""
             by_run[row["run"]] = read_metrics(path)
             rows.append(row)
@@ -147,14 +146,17 @@ def draw_overlay(
         everything += [mean, low, high]
         color = PALETTE[number % len(PALETTE)]
         dash = DASHES[number // len(PALETTE) % len(DASHES)]
-        axis.plot(places, mean, dash, color=color, lw=1.7, label=group or None)
+        axis.plot(places, mean, dash, color=color, lw=1.7, label=group)
         axis.fill_between(places, low, high, color=color, alpha=0.16, lw=0)
     if measure is GAP_CURVE:
         ends = np.concatenate(everything)
-        axis.set_yscale("symlog", linthresh=1.0)
-        low, high = min(0.0, np.nanmin(ends)), max(0.0, np.nanmax(ends))
-        axis.set_ylim(1.5 * low - 0.3, 1.5 * high + 0.3)
-        axis.axhline(0, color="#333333", lw=1.2, ls=":")
+        low, high = float(np.nanmin(ends)), float(np.nanmax(ends))
+        if low >= 1.0:
+            axis.set_yscale("log")
+        else:  # the optimum is in sight
+            axis.set_yscale("symlog", linthresh=1.0)
+            axis.set_ylim(1.5 * min(low, 0.0) - 0.3, 1.5 * max(high, 0.0) + 0.3)
+            axis.axhline(0, color="#333333", lw=1.2, ls=":")
         short_numbers(axis.yaxis)
     elif measure.logarithmic:
         axis.set_yscale("log")
@@ -165,6 +167,6 @@ def draw_overlay(
     axis.set_xlabel(time_head(unit))
     axis.set_ylabel(measure.curve_axis)
     tidy(axis)
-    if any(groups):
+    if len(groups) > 1:
         figure.legend(loc="outside right upper", frameon=False, fontsize=9)
     save(figure, path, 150, look.formats)
