@@ -59,7 +59,7 @@ def test_the_commands_of_the_page_write_what_it_says(paper: tuple[Path, dict[str
         assert "<svg" in (folder / name).read_text(encoding="utf-8"), name
     assert (folder / "league" / "league.pdf").exists() and not (folder / "maze.png").exists()
     told = re.findall(r"```text\n(.*?)\n```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    assert told[0] in printed["pursuit ablate opponent-epsilon --dry-run"]
+    assert told[0] in printed["pursuit ablate adaptive --dry-run"]
 
 
 def test_the_python_of_the_page_runs(
@@ -186,7 +186,7 @@ def test_the_least_p_of_several_tasks_and_of_splits_that_are_drawn() -> None:
 
 
 def test_what_so_few_can_show_is_said(tmp_path: Path) -> None:
-    assert power_lines(load_ablation("opponent-epsilon", "short")) == [power_line([(3, 3)])]
+    assert power_lines(load_ablation("adaptive", "short")) == [power_line([(3, 3)])]
     assert "cannot show p < 0.05" in power_line([(3, 3)]) and "is 0.10" in power_line([(3, 3)])
     assert "5 against 5 can show" in power_line([(5, 5)])
     assert "in each of 2 tasks can show" in power_line([(3, 3)] * 2)
