@@ -112,6 +112,8 @@ def _curves_of(folder: Path) -> list[tuple[dict[str, Any], Path]]:
     check(bool(rows), f"{folder}: no run is complete yet; `pursuit sweep` goes on with it")
     if hints.control is not None:
         hints.group = ["variant"]
+        place = {arm: number for number, arm in enumerate(hints.arms)}
+        rows.sort(key=lambda row: place.get(row["variant"], len(place)))
     x = put_groups(rows, hints, runs.columns)
     if x and len({row["_x"] for row in rows}) > 1:
         for row in rows:
@@ -153,11 +155,12 @@ def draw_overlay(
         low, high = float(np.nanmin(ends)), float(np.nanmax(ends))
         if low >= 1.0:
             axis.set_yscale("log")
+            plain_numbers(axis.yaxis)
         else:  # the optimum is in sight
             axis.set_yscale("symlog", linthresh=1.0)
             axis.set_ylim(1.5 * min(low, 0.0) - 0.3, 1.5 * max(high, 0.0) + 0.3)
             axis.axhline(0, color="#333333", lw=1.2, ls=":")
-        short_numbers(axis.yaxis)
+            short_numbers(axis.yaxis)
     elif measure.logarithmic:
         axis.set_yscale("log")
         plain_numbers(axis.yaxis)
