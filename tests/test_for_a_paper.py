@@ -51,6 +51,7 @@ def paper(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, dict
         yield folder, printed
 
 
+@pytest.mark.slow  # the page's runs take a minute
 def test_the_commands_of_the_page_write_what_it_says(paper: tuple[Path, dict[str, str]]) -> None:
     folder, printed = paper
     for name in ("runs/ppo/learning_curve.pdf", "game.pdf", "comparison/curves.pdf"):
@@ -62,6 +63,7 @@ def test_the_commands_of_the_page_write_what_it_says(paper: tuple[Path, dict[str
     assert told[0] in printed["pursuit ablate adaptive --dry-run"]
 
 
+@pytest.mark.slow  # the page's runs take a minute
 def test_the_python_of_the_page_runs(
     paper: tuple[Path, dict[str, str]], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -70,6 +72,7 @@ def test_the_python_of_the_page_runs(
     assert "2 agents (chaser) were trained by PPO or A2C" in capsys.readouterr().out
 
 
+@pytest.mark.slow  # the page's runs take a minute
 def test_one_table_three_forms(paper: tuple[Path, dict[str, str]]) -> None:
     """Report, CSV and TeX say the same of the same rows."""
     out = paper[0] / "comparison"
@@ -84,6 +87,7 @@ def test_one_table_three_forms(paper: tuple[Path, dict[str, str]]) -> None:
     assert float(rows[0]["gap"]) == pytest.approx(100 * final["optimality_gap"])
 
 
+@pytest.mark.slow  # the page's runs take a minute
 def test_methods_say_what_the_files_say(paper: tuple[Path, dict[str, str]]) -> None:
     folder = paper[0] / "runs/ppo"
     text = (folder / "methods.md").read_text()
@@ -101,6 +105,7 @@ def test_methods_say_what_the_files_say(paper: tuple[Path, dict[str, str]]) -> N
     assert "2 agents (chaser)" in league and "20 games of each pair" in league
 
 
+@pytest.mark.slow  # the page's runs take a minute
 def test_a_league_calls_its_entries_as_asked(paper: tuple[Path, dict[str, str]]) -> None:
     content = json.loads((paper[0] / "league/league.json").read_text())
     assert content["chasers"] == ["PPO", "A2C", "A star", "chance"]
@@ -151,6 +156,7 @@ def test_hostile_names_are_escaped_everywhere(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex here")
+@pytest.mark.slow  # the page's runs take a minute
 def test_latex_takes_the_tables(tmp_path: Path, paper: tuple[Path, dict[str, str]]) -> None:
     table = ResultTable([{"name": HOSTILE}], [words("name")])
     table.write(tmp_path, "hostile")

@@ -20,7 +20,7 @@ from train.experiments.executors import progress_of, run_locally
 from train.experiments.identity import fingerprint
 from train.experiments.report import report
 from train.experiments.sweep import load_sweep, prepare, shipped, status_of
-from train.experiments.sweep_report import markdown, summary
+from train.experiments.sweep_report import markdown, summary, table_of
 from train.experiments.tables import CURVES, RUNS, collect
 from train.files import only_one
 
@@ -388,7 +388,9 @@ def test_a_report_says_which_policy_was_evaluated(swept: Path) -> None:
         (("sampled", "greedy"), "Steps are those of the greedy or sampled policy, as `evaluate`"),
     ):
         given = [row | {"evaluate": kinds[n % len(kinds)]} for n, row in enumerate(rows)]
-        assert told in markdown("Tiny", given, summary(given, None), [], given)
+        assert told in markdown(
+            "Tiny", given, table_of(given, summary(given, None), None), [], given
+        )
 
 
 def test_a_report_of_nothing_is_an_error(
