@@ -1,0 +1,233 @@
+"""Sessions: games one after the other, in which a person fills a seat and the simulator decides."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.declared import whole
+from pursuit.parallel_env import scene_of
+from pursuit.policy import Policy
+from pursuit.rendering import scene_to_text
+from pursuit.rules.layout import COLLECTED
+from pursuit.simulator import Simulator
+from pursuit.single_agent import fill_seats
+from scripted_agents import tour_lengths
+from scripted_agents.tour import MAX_EXACT_GOALS
+from train.evaluation.games import play_out, won_by
+from train.play.outcome import Outcome
+from train.runs.worlds import GridWorld
+
+ACTIONS = ("north", "south", "east", "west", "stay")
+
+
+class Session(Protocol):
+    """Games that one person plays.
+
+    Attributes:
+        game: the number of the one that is played; the first is 0.
+        seed: of all games; game `game` of it is the one of that number in a batch.
+        outcomes: of the games that are over.
+    """
+
+    game: int
+    seed: int
+    outcomes: list[Outcome]
+
+    @property
+    def over(self) -> bool:
+        """Whether the game has ended for the person."""
+
+    @property
+    def step(self) -> int:
+        """Steps of the game so far."""
+
+    def move(self, action: Any) -> None:
+        """One step of everybody, the person's as given.
+
+        Raises:
+            ValueError: no action of this game, or the game is over. Then nothing has moved.
+        """
+
+    def next_game(self) -> None:
+        """Begin the next game, whether this one is over or not."""
+
+    def title(self) -> str:
+        """What is played, in a line."""
+
+    def board(self) -> dict[str, Any]:
+        """What does not change in a game, as the viewer's `Board` takes it, and "you": the seat."""
+
+    def frame(self) -> dict[str, Any]:
+        """This moment, as the viewer's `Board` shows it."""
+
+    def text(self) -> str:
+        """This moment as text."""
+
+
+class MazeSession:
+    """Games in mazes; a `Session`.
+
+    Args:
+        world: the task, who plays which seat, and which is the person's.
+        agent: what an agent is called that plays the same starts in that seat.
+        policy: the agent.
+        seed: of the games, 0 to 2**64 - 1.
+
+    Attributes:
+        simulator: the game that is played; `auto_restart` is False.
+        seat: the person's.
+        start: the cells of all agents and of all goals as the game began.
+        actions: [steps so far] of lists, the actions of all agents.
+        rewards: [steps so far] of lists, what each agent was paid.
+
+    Raises:
+        ValueError: a seat without a policy.
+    """
+
+    def __init__(self, world: GridWorld, agent: str, policy: Policy, seed: int) -> None:
+        self.world, self.task, self.agent, self.policy = world, world.task, agent, policy
+        self.seat, self.policies = fill_seats(self.task, world.agent, world.opponents)
+        self.seed = whole("seed", seed, 0, 2**64 - 1)
+        self.contest = world.contest(2)
+        self.outcomes: list[Outcome] = []
+        self.begin(0)
+
+    def begin(self, game: int) -> None:
+        """Begin the game of this number."""
+        self.game = game
+        self.simulator = Simulator(self.task, 1, self.seed, game, auto_restart=False)
+        simulator = self.simulator
+        self.start = simulator.positions[0].tolist(), simulator.goals[0].tolist()
+        self.actions: list[list[int]] = []
+        self.rewards: list[list[float]] = []
+        self._collected = np.zeros(self.task.num_agents, dtype=int)
+        self._moves = np.zeros((1, self.task.num_agents), dtype=np.int32)
+
+    @property
+    def over(self) -> bool:
+        """The game has ended, or the person's evader is caught."""
+        simulator = self.simulator
+        return bool(simulator.ended[0]) or not simulator.active[0, self.seat]
+
+    @property
+    def step(self) -> int:
+        """As `Session`."""
+        return len(self.actions)
+
+    def move(self, action: Any) -> None:
+        """As `Session`: one of the numbers of `ACTIONS` that the task has."""
+        if self.over:
+            raise ValueError(f"game {self.game} is over; begin the next one")
+        chosen = whole("action", action, 0, self.task.num_actions - 1)
+        simulator, moves = self.simulator, self._moves
+        simulator.act(self.policies, moves)
+        moves[0, self.seat] = chosen
+        simulator.step(moves)
+        self.actions.append(moves[0].tolist())
+        self.rewards.append([float(paid) for paid in simulator.rewards[0]])
+        self._collected += (simulator.events[0] & COLLECTED) != 0
+        if self.over:
+            self.outcomes.append(self._outcome())
+
+    def next_game(self) -> None:
+        """As `Session`."""
+        self.begin(self.game + 1)
+
+    def _outcome(self) -> Outcome:
+        least = self.optimum(*self.start)
+        steps, won = self._agents_game()
+        names, first = self.task.agent_names, self.seat
+        order = [first, *(seat for seat in range(len(names)) if seat != first)]
+        collects = [seat for seat in order if self.task.seat_roles[seat] != "chaser"]
+        competes = self.task.num_goals > 0 and self.task.num_agents > 1
+        return Outcome(
+            won=bool(won_by(self.simulator, self.seat)[0]),
+            steps=self.step,
+            reward=sum(paid[self.seat] for paid in self.rewards),
+            least=least,
+            most=least,
+            expected=self.task.num_agents > 1,
+            agent=self.agent,
+            agent_steps=steps,
+            agent_won=won,
+            collected=tuple((names[seat], int(self._collected[seat])) for seat in collects)
+            if competes
+            else (),
+        )
+
+    def _agents_game(self) -> tuple[int, bool]:
+        """Steps of the agent from the same start with the same luck, and whether it won."""
+        filled: list[Policy | None] = list(self.policies)
+        filled[self.seat] = self.policy
+        simulator, seat = Simulator(self.task, 1, self.seed, self.game, auto_restart=False), self.seat
+        lengths, won = play_out(
+            simulator,
+            filled,
+            lambda games: games.ended | (games.active[:, seat] == 0),
+            lambda games: won_by(games, seat),
+        )
+        return int(lengths[0]), bool(won[0])
+
+    @cached_property
+    def values(self) -> NDArray[np.float64] | None:
+        """[cell of agent 0, cell of agent 1, ...] float64, the expected steps of best play against
+        the others, cut at `max_steps`; None where it is not solved, or goals count."""
+        best = self.contest.best_response()
+        if best is not None:
+            return best.values
+        team = self.contest.best_team_response()
+        return None if team is None else team.values
+
+    def optimum(self, positions: list[int], goals: list[int]) -> float | None:
+        """The steps of best play from a start: expected ones in a chase, a runner's shortest tour;
+        None where that is not known."""
+        task = self.task
+        if (task.num_agents, task.num_runners) == (1, 1):
+            there = [goal for goal in goals if goal >= 0]
+            if len(set(there)) > MAX_EXACT_GOALS:
+                return None
+            maze = task.mazes[int(self.simulator.maze_index[0])]
+            return float(tour_lengths(maze, np.array(positions), np.array([there]))[0])
+        return None if self.values is None else float(self.values[tuple(positions)])
+
+    def title(self) -> str:
+        """As `Session`."""
+        return self.contest.line().replace(":", ": you are", 1)
+
+    def board(self) -> dict[str, Any]:
+        """As `Session`; "actions" are the names of those that there are."""
+        task = self.task
+        maze = task.mazes[int(self.simulator.maze_index[0])]
+        agents = zip(task.agent_names, task.seat_roles, strict=True)
+        return {
+            "kind": "maze",
+            "height": maze.height,
+            "width": maze.width,
+            "walls": maze.to_text(),
+            "cells": np.stack([maze.rows, maze.columns], axis=1).tolist(),
+            "agents": [{"name": name, "role": role} for name, role in agents],
+            "num_goals": task.num_goals,
+            "you": self.seat,
+            "actions": list(ACTIONS[: task.num_actions]),
+            "max_steps": task.max_steps,
+        }
+
+    def frame(self) -> dict[str, Any]:
+        """As `Session`: cells -1 of who and what is gone."""
+        simulator = self.simulator
+        here = np.where(simulator.active[0] != 0, simulator.positions[0], -1)
+        paid = self.rewards[-1] if self.rewards else [0.0] * self.task.num_agents
+        return {
+            "cells": here.tolist(),
+            "goals": simulator.goals[0].tolist(),
+            "step": self.step,
+            "rewards": paid,
+        }
+
+    def text(self) -> str:
+        """As `Session`."""
+        return scene_to_text(scene_of(self.simulator))
