@@ -1,0 +1,1 @@
+"""The viewer: one self-contained page of plain JavaScript and SVG, for replays, reports and play."""
