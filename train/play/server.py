@@ -20,6 +20,7 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 import bottle
 
+from pursuit.viewer.page import page
 from train.play.outcome import total_line
 from train.play.session import Session
 
@@ -28,6 +29,7 @@ MAX_BODY = 4096
 """Bytes of a request, at most; a move takes some fifty."""
 PATIENCE = 10.0
 """Seconds that a connection may be silent; browsers open some that they never use."""
+SCRIPTS = ("board.js", "maze_board.js", "arm_board.js", "play.js")
 HEADERS = {
     "Cache-Control": "no-store",
     "Referrer-Policy": "no-referrer",  # the address is the key
@@ -45,7 +47,6 @@ class PlayServer:
 
     Args:
         session: what is played; nobody else may touch it meanwhile.
-        page: the HTML page, made anew for every visit from the state of the moment.
         port: 0 for any that is free.
         after: called with the session whenever a game is over; a ValueError or OSError of it is
             told to the person, and the game goes on.
@@ -61,11 +62,10 @@ class PlayServer:
     def __init__(
         self,
         session: Session,
-        page: Callable[[dict[str, Any]], str],
         port: int = 0,
         after: Callable[[Session], None] | None = None,
     ) -> None:
-        self.session, self.page, self.after = session, page, after
+        self.session, self.after = session, after
         self.token = secrets.token_urlsafe(32)
         self.warning = ""
         self._lock = Lock()
@@ -108,7 +108,7 @@ class PlayServer:
         app.add_hook("before_request", self._admit)
         app.add_hook("after_request", _guard)
         app.route("/<token>/", "GET", self._show)
-        app.route("/<token>/state", "GET", lambda token: self._state())
+        app.route("/<token>/state", "GET", self._state)
         app.route("/<token>/move", "POST", self._move)
         app.route("/<token>/next", "POST", self._next)
         app.default_error_handler = _told
@@ -131,10 +131,10 @@ class PlayServer:
 
     def _show(self, token: str) -> bottle.HTTPResponse:
         with self._lock:
-            text = self.page(self.state(True))
+            text = page("pursuit: play", self.state(True), SCRIPTS, connects=True)
         return bottle.HTTPResponse(text, 200, {"Content-Type": "text/html; charset=utf-8"})
 
-    def _state(self) -> bottle.HTTPResponse:
+    def _state(self, token: str) -> bottle.HTTPResponse:
         with self._lock:
             return _answer(200, self.state(True))
 

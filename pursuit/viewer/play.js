@@ -1,5 +1,5 @@
-"use strict";
-/* The page of a game by hand: keys and touches become moves, the server decides, Board draws. */
+// The page of a game by hand: keys and touches become moves, the server decides, a board draws. What
+// it begins with stands in the element "pursuit-data" (see train/play/server.py).
 
 (function () {
   const WAIT = 110; // ms between two moves while a key is held
@@ -7,22 +7,8 @@
     ArrowUp: 0, w: 0, ArrowDown: 1, s: 1, ArrowRight: 2, d: 2, ArrowLeft: 3, a: 3, " ": 4,
   };
   const SIGNS = ["▲", "▼", "▶", "◀", "■"]; // of the actions, in the rule book's order
+  const TRAIL = 12; // steps that a trail shows
   const FORTH = "qwertyui", BACK = "asdfghjk"; // a key for each joint of an arm
-
-  const style = document.createElement("style");
-  style.textContent = `
-    .play { max-width: 44rem; margin: 0 auto; padding: .5rem; }
-    .play svg { display: block; width: 100%; max-height: 62vh; touch-action: manipulation; }
-    .play .status { font-variant-numeric: tabular-nums; }
-    .play .keys { display: flex; flex-wrap: wrap; gap: .5rem; margin: .5rem 0; }
-    .play button { font: inherit; min-width: 3.2rem; min-height: 3.2rem; touch-action: manipulation;
-      user-select: none; -webkit-user-select: none; }
-    .play .cross { display: grid; grid-template-columns: repeat(3, 3.6rem); gap: .3rem; }
-    .play .cross button { width: 100%; }
-    .play table { border-collapse: collapse; }
-    .play td { padding: .1rem 1rem .1rem 0; }
-    .play .help { opacity: .75; }`;
-  document.head.append(style);
 
   function make(kind, into, text, name) {
     const node = document.createElement(kind);
@@ -33,20 +19,19 @@
   }
 
   function start(state) {
-    const place = make("main", document.body, "", "play");
-    const title = make("h1", place);
-    const drawing = document.createElementNS("http://www.w3.org/2000/svg", "svg");
-    drawing.setAttribute("role", "img");
-    place.append(drawing);
-    const status = make("p", place, "", "status");
+    const place = document.getElementById("pursuit");
+    place.className = "play";
+    const who = make("h1", place), title = make("p", place, "", "faint");
+    const drawing = draw(place, "svg");
+    const status = make("p", place);
     status.setAttribute("role", "status");
     const buttons = make("div", place, "", "keys");
     const result = make("div", place, "", "result");
     result.setAttribute("aria-live", "polite");
     const next = make("button", place, "next game (n)");
-    const help = make("p", place, "", "help");
+    const help = make("p", place, "", "faint");
     const held = new Set(); // turns of an arm that go on: [joint, sign] as text
-    let board = null, world = null, busy = false, last = 0;
+    let board = null, world = null, busy = false, last = 0, past = [];
 
     function show(fresh) {
       const other = fresh.board && JSON.stringify(fresh.board) !== JSON.stringify(world);
@@ -58,7 +43,11 @@
         prepare();
       }
       if (fresh.title) title.textContent = fresh.title;
-      board.show(state.frame);
+      who.textContent = world.agents ? `You are ${world.agents[world.you].name}` : "You move the arm";
+      if (!past.length || past[0].game !== state.game || past.length !== state.step) past = [];
+      past.push({ game: state.game, ...state.frame });
+      board.show(state.frame, trails());
+      drawing.setAttribute("aria-label", told());
       const paid = state.frame.rewards ? state.frame.rewards[world.you] : state.frame.reward;
       status.textContent =
         `game ${state.game + 1}, step ${state.step} / ${world.max_steps}, reward ${+paid.toFixed(3)}`;
@@ -73,6 +62,26 @@
       }
       if (state.total) make("p", result, state.total);
       if (state.warning) make("p", result, "warning: " + state.warning);
+    }
+
+    // The moment in words.
+    function told() {
+      if (world.kind === "arm") return `an arm of ${world.joints} joints`;
+      const at = (cell) => (cell < 0 ? "gone" : `row ${world.cells[cell][0]} column ${world.cells[cell][1]}`);
+      const agents = world.agents.map((agent, n) => `${agent.name} ${at(state.frame.cells[n])}`);
+      const goals = state.frame.goals.filter((goal) => goal >= 0).map((goal) => `goal ${at(goal)}`);
+      return [...agents, ...goals].join(", ");
+    }
+
+    // Where everybody was, and of who is gone where it was last.
+    function trails() {
+      const some = past.slice(-TRAIL);
+      if (world.kind === "arm") return { trail: some.map((frame) => frame.angles) };
+      const of = (number) => past.map((frame) => frame.cells[number]).filter((cell) => cell >= 0);
+      return {
+        trails: world.agents.map((_, n) => some.map((f) => f.cells[n]).filter((cell) => cell >= 0)),
+        last: world.agents.map((_, n) => of(n).pop()),
+      };
     }
 
     async function send(what, content) {
@@ -153,8 +162,7 @@
           node.style.gridArea = `${places[number][0]} / ${places[number][1]}`;
         }
         const stays = world.actions.length > 4 ? "space stays" : "a move into a wall waits";
-        help.textContent = `You are ${world.agents[world.you].name}. Arrow keys or w, a, s, d; ` +
-          `${stays}; n begins the next game.`;
+        help.textContent = `Arrow keys or w, a, s, d; ${stays}; n begins the next game.`;
       }
     }
 
@@ -200,5 +208,5 @@
     show(state);
   }
 
-  start(JSON.parse(document.getElementById("data").textContent));
+  start(JSON.parse(document.getElementById("pursuit-data").textContent));
 })();

@@ -1,0 +1,130 @@
+"""A game by hand in a terminal: arrow keys, letters, and the pictures that are text."""
+
+from __future__ import annotations
+
+import contextlib
+import curses
+from collections.abc import Callable
+from typing import Any
+
+from train.play.arm_session import ArmSession
+from train.play.outcome import total_line
+from train.play.session import MazeSession, Session
+
+MAZE_KEYS = {
+    **{curses.KEY_UP: 0, curses.KEY_DOWN: 1, curses.KEY_RIGHT: 2, curses.KEY_LEFT: 3},
+    **{ord(key): action for action, key in enumerate("wsda ")},
+}
+FORTH, BACK = "123456789", "qwertyuio"
+"""Keys that turn a joint of an arm to the left, and to the right: those of every joint are one
+below the other."""
+
+
+def play_in_terminal(session: Session, after: Callable[[Session], None] | None = None) -> None:
+    """Play until the person presses `x`, or Ctrl-C.
+
+    Args:
+        session: what is played.
+        after: called whenever a game is over; a ValueError or OSError of it is told, and the game
+            goes on.
+
+    Raises:
+        ValueError: the terminal can do nothing but print.
+    """
+    try:
+        curses.wrapper(_play, session, after)
+    except curses.error as error:
+        raise ValueError(f"this terminal cannot show a game ({error}); set TERM=xterm, say") from None
+
+
+def action_of(session: Session, key: int) -> Any:
+    """The action that a key means in this game; None for none."""
+    if isinstance(session, MazeSession):
+        action = MAZE_KEYS.get(key)
+        return action if action is not None and action < session.task.num_actions else None
+    assert isinstance(session, ArmSession)
+    joints = session.task.joints
+    turns = [0.0] * joints
+    for keys, sign in ((FORTH, 1.0), (BACK, -1.0)):
+        joint = keys[:joints].find(chr(key)) if 0 < key < 128 else -1
+        if joint >= 0:
+            turns[joint] = sign
+            return turns
+    return turns if key == ord(" ") else None
+
+
+def help_of(session: Session) -> str:
+    """The keys, in a line."""
+    if isinstance(session, MazeSession):
+        stays = "space stays" if session.task.stay_action else "a move into a wall waits"
+        return f"arrow keys or w a s d; {stays}; n: next game; x: end"
+    assert isinstance(session, ArmSession)
+    joints = session.task.joints
+    return (
+        f"{' '.join(FORTH[:joints])}: turn a joint left; {' '.join(BACK[:joints])}: right; "
+        "space waits; n: next game; x: end"
+    )
+
+
+def lines_of(session: Session, told: str) -> list[str]:
+    """All that stands on the screen."""
+    lines = [session.title(), "", *session.text().splitlines(), ""]
+    if session.over:
+        lines += session.outcomes[-1].lines()
+        lines += [line for line in (total_line(session.outcomes),) if line]
+    return [*lines, *([told] if told else []), help_of(session)]
+
+
+def _play(screen: Any, session: Session, after: Callable[[Session], None] | None) -> None:
+    if curses.has_colors():
+        curses.use_default_colors()
+    with contextlib.suppress(curses.error):  # of a terminal that always shows it
+        curses.curs_set(0)
+    told = ""
+    while True:
+        _show(screen, session, lines_of(session, told))
+        key = screen.getch()
+        if key in (ord("x"), ord("X"), -1):  # the last where the terminal is gone
+            return
+        lower = key + 32 if ord("A") <= key <= ord("Z") else key
+        if lower == ord("n"):
+            session.next_game()
+        action = action_of(session, lower)
+        if action is None or session.over:
+            continue
+        session.move(action)
+        if session.over and after is not None:
+            try:
+                after(session)
+                told = ""
+            except (ValueError, OSError) as error:
+                told = f"warning: {error}"
+
+
+def _show(screen: Any, session: Session, lines: list[str]) -> None:
+    """Draw what fits: of a maze that is too large the part around the person's agent."""
+    height, width = screen.getmaxyx()
+    top, left = 0, 0
+    own = _own_place(session)
+    if own is not None:
+        row, column = own
+        if len(lines) > height:
+            top = min(max(row - height // 2, 0), len(lines) - height)
+        if max(map(len, session.text().splitlines())) > width:
+            left = max(column - width // 2, 0)
+    screen.erase()
+    for number, line in enumerate(lines[top : top + height]):
+        # The last column of the last line cannot be written to without scrolling.
+        screen.insnstr(number, 0, line[left:], width)
+    if own is not None and 0 <= own[0] - top < height and 0 <= own[1] - left < width:
+        screen.chgat(own[0] - top, own[1] - left, 1, curses.A_REVERSE | curses.A_BOLD)
+    screen.refresh()
+
+
+def _own_place(session: Session) -> tuple[int, int] | None:
+    """The line and the column of the person's agent on the screen; None where there is none."""
+    if not isinstance(session, MazeSession):
+        return None
+    maze = session.task.mazes[int(session.simulator.maze_index[0])]
+    cell = int(session.simulator.positions[0, session.seat])
+    return 2 * int(maze.rows[cell]) + 1 + 2, 2 * int(maze.columns[cell]) + 1
