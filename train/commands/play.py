@@ -10,8 +10,9 @@ from pathlib import Path
 
 from train.commands.parse import heard, named_task, parse
 from train.play.browser import open_page
+from train.play.kept import Keeper
 from train.play.outcome import total_line
-from train.play.seats import game_of_run, is_self_play, session_of
+from train.play.seats import game_of_run, is_self_play, of_side, session_of
 from train.play.server import PlayServer
 from train.play.session import Session
 from train.runs.interruption import Stopped
@@ -37,6 +38,11 @@ class PlayCommand:
     side of the same run against self-play."""
     seed: int | None = None
     """Of the games; others every time if left out. None is ever trained on, whatever the seed."""
+    out: Path | None = None
+    """Keep the games that are finished in this folder, as replays: `pursuit view` shows them, and
+    `pursuit league` rates whoever played them."""
+    name: str = "you"
+    """What such games call you."""
     terminal: bool = False
     """Play in this terminal."""
     port: int = 0
@@ -51,12 +57,16 @@ def play(arguments: Sequence[str]) -> None:
     run = game_of_run(option("against", arguments)) if isinstance(task, TaskSettings) else None
     given = parse(PlayCommand, arguments, "play", PlayCommand(run or task))
     check(0 <= given.port < 2**16, f"port={given.port}; 0 for any that is free, to 65535")
-    session = session_for(given)
+    task = settings_of(given)
+    keeper = None if given.out is None else Keeper(given.out, given.name, task)
+    session = session_for(given, task)
     print(session.title())
     if given.terminal:
-        in_terminal(session)
+        in_terminal(session, keeper)
     else:
-        on_page(session, given.port, not given.no_browser)
+        on_page(session, given.port, not given.no_browser, keeper)
+    if keeper is not None and session.outcomes:
+        print(f"kept: {keeper.folder}")
     line = total_line(session.outcomes)
     if line:
         print(line)
@@ -74,35 +84,41 @@ def option(name: str, arguments: Sequence[str]) -> str:
     return ""
 
 
-def session_for(given: PlayCommand) -> Session:
-    """The games that the command asks for."""
+def settings_of(given: PlayCommand) -> AnyTask:
+    """The game, and who plays the other side of it."""
     task, against = given.task, given.against
-    beside = given.beside or "astar"
+    if against is None:
+        return task
     if isinstance(task, ReacherSettings):
-        check(against is None, f"against={against!r}; an arm has no other seats, leave it out")
-    elif against is not None:
-        check(
-            task.opponent is None,
-            f"against={against!r} and opponent={task.opponent!r}; both say who plays the other "
-            "side, give one",
-        )
-        task = replace(task, opponent=against)
-        if given.beside is None and is_self_play(Path(against)):
-            beside = against
+        raise ValueError(f"against={against!r}; an arm has no other seats, leave it out")
+    check(
+        task.opponent is None,
+        f"against={against!r} and opponent={task.opponent!r}; both say who plays the other side, "
+        "give one",
+    )
+    return of_side(replace(task, opponent=against))
+
+
+def session_for(given: PlayCommand, task: AnyTask) -> Session:
+    """The games that the command asks for."""
+    beside = given.beside or "astar"
+    if given.beside is None and given.against and is_self_play(Path(given.against)):
+        beside = given.against
     seed = secrets.randbelow(2**32) if given.seed is None else given.seed
     with heard():
         return session_of(task, beside, evaluation_seed(seed))
 
 
-def tell(session: Session) -> None:
-    """Print what the last game brought."""
-    print(f"\ngame {session.game + 1}")
-    print("\n".join(session.outcomes[-1].lines()), flush=True)
-
-
-def on_page(session: Session, port: int, browser: bool) -> None:
+def on_page(session: Session, port: int, browser: bool, keeper: Keeper | None) -> None:
     """Serve the page until Ctrl-C."""
-    with PlayServer(session, port, tell) as server:
+
+    def over(session: Session) -> None:
+        print(f"\ngame {session.game + 1}")
+        print("\n".join(session.outcomes[-1].lines()), flush=True)
+        if keeper is not None:
+            keeper.keep(session)
+
+    with PlayServer(session, port, over) as server:
         opened = browser and open_page(server.address)
         print(f"{'opened' if opened else 'open'} {server.address}")
         print("Ctrl-C ends it", flush=True)
@@ -115,7 +131,7 @@ def on_page(session: Session, port: int, browser: bool) -> None:
                 print(file=sys.stderr)  # after the terminal's ^C
 
 
-def in_terminal(session: Session) -> None:
+def in_terminal(session: Session, keeper: Keeper | None) -> None:
     """Play here until the person has enough."""
     check(
         sys.stdin.isatty() and sys.stdout.isatty(),
@@ -124,9 +140,11 @@ def in_terminal(session: Session) -> None:
     try:
         from train.play.terminal import play_in_terminal
     except ImportError:  # Python for Windows comes without curses
-        raise ValueError("--terminal needs curses: pip install windows-curses; or leave it out") from None
+        raise ValueError(
+            "--terminal needs curses: pip install windows-curses; or leave it out"
+        ) from None
     try:
-        play_in_terminal(session)
+        play_in_terminal(session, None if keeper is None else keeper.keep)
     except KeyboardInterrupt as stop:
         if isinstance(stop, Stopped) and stop.status != 130:
             raise

@@ -11,6 +11,7 @@ from pursuit.reacher.policy import ArmPolicy
 from pursuit.reacher.rendering import scene_of, scene_to_text
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
+from pursuit.replay_worlds import world_for
 from scripted_agents import least_steps
 from train.evaluation.arm_contest import ArmContest
 from train.play.outcome import Outcome
@@ -27,16 +28,11 @@ class ArmSession:
         agent: what an agent is called that moves the same arm to the same targets.
         policy: the agent.
         seed: of the games, 0 to 2**64 - 1.
-
-    Attributes:
-        simulator: the arm; `auto_restart` is False.
-        start: the angles and the target as the game began.
-        actions: [steps so far] of lists, the turn of each joint.
-        rewards: [steps so far] of lists of one number.
     """
 
     def __init__(self, task: ReacherTask, agent: str, policy: ArmPolicy, seed: int) -> None:
         self.task, self.agent, self.policy = task, agent, policy
+        self.own = "arm"
         self.seed = whole("seed", seed, 0, 2**64 - 1)
         self.outcomes: list[Outcome] = []
         self.begin(0)
@@ -45,8 +41,10 @@ class ArmSession:
         """Begin the game of this number."""
         self.game = game
         self.simulator = ReacherSimulator(self.task, 1, self.seed, game, auto_restart=False)
-        self.start = self.simulator.angles[0].tolist(), self.simulator.targets[0].tolist()
-        self.actions: list[list[float]] = []
+        kept = world_for(self.task)
+        self.start = kept.start(self.simulator, 0)
+        self.states = [kept.state(self.simulator, 0)]
+        self.actions: list[Any] = []
         self.rewards: list[list[float]] = []
 
     @property
@@ -72,6 +70,7 @@ class ArmSession:
         self.simulator.step(np.array([turns]))
         self.actions.append(turns)
         self.rewards.append([float(self.simulator.rewards[0])])
+        self.states.append(world_for(self.task).state(self.simulator, 0))
         if self.over:
             self.outcomes.append(self._outcome())
 
@@ -80,7 +79,7 @@ class ArmSession:
         self.begin(self.game + 1)
 
     def _outcome(self) -> Outcome:
-        least, most = self.optimum(*self.start)
+        least, most = self.optimum(self.start["angles"], self.start["target"])
         arm = ReacherSimulator(self.task, 1, self.seed, self.game, auto_restart=False)
         while not arm.ended[0]:
             arm.step(self.policy.act(arm.view()))
@@ -130,3 +129,7 @@ class ArmSession:
     def text(self) -> str:
         """As `Session`."""
         return scene_to_text(scene_of(self.simulator))
+
+    def players(self) -> dict[str, str]:
+        """As `Session`: nobody."""
+        return {}

@@ -43,7 +43,7 @@ def session_of(settings: AnyTask, beside: str, seed: int) -> Session:
         task = settings.build()
         name, mover = arm_agent(beside, settings)
         return ArmSession(task, name, mover, seed)
-    world = GridWorld(of_side(settings))
+    world = GridWorld(settings)
     for role, policy in world.opponents.items():
         check_fits(policy, role, world.task, str(world.settings.opponent))
     role = world.agent.split("_")[0]

@@ -12,11 +12,13 @@ from pursuit.declared import whole
 from pursuit.parallel_env import scene_of
 from pursuit.policy import Policy
 from pursuit.rendering import scene_to_text
+from pursuit.replay_worlds import State, world_for
 from pursuit.rules.layout import COLLECTED
 from pursuit.simulator import Simulator
 from pursuit.single_agent import fill_seats
 from scripted_agents import tour_lengths
 from scripted_agents.tour import MAX_EXACT_GOALS
+from train.evaluation.contest import told
 from train.evaluation.games import play_out, won_by
 from train.play.outcome import Outcome
 from train.runs.worlds import GridWorld
@@ -31,11 +33,25 @@ class Session(Protocol):
         game: the number of the one that is played; the first is 0.
         seed: of all games; game `game` of it is the one of that number in a batch.
         outcomes: of the games that are over.
+        own: the person's agent.
+        task: a `pursuit.Task` or a `pursuit.ReacherTask`.
+        simulator: the game that is played; it stays as it ended.
+        start: of the game, as replays have it.
+        states: [steps so far + 1], as replays have them.
+        actions: [steps so far] of lists: the actions of all agents, or the turn of every joint.
+        rewards: [steps so far] of lists, what each agent was paid.
     """
 
     game: int
     seed: int
     outcomes: list[Outcome]
+    own: str
+    task: Any
+    simulator: Any
+    start: dict[str, Any]
+    states: list[State]
+    actions: list[Any]
+    rewards: list[list[float]]
 
     @property
     def over(self) -> bool:
@@ -67,6 +83,9 @@ class Session(Protocol):
     def text(self) -> str:
         """This moment as text."""
 
+    def players(self) -> dict[str, str]:
+        """Who plays beside the person, in words, by agent."""
+
 
 class MazeSession:
     """Games in mazes; a `Session`.
@@ -78,11 +97,7 @@ class MazeSession:
         seed: of the games, 0 to 2**64 - 1.
 
     Attributes:
-        simulator: the game that is played; `auto_restart` is False.
         seat: the person's.
-        start: the cells of all agents and of all goals as the game began.
-        actions: [steps so far] of lists, the actions of all agents.
-        rewards: [steps so far] of lists, what each agent was paid.
 
     Raises:
         ValueError: a seat without a policy.
@@ -91,6 +106,7 @@ class MazeSession:
     def __init__(self, world: GridWorld, agent: str, policy: Policy, seed: int) -> None:
         self.world, self.task, self.agent, self.policy = world, world.task, agent, policy
         self.seat, self.policies = fill_seats(self.task, world.agent, world.opponents)
+        self.own = self.task.agent_names[self.seat]
         self.seed = whole("seed", seed, 0, 2**64 - 1)
         self.contest = world.contest(2)
         self.outcomes: list[Outcome] = []
@@ -100,9 +116,10 @@ class MazeSession:
         """Begin the game of this number."""
         self.game = game
         self.simulator = Simulator(self.task, 1, self.seed, game, auto_restart=False)
-        simulator = self.simulator
-        self.start = simulator.positions[0].tolist(), simulator.goals[0].tolist()
-        self.actions: list[list[int]] = []
+        kept = world_for(self.task)
+        self.start = kept.start(self.simulator, 0)
+        self.states = [kept.state(self.simulator, 0)]
+        self.actions: list[Any] = []
         self.rewards: list[list[float]] = []
         self._collected = np.zeros(self.task.num_agents, dtype=int)
         self._moves = np.zeros((1, self.task.num_agents), dtype=np.int32)
@@ -129,6 +146,7 @@ class MazeSession:
         simulator.step(moves)
         self.actions.append(moves[0].tolist())
         self.rewards.append([float(paid) for paid in simulator.rewards[0]])
+        self.states.append(world_for(self.task).state(simulator, 0))
         self._collected += (simulator.events[0] & COLLECTED) != 0
         if self.over:
             self.outcomes.append(self._outcome())
@@ -138,7 +156,7 @@ class MazeSession:
         self.begin(self.game + 1)
 
     def _outcome(self) -> Outcome:
-        least = self.optimum(*self.start)
+        least = self.optimum(self.start["positions"], self.start["goals"])
         steps, won = self._agents_game()
         names, first = self.task.agent_names, self.seat
         order = [first, *(seat for seat in range(len(names)) if seat != first)]
@@ -163,7 +181,8 @@ class MazeSession:
         """Steps of the agent from the same start with the same luck, and whether it won."""
         filled: list[Policy | None] = list(self.policies)
         filled[self.seat] = self.policy
-        simulator, seat = Simulator(self.task, 1, self.seed, self.game, auto_restart=False), self.seat
+        simulator = Simulator(self.task, 1, self.seed, self.game, auto_restart=False)
+        seat = self.seat
         lengths, won = play_out(
             simulator,
             filled,
@@ -231,3 +250,9 @@ class MazeSession:
     def text(self) -> str:
         """As `Session`."""
         return scene_to_text(scene_of(self.simulator))
+
+    def players(self) -> dict[str, str]:
+        """As `Session`."""
+        given = self.world.settings.opponent
+        named = zip(self.task.agent_names, self.policies, strict=True)
+        return {name: given or told(policy) for name, policy in named if policy is not None}

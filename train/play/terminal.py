@@ -34,7 +34,9 @@ def play_in_terminal(session: Session, after: Callable[[Session], None] | None =
     try:
         curses.wrapper(_play, session, after)
     except curses.error as error:
-        raise ValueError(f"this terminal cannot show a game ({error}); set TERM=xterm, say") from None
+        raise ValueError(
+            f"this terminal cannot show a game ({error}); set TERM=xterm, say"
+        ) from None
 
 
 def action_of(session: Session, key: int) -> Any:
