@@ -15,6 +15,7 @@ from train.play.outcome import total_line
 from train.play.seats import game_of_run, is_self_play, of_side, session_of
 from train.play.server import PlayServer
 from train.play.session import Session
+from train.play.terminal import play_in_terminal
 from train.runs.interruption import Stopped
 from train.settings.checks import check, evaluation_seed
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
@@ -137,12 +138,6 @@ def in_terminal(session: Session, keeper: Keeper | None) -> None:
         sys.stdin.isatty() and sys.stdout.isatty(),
         "--terminal needs a terminal: input and output are not redirected; leave it out for a page",
     )
-    try:
-        from train.play.terminal import play_in_terminal
-    except ImportError:  # Python for Windows comes without curses
-        raise ValueError(
-            "--terminal needs curses: pip install windows-curses; or leave it out"
-        ) from None
     try:
         play_in_terminal(session, None if keeper is None else keeper.keep)
     except KeyboardInterrupt as stop:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import curses
 from collections.abc import Callable
 from typing import Any
 
@@ -11,10 +10,13 @@ from train.play.arm_session import ArmSession
 from train.play.outcome import total_line
 from train.play.session import MazeSession, Session
 
-MAZE_KEYS = {
-    **{curses.KEY_UP: 0, curses.KEY_DOWN: 1, curses.KEY_RIGHT: 2, curses.KEY_LEFT: 3},
-    **{ord(key): action for action, key in enumerate("wsda ")},
-}
+try:
+    import curses
+except ImportError:  # Python for Windows comes without it
+    curses = None  # type: ignore[assignment]
+
+LETTERS = "wsda "
+"""Keys in the order of the actions."""
 FORTH, BACK = "123456789", "qwertyuio"
 """Keys that turn a joint of an arm to the left, and to the right: those of every joint are one
 below the other."""
@@ -29,8 +31,10 @@ def play_in_terminal(session: Session, after: Callable[[Session], None] | None =
             goes on.
 
     Raises:
-        ValueError: the terminal can do nothing but print.
+        ValueError: the terminal can do nothing but print, or Python has no curses.
     """
+    if curses is None:
+        raise ValueError("--terminal needs curses: pip install windows-curses, or leave it out")
     try:
         curses.wrapper(_play, session, after)
     except curses.error as error:
@@ -42,8 +46,10 @@ def play_in_terminal(session: Session, after: Callable[[Session], None] | None =
 def action_of(session: Session, key: int) -> Any:
     """The action that a key means in this game; None for none."""
     if isinstance(session, MazeSession):
-        action = MAZE_KEYS.get(key)
-        return action if action is not None and action < session.task.num_actions else None
+        arrows = (curses.KEY_UP, curses.KEY_DOWN, curses.KEY_RIGHT, curses.KEY_LEFT)
+        letter = LETTERS.find(chr(key)) if 0 < key < 128 else -1
+        action = arrows.index(key) if key in arrows else letter
+        return action if 0 <= action < session.task.num_actions else None
     assert isinstance(session, ArmSession)
     joints = session.task.joints
     turns = [0.0] * joints
