@@ -124,7 +124,7 @@ class Player {
     const button = (label, title, action) => make("button", { type: "button", title, "aria-label": title, onclick: action }, label);
     const toggle = (label, key, title, action) => make("button", { type: "button", title: `${title} (${key})`, "aria-pressed": "false", onclick: action }, label);
     this.buttons = {
-      play: button("▶", "play (space)", () => this.play(!this.playing)),
+      play: button("play", "play (space)", () => this.play(!this.playing)),
       trails: toggle("trails", "t", "trails", () => this.toggle("trails")),
       values: toggle("values", "v", "exact value of every cell", () => this.toggle("values")),
       policy: toggle("policy", "p", "learned policy beside the optimal moves", () => this.toggle("policy")),
@@ -148,13 +148,13 @@ class Player {
       make("table", {}, ...HELP.map(([keys, what]) => make("tr", {}, make("td", {}, make("kbd", {}, keys)), make("td", {}, what)))),
       make("form", { method: "dialog" }, make("button", {}, "close")));
     const controls = make("div", { class: "controls" },
-      button("⏮", "first step (home)", () => this.go(0)), button("◀", "a step back (left)", () => this.go(this.step - 1)),
-      this.buttons.play, button("▶|", "a step forth (right)", () => this.go(this.step + 1)), button("⏭", "last step (end)", () => this.go(this.length)),
+      button("«", "first step (home)", () => this.go(0)), button("‹", "a step back (left)", () => this.go(this.step - 1)),
+      this.buttons.play, button("›", "a step forth (right)", () => this.go(this.step + 1)), button("»", "last step (end)", () => this.go(this.length)),
       this.bar, this.clock, this.pace);
     const side = make("div", { class: "side" }, make("div", { class: "row" }, this.choice), this.note,
       make("div", { class: "row" }, this.buttons.trails, this.buttons.values, this.buttons.policy, this.buttons.seen, this.sideChoice),
       this.score, this.legend, this.numbers, this.spoken);
-    const view = make("div", { class: "row controls" }, this.buttons.several, button("◐", "dark or light (d)", () => this.theme()), button("?", "keys (?)", () => this.help.showModal()));
+    const view = make("div", { class: "row controls" }, this.buttons.several, button("dark / light", "dark or light (d)", () => this.theme()), button("keys", "keys (?)", () => this.help.showModal()));
     this.frame = make("section", { class: "player", "aria-label": "player" }, controls, view, this.stage, side, this.help);
     view.classList.add("view");
     this.root.append(this.frame);
@@ -221,7 +221,7 @@ class Player {
   play(on) {
     if (on && this.step >= this.length) this.step = 0;
     this.playing = on;
-    this.buttons.play.textContent = on ? "⏸" : "▶";
+    this.buttons.play.textContent = on ? "pause" : "play";
     this.buttons.play.setAttribute("aria-label", on ? "pause (space)" : "play (space)");
     if (on) {
       let last = null, owed = 0;
@@ -299,7 +299,7 @@ class Player {
     const { episode, step } = this;
     const row = (...parts) => make("tr", {}, ...parts);
     const number = (value) => make("td", { class: "number" }, value === null ? "" : Number(value.toFixed(3)).toString());
-    const head = ["", "reward", "so far"], arm = episode.world.kind === "arm";
+    const head = ["", "reward", "sum"], arm = episode.world.kind === "arm";
     const goals = !arm && episode.world.num_goals > 0, hunted = !arm && episode.world.agents.some((agent) => agent.role === "chaser");
     if (goals) head.push("goals");
     if (hunted) head.push("captures");
@@ -307,12 +307,14 @@ class Player {
     const paid = episode.paid(step);
     this.score.replaceChildren(make("table", {}, row(...head.map((text) => make("th", { class: text ? "number" : "" }, text))),
       ...names.map((name, agent) => {
-        const cells = [make("td", {}, name + (episode.players[agent] ? ` (${episode.players[agent]})` : "")), number(paid[agent][0]), number(paid[agent][1])];
+        const cells = [make("td", { title: episode.players[agent] || "" }, name), number(paid[agent][0]), number(paid[agent][1])];
         if (goals) cells.push(number(episode.count(step, agent, "collected")));
         if (hunted) cells.push(number(episode.count(step, agent, "captured")));
         return row(...cells);
       })));
     const side = this.sides()[this.side], parts = [];
+    const who = names.map((name, agent) => episode.players[agent] && `${name} is ${episode.players[agent]}`).filter(Boolean);
+    if (who.length) parts.push(`${who.join(", ")}.`);
     if (side && this.shown.values && side.values) parts.push(`Values: exact expected steps until capture if the ${side.name} stood there, at the start of an episode (blue few, yellow many).`);
     if (side && this.shown.policy) parts.push(`Moves of the ${side.name}: dashed optimal${side.learned ? ", solid learned (its most probable one); a dotted frame where they differ" : ""}.`);
     if (this.shown.seen && episode.seen) parts.push(`Observed by ${episode.seen.agent}: ${episode.seen.names.join(", ")}.`);

@@ -30,6 +30,7 @@ COMMANDS = {
     "baseline": "random, scripted and optimal agents on a task",
     "maze": "show, check or generate a maze",
     "play": "play a game by hand: any seat, the optimum beside your steps",
+    "view": "a page that plays episodes of runs and replays, with the exact optimum laid over",
     "render": "a replay of a run, or of the scripted agents, as GIF or MP4",
     "bench": "how fast this machine plays and learns",
 }
