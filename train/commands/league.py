@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,6 +17,12 @@ from pursuit.task import Task
 from train.commands.parse import heard, parse
 from train.files import write_json
 from train.self_play.league import LeagueTable, enter, play_league, rate
+from train.self_play.people import (
+    enter_people,
+    play_along,
+    settings_of_people,
+    split_people,
+)
 from train.self_play.pictures import draw_league
 from train.settings.checks import check
 from train.settings.self_play import ROLES
@@ -26,11 +33,12 @@ class LeagueCommand:
     """All chasers against all evaders: payoff matrix, Elo, openskill, Nash averaging, cycles.
 
     Give the folders of runs (`pursuit train` of a chaser or evader, `pursuit self-play` for both),
-    and the names of scripted agents: astar, random, optimal.
+    and the names of scripted agents: astar, random, optimal. A folder of games played by hand
+    (`pursuit play --out`) has whoever played them rated with the rest.
     """
 
     entries: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """Folders of runs, and names of scripted agents."""
+    """Folders of runs and of games by hand, and names of scripted agents."""
     maze: str = "5x5"
     """Where scripted agents play if no run is given."""
     opponent_epsilon: float = 0.0
@@ -51,9 +59,14 @@ def league(arguments: Sequence[str]) -> None:
     check(given.games >= 2, f"games={given.games}; at least 2")
     check(len(given.entries) > 0, "nobody to play; give folders of runs, or astar, random, optimal")
     with heard():
-        task, entries = enter(given.entries, given.maze, given.opponent_epsilon, given.greedy)
+        by_hand, names = split_people(given.entries)
+        played = settings_of_people(by_hand)
+        how = (given.maze, given.opponent_epsilon, given.greedy, played)
+        task, entries = enter(names, *how)
+        people = enter_people(by_hand, task, [entry.name for entry in entries])
     table = play_league(task, entries, given.games, given.seed)
-    content = rate(table, given.seed)
+    policies = {role: [e.policy for e in entries if e.role == role] for role in ROLES}
+    content = rate(table, given.seed, play_along(people, policies))
     given.out.mkdir(parents=True, exist_ok=True)
     write_json(given.out / "league.json", content)
     draw_league(given.out / "league.png", table, f"League on {task.mazes[0].name}")
@@ -88,14 +101,15 @@ def _print(task: Task, table: LeagueTable, content: dict[str, Any]) -> None:
         for head in (role, "Elo [95 %]", "openskill", "Nash share", "steps against Nash"):
             ratings.add_column(head, justify="left" if head == role else "right")
         shares = content["nash"][mixtures[role]]
-        rows = list(zip(content[f"{role}_ratings"], shares, strict=True))
+        rows = list(zip_longest(content[f"{role}_ratings"], shares))
         for row, share in sorted(rows, key=lambda pair: -pair[0]["elo"]):
+            by_hand = row.get("games_by_hand")
             ratings.add_row(
-                row["name"],
+                row["name"] + (f" (by hand: {by_hand})" if by_hand else ""),
                 f"{row['elo']:.0f} [{row['elo_low']:.0f}, {row['elo_high']:.0f}]",
                 f"{row['openskill_mu']:.1f} ± {row['openskill_sigma']:.1f}",
-                f"{100 * share:.1f} %",
-                f"{row['steps_against_nash']:.2f}",
+                "-" if by_hand else f"{100 * share:.1f} %",
+                "-" if by_hand else f"{row['steps_against_nash']:.2f}",
             )
         console.print(ratings)
     for line in survival_lines(task, content):
