@@ -74,13 +74,12 @@ def help_of(session: Session) -> str:
     )
 
 
-def lines_of(session: Session, told: str) -> list[str]:
-    """All that stands on the screen."""
-    lines = [session.title(), "", *session.text().splitlines(), ""]
+def lines_below(session: Session, told: str) -> list[str]:
+    """What stands below the picture: the result of a game that is over, and the keys."""
+    lines = []
     if session.over:
-        lines += session.outcomes[-1].lines()
-        lines += [line for line in (total_line(session.outcomes),) if line]
-    return [*lines, *([told] if told else []), help_of(session)]
+        lines = [*session.outcomes[-1].lines(), total_line(session.outcomes)]
+    return [line for line in (*lines, told, help_of(session)) if line]
 
 
 def _play(screen: Any, session: Session, after: Callable[[Session], None] | None) -> None:
@@ -90,7 +89,7 @@ def _play(screen: Any, session: Session, after: Callable[[Session], None] | None
         curses.curs_set(0)
     told = ""
     while True:
-        _show(screen, session, lines_of(session, told))
+        _show(screen, session, lines_below(session, told))
         key = screen.getch()
         if key in (ord("x"), ord("X"), -1):  # the last where the terminal is gone
             return
@@ -109,30 +108,31 @@ def _play(screen: Any, session: Session, after: Callable[[Session], None] | None
                 told = f"warning: {error}"
 
 
-def _show(screen: Any, session: Session, lines: list[str]) -> None:
-    """Draw what fits: of a maze that is too large the part around the person's agent."""
+def _show(screen: Any, session: Session, below: list[str]) -> None:
+    """Draw what fits: of a picture that is too large the part around the person's agent."""
     height, width = screen.getmaxyx()
-    top, left = 0, 0
-    own = _own_place(session)
-    if own is not None:
-        row, column = own
-        if len(lines) > height:
-            top = min(max(row - height // 2, 0), len(lines) - height)
-        if max(map(len, session.text().splitlines())) > width:
-            left = max(column - width // 2, 0)
+    above = [session.title()] if height > len(below) + 6 else []
+    room = max(height - len(above) - len(below), 1)
+    picture, own, top, left = session.text().splitlines(), _own_place(session), 0, 0
+    if own is not None and len(picture) > room:
+        top = min(max(own[0] - room // 2, 0), len(picture) - room)
+    if own is not None and max(map(len, picture)) > width:
+        left = max(own[1] - width // 2, 0)
+    lines = [*above, *(line[left:] for line in picture[top : top + room]), *below]
     screen.erase()
-    for number, line in enumerate(lines[top : top + height]):
-        # The last column of the last line cannot be written to without scrolling.
-        screen.insnstr(number, 0, line[left:], width)
-    if own is not None and 0 <= own[0] - top < height and 0 <= own[1] - left < width:
-        screen.chgat(own[0] - top, own[1] - left, 1, curses.A_REVERSE | curses.A_BOLD)
+    for number, line in enumerate(lines[:height]):
+        screen.insnstr(number, 0, line, width)  # which, unlike adding, may fill the last place
+    if own is not None:
+        row, column = own[0] - top + len(above), own[1] - left
+        if row < height and column < width:
+            screen.chgat(row, column, 1, curses.A_REVERSE | curses.A_BOLD)
     screen.refresh()
 
 
 def _own_place(session: Session) -> tuple[int, int] | None:
-    """The line and the column of the person's agent on the screen; None where there is none."""
+    """The line and the column of the person's agent in the picture; None where there is none."""
     if not isinstance(session, MazeSession):
         return None
     maze = session.task.mazes[int(session.simulator.maze_index[0])]
     cell = int(session.simulator.positions[0, session.seat])
-    return 2 * int(maze.rows[cell]) + 1 + 2, 2 * int(maze.columns[cell]) + 1
+    return 2 * int(maze.rows[cell]) + 1, 2 * int(maze.columns[cell]) + 1
