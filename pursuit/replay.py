@@ -226,7 +226,8 @@ def joined(replays: Sequence[Replay], title: str = "") -> Replay:
     if not replays:
         raise ValueError("no replays; give one at least")
     first = replays[0]
-    if any(replay.task != first.task for replay in replays):
+    settings = first.world.settings(first.task)
+    if any(replay.world.settings(replay.task) != settings for replay in replays):
         raise ValueError("replays of different tasks; join those of one")
     episodes = tuple(episode for replay in replays for episode in replay.episodes)
     own = any(replay.own_rewards for replay in replays)

@@ -89,7 +89,7 @@ class MazeWorld:
         if unknown:
             raise ValueError(f"unknown settings of a task: {', '.join(sorted(unknown))}")
         paid = {} if rewards is None else {"rewards": rewards}
-        return Task(maze=tuple(found), **given, **paid)
+        return Task(maze=found[0] if len(found) == 1 else tuple(found), **given, **paid)
 
     def agents(self, task: Task) -> list[str]:
         """As `World`."""

@@ -17,6 +17,7 @@ from train.commands.main import COMMANDS, main
 README = Path(__file__).parents[1] / "README.md"
 OWN_PARTS = README.parent / "docs" / "own_parts.md"
 REACHER = README.parent / "docs" / "reacher.md"
+VIEWER = README.parent / "docs" / "viewer.md"
 
 
 def test_the_python_examples_run_in_order() -> None:
@@ -53,6 +54,17 @@ def test_the_python_examples_of_the_arm_run_in_order(
     assert names["observed"].shape == (4096, 7) and (tmp_path / "arm.gif").is_file()
     assert names["rollout"]["next", "observation"].shape == (16, 50, 7)
     assert names["lower"] == names["upper"] and names["policy"].method == "cyclic"
+
+
+def test_the_python_examples_of_the_viewer_run_in_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", VIEWER.read_text(encoding="utf-8"), re.DOTALL)
+    names: dict[str, Any] = {}
+    for block in blocks:
+        exec(compile(block, str(VIEWER), "exec"), names)
+    assert len(names["replay"].episodes) == 3 and "my games" in names["html"]
 
 
 @pytest.fixture

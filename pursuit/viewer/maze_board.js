@@ -93,7 +93,7 @@ class MazeBoard {
       this.squares = this.world.cells.map((_, cell) => {
         const [x, y] = this.middle(cell);
         const square = draw(this.layers.values, "rect", { x: x - 5, y: y - 5, width: 10, height: 10 });
-        return [square, draw(this.layers.values, "text", { x, y: y + 4.3 })];
+        return [square, draw(this.layers.values, "text", { x: x - 4.3, y: y - 2.2 })];
       });
     }
     const span = Math.max(values.high - values.low, 1e-9);

@@ -251,11 +251,7 @@ def rate(table: LeagueTable, seed: int = 0, people: Sequence[HandResults] = ()) 
             for half in [guest_half_width(elo[n][0], known, guest.steps.shape[1])]
         ]
         content[f"{role}_cycle"] = [names[n] for n in preference_cycle(wins)]
-    cycle = best_response_cycle(table.payoff, table.ci95)
-    content["cycle"] = [
-        ("chaser " + table.chasers[n]) if role == "chaser" else ("evader " + table.evaders[n])
-        for role, n in cycle
-    ]
+    content["cycle"] = cycle_of(table)
     return content
 
 
@@ -279,3 +275,10 @@ def with_guests(
         part[number, :entries], part[:entries, number] = met[-1, :-1], met[:-1, -1]
         more.append(part)
     return wide, seed, more
+
+
+def cycle_of(table: LeagueTable) -> list[str]:
+    """A circle in which each is the best response to the one before; empty where there is none."""
+    names = {"chaser": table.chasers, "evader": table.evaders}
+    cycle = best_response_cycle(table.payoff, table.ci95)
+    return [f"{role} {names[role][n]}" for role, n in cycle]
