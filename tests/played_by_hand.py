@@ -6,6 +6,7 @@ import http.client
 import json
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from train.play.seats import session_of
@@ -51,6 +52,7 @@ class Visitor:
         return self.ask("POST", self.path + "move", sent)[1]
 
 
+@contextmanager
 def serving(session: Any) -> Iterator[tuple[Visitor, PlayServer]]:
     with PlayServer(session) as server:
         thread = threading.Thread(target=server.serve)

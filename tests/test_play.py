@@ -85,12 +85,16 @@ def least_steps_to_catch(maze: Maze, horizon: int) -> tuple[np.ndarray, np.ndarr
 
 @pytest.fixture
 def runner() -> Iterator[tuple[Visitor, PlayServer]]:
-    yield from serving(maze_session(7, "optimal", task="maze", maze="4x4", num_goals=3))
+    with serving(maze_session(7, "optimal", task="maze", maze="4x4", num_goals=3)) as both:
+        yield both
 
 
 @pytest.fixture
 def chaser() -> Iterator[tuple[Visitor, PlayServer]]:
-    yield from serving(maze_session(3, "optimal", maze="3x3", opponent_epsilon=0.0, max_steps=30))
+    with serving(
+        maze_session(3, "optimal", maze="3x3", opponent_epsilon=0.0, max_steps=30)
+    ) as both:
+        yield both
 
 
 def test_a_tour_played_by_hand_takes_the_least_steps_of_all_orders(

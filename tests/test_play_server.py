@@ -15,7 +15,10 @@ from train.play.server import MAX_BODY, PlayServer
 
 @pytest.fixture
 def chaser() -> Iterator[tuple[Visitor, PlayServer]]:
-    yield from serving(maze_session(3, "optimal", maze="3x3", opponent_epsilon=0.0, max_steps=30))
+    with serving(
+        maze_session(3, "optimal", maze="3x3", opponent_epsilon=0.0, max_steps=30)
+    ) as both:
+        yield both
 
 
 def test_nothing_answers_without_the_token_or_under_another_name(
