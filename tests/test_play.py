@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
+import shlex
 import signal
 import threading
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from played_by_hand import EAST, NORTH, SOUTH, STAY, WEST, Visitor, maze_session, serving
+from self_play_runs import make_run
 
 from pursuit.maze import Maze, load_maze
 from pursuit.replay import Replay
@@ -24,6 +28,8 @@ from train.play.kept import load_games
 from train.play.seats import session_of
 from train.play.server import PlayServer
 from train.settings.task import ReacherSettings, TaskSettings
+
+PAGE = Path(__file__).parents[1] / "docs" / "play.md"
 
 # -- the optimum beside it, against solvers of our own ---------------------------------------------
 
@@ -299,3 +305,56 @@ def test_wrong_command_lines_are_one_line(
     assert ended.value.code == 2
     said = capsys.readouterr().err
     assert words in said and said.count("\n") == 1, said
+
+
+# -- the page about it -----------------------------------------------------------------------------
+
+
+def blocks_of(language: str) -> list[str]:
+    found = re.findall(r"^```(\w*)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.M)
+    return [code for named, code in found if named == language]
+
+
+def test_the_commands_of_the_page_run_as_they_stand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """But that nobody sits there: whoever serves a game plays it by going north. The run is a side
+    of self-play that is quickly made."""
+    monkeypatch.chdir(tmp_path)
+
+    def go_north(session: Any, *rest: Any) -> None:
+        arm = isinstance(session, ArmSession)
+        while not session.over:
+            session.move([1.0] * session.task.joints if arm else NORTH)
+        if rest[-1] is not None:
+            rest[-1].keep(session)
+
+    monkeypatch.setattr(play_command, "on_page", go_north)
+    monkeypatch.setattr(play_command, "in_terminal", go_north)
+    lines = [line for block in blocks_of("") for line in block.splitlines()]
+    assert len(lines) == 12 and all(line.startswith("pursuit ") for line in lines)
+    make_run(tmp_path / "pair", frames=2000, task={"maze": "5x5"}).train()
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "pair" / "chaser").rename(tmp_path / "runs" / "c")
+    for line in lines:
+        if not line.startswith("pursuit train"):
+            main(shlex.split(line.replace("--games 50", "--games 5"))[1:])
+    printed = capsys.readouterr().out
+    assert "you are evader on maze 9x9" in printed and "OptimalEvader(epsilon=0)" in printed
+    assert "Ann (by hand: 1)" in printed and (tmp_path / "ann.html").is_file()
+
+
+@pytest.mark.filterwarnings("ignore:.*matplotlib is not installed")  # so it says without Tk
+def test_the_gymnasium_example_of_the_page_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame = pytest.importorskip("pygame")
+    (code,) = blocks_of("py")
+    script = iter([[], [pygame.event.Event(pygame.KEYDOWN, {"key": ord(" ")})], [], None])
+
+    def events() -> list[Any]:
+        found = next(script, None)
+        return [pygame.event.Event(pygame.QUIT)] if found is None else found
+
+    monkeypatch.setattr(pygame.event, "get", events)
+    names: dict[str, Any] = {}
+    exec(compile(code, str(PAGE), "exec"), names)
+    assert names["env"].unwrapped.simulator.steps[0] == 2

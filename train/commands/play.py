@@ -58,7 +58,7 @@ def play(arguments: Sequence[str]) -> None:
     run = game_of_run(option("against", arguments)) if isinstance(task, TaskSettings) else None
     given = parse(PlayCommand, arguments, "play", PlayCommand(run or task))
     check(0 <= given.port < 2**16, f"port={given.port}; 0 for any that is free, to 65535")
-    task = settings_of(given)
+    task = settings_of(given, bool(option("opponent-epsilon", arguments)))
     keeper = None if given.out is None else Keeper(given.out, given.name, task)
     session = session_for(given, task)
     print(session.title())
@@ -85,8 +85,12 @@ def option(name: str, arguments: Sequence[str]) -> str:
     return ""
 
 
-def settings_of(given: PlayCommand) -> AnyTask:
-    """The game, and who plays the other side of it."""
+def settings_of(given: PlayCommand, epsilon_given: bool = False) -> AnyTask:
+    """The game, and who plays the other side of it; optimal ones err only where that is asked for.
+
+    Raises:
+        ValueError: two opponents for one side, or one of an arm.
+    """
     task, against = given.task, given.against
     if against is None:
         return task
@@ -97,6 +101,8 @@ def settings_of(given: PlayCommand) -> AnyTask:
         f"against={against!r} and opponent={task.opponent!r}; both say who plays the other side, "
         "give one",
     )
+    if against == "optimal" and not epsilon_given:
+        task = replace(task, opponent_epsilon=0.0)
     return of_side(replace(task, opponent=against))
 
 

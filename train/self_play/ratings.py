@@ -62,8 +62,8 @@ def elo_ratings(
         total: NDArray[np.float64] = part[:, :, rng.integers(games, size=games)].sum(axis=2)
         return total
 
-    point = _elo(sum(part.sum(axis=2) for part in parts))
-    draws = [_elo(sum(drawn(part) for part in parts)) for _ in range(BOOTSTRAPS)]
+    point = _elo(np.sum([part.sum(axis=2) for part in parts], axis=0))
+    draws = [_elo(np.sum([drawn(part) for part in parts], axis=0)) for _ in range(BOOTSTRAPS)]
     low, high = np.percentile(draws, [2.5, 97.5], axis=0)
     return [tuple(map(float, row)) for row in zip(point, low, high, strict=True)]  # type: ignore[misc]
 
