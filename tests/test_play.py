@@ -20,6 +20,7 @@ from self_play_runs import make_run
 
 from pursuit.maze import Maze, load_maze
 from pursuit.replay import Replay
+from pursuit.single_agent import SingleAgentEnv
 from scripted_agents import AStarChaser, AStarEvader
 from train.commands import play as play_command
 from train.commands.main import main
@@ -354,7 +355,13 @@ def test_the_gymnasium_example_of_the_page_runs(monkeypatch: pytest.MonkeyPatch)
         found = next(script, None)
         return [pygame.event.Event(pygame.QUIT)] if found is None else found
 
+    taken, step = [], SingleAgentEnv.step
+
+    def noted(env: SingleAgentEnv, action: int) -> Any:
+        taken.append(action)
+        return step(env, action)
+
     monkeypatch.setattr(pygame.event, "get", events)
-    names: dict[str, Any] = {}
-    exec(compile(code, str(PAGE), "exec"), names)
-    assert names["env"].unwrapped.simulator.steps[0] == 2
+    monkeypatch.setattr(SingleAgentEnv, "step", noted)
+    exec(compile(code, str(PAGE), "exec"), {})
+    assert taken and set(taken) == {4}  # space, until the window is closed

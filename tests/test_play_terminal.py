@@ -25,14 +25,13 @@ UP, DOWN, RIGHT, LEFT = "\x1bOA", "\x1bOB", "\x1bOC", "\x1bOD"
 
 
 class Terminal:
-    """A command in a terminal of its own."""
+    """Python in a terminal of its own."""
 
     def __init__(self, *arguments: str) -> None:
         self.process, self.line = pty.fork()
         if self.process == 0:
             os.environ |= {"TERM": "xterm", "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-            command = [sys.executable, "-m", "train.commands.main", *arguments]
-            os.execv(sys.executable, command)
+            os.execv(sys.executable, [sys.executable, *arguments])
         self.seen = ""
 
     def wait_for(self, words: str, seconds: float = 60.0) -> None:
@@ -69,28 +68,59 @@ class Terminal:
         return os.waitstatus_to_exitcode(status)
 
 
-@pytest.mark.parametrize("ending", ["\x03", pytest.param("x", marks=pytest.mark.slow)])
-def test_a_game_in_a_terminal_is_played_by_arrow_keys_and_letters(
-    ending: str, tmp_path: Path
-) -> None:
-    terminal = Terminal(
-        *("play", "--terminal", "--task", "race", "--maze", "9x9", "--stay-action", "--seed", "1"),
-        *("--max-steps", "9", "--out", str(tmp_path / "hand"), "--name", "Ann"),
-    )
+KEYS = (UP, "s", "n", DOWN, RIGHT, "\x1b", "a", LEFT, "?", "W", "d", " ", UP, DOWN)
+"""Two moves, the next game, nine moves with two keys between them that mean nothing."""
+MOVES = [1, 2, 3, 3, 0, 2, 4, 0, 1]
+GAME = """
+from pursuit.task import make_task
+from scripted_agents.environments import default_policies
+from train.evaluation.contest import GameContest
+from train.play.session import MazeSession
+from train.play.terminal import play_in_terminal
+
+task = make_task("race", maze="9x9", stay_action=True, max_steps=9)
+policies = default_policies(task, 0.2)
+session = MazeSession(GameContest(task, "runner", policies), "A*", policies["runner"], 1)
+try:
+    play_in_terminal(session)
+except KeyboardInterrupt:
+    print("stopped")
+print("moves", [moves[0] for moves in session.actions], "of game", session.game)
+"""
+
+
+def played(terminal: Terminal, ending: str) -> str:
+    """What stands in the terminal after a game that was played by `KEYS`, and the end of it."""
     terminal.wait_for("next game")
-    terminal.press(UP, "s", "n", DOWN, RIGHT, "\x1b", "a", LEFT, "?", "W", "d", " ", UP, DOWN)
+    terminal.press(*KEYS)
     terminal.wait_for("optimum")
     terminal.press(UP, ending)
-    assert terminal.end() == 0
-    assert "optimum" in terminal.seen[: terminal.seen.rindex("\x1b[?1049l")]
-    printed = terminal.seen[terminal.seen.rindex("\x1b[?1049l") :]  # after the screen was left
-    assert "optimum" in printed and "not known" in printed and "Traceback" not in printed
+    assert terminal.end() == 0, terminal.seen
+    screen, _, after = terminal.seen.rpartition("\x1b[?1049l")
+    assert "you" in screen and "not known" in screen and "Traceback" not in after
+    return after
+
+
+@pytest.mark.parametrize("ending", ["x", "\x03"])
+def test_a_game_in_a_terminal_is_played_by_arrow_keys_and_letters(ending: str) -> None:
+    after = played(Terminal("-c", GAME), ending)
+    assert f"moves {MOVES} of game 1" in after and ("stopped" in after) == (ending == "\x03")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", ["x", "\x03"])
+def test_the_command_plays_in_a_terminal_and_keeps_the_game(ending: str, tmp_path: Path) -> None:
+    terminal = Terminal(
+        *("-m", "train.commands.main", "play", "--terminal", "--task", "race", "--maze", "9x9"),
+        *("--stay-action", "--seed", "1", "--max-steps", "9", "--out", str(tmp_path / "hand")),
+    )
+    after = played(terminal, ending)
+    assert re.search(r"you +9 steps", after) and "not known" in after
     (kept,) = load_games(tmp_path / "hand")
-    assert kept.game == 1  # the first one was given up
+    assert kept.game == 1 and kept.name == "you"  # the first one was given up
     replay = Replay.load(tmp_path / "hand" / kept.file)
     assert replay.check() == []
-    assert replay.episodes[0].actions[:, 0].tolist() == [1, 2, 3, 3, 0, 2, 4, 0, 1]
-    assert re.search(r"you +9 steps", printed)
+    assert replay.episodes[0].actions[:, 0].tolist() == MOVES
 
 
 def test_keys_that_a_game_does_not_have_do_nothing() -> None:

@@ -48,7 +48,9 @@ def session_of(settings: AnyTask, beside: str, seed: int) -> Session:
         check_fits(policy, role, world.task, str(world.settings.opponent))
     role = world.agent.split("_")[0]
     policy = agent_in_seat(beside, world.task, role)
-    return MazeSession(world, name_of(beside, role), policy, seed)
+    return MazeSession(
+        world.contest(2), name_of(beside, role), policy, seed, world.settings.opponent
+    )
 
 
 def game_of_run(against: str) -> TaskSettings | None:

@@ -18,10 +18,9 @@ from pursuit.simulator import Simulator
 from pursuit.single_agent import fill_seats
 from scripted_agents import tour_lengths
 from scripted_agents.tour import MAX_EXACT_GOALS
-from train.evaluation.contest import told
+from train.evaluation.contest import GameContest, told
 from train.evaluation.games import play_out, won_by
 from train.play.outcome import Outcome
-from train.runs.worlds import GridWorld
 
 ACTIONS = ("north", "south", "east", "west", "stay")
 
@@ -91,10 +90,11 @@ class MazeSession:
     """Games in mazes; a `Session`.
 
     Args:
-        world: the task, who plays which seat, and which is the person's.
+        contest: the task, who plays which seat, and which is the person's.
         agent: what an agent is called that plays the same starts in that seat.
         policy: the agent.
         seed: of the games, 0 to 2**64 - 1.
+        opponent: what the others are called, where their policies do not say.
 
     Attributes:
         seat: the person's.
@@ -103,12 +103,19 @@ class MazeSession:
         ValueError: a seat without a policy.
     """
 
-    def __init__(self, world: GridWorld, agent: str, policy: Policy, seed: int) -> None:
-        self.world, self.task, self.agent, self.policy = world, world.task, agent, policy
-        self.seat, self.policies = fill_seats(self.task, world.agent, world.opponents)
+    def __init__(
+        self,
+        contest: GameContest,
+        agent: str,
+        policy: Policy,
+        seed: int,
+        opponent: str | None = None,
+    ) -> None:
+        self.contest, self.task = contest, contest.task
+        self.agent, self.policy, self.opponent = agent, policy, opponent
+        self.seat, self.policies = fill_seats(self.task, contest.agent, contest.opponents)
         self.own = self.task.agent_names[self.seat]
         self.seed = whole("seed", seed, 0, 2**64 - 1)
-        self.contest = world.contest(2)
         self.outcomes: list[Outcome] = []
         self.begin(0)
 
@@ -253,6 +260,5 @@ class MazeSession:
 
     def players(self) -> dict[str, str]:
         """As `Session`."""
-        given = self.world.settings.opponent
         named = zip(self.task.agent_names, self.policies, strict=True)
-        return {name: given or told(policy) for name, policy in named if policy is not None}
+        return {name: self.opponent or told(policy) for name, policy in named if policy is not None}
