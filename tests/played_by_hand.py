@@ -53,8 +53,8 @@ class Visitor:
 
 
 @contextmanager
-def serving(session: Any) -> Iterator[tuple[Visitor, PlayServer]]:
-    with PlayServer(session) as server:
+def serving(session: Any, after: Any = None) -> Iterator[tuple[Visitor, PlayServer]]:
+    with PlayServer(session, after=after) as server:
         thread = threading.Thread(target=server.serve)
         thread.start()
         try:

@@ -6,6 +6,7 @@ import http.client
 import json
 import socket
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from played_by_hand import Visitor, maze_session, serving
@@ -133,6 +134,28 @@ def raw_answer(visitor: Visitor, raw: str) -> bytes:
         line.sendall(raw.encode())
         line.shutdown(socket.SHUT_WR)
         return line.recv(4096)
+
+
+def test_of_many_that_move_at_once_one_does(chaser: tuple[Visitor, PlayServer]) -> None:
+    visitor, server = chaser
+    for step in range(3):
+        sent = {"game": 0, "step": step, "action": 0}
+        with ThreadPoolExecutor(8) as crowd:
+            asked = [
+                crowd.submit(visitor.ask, "POST", visitor.path + "move", sent) for _ in range(16)
+            ]
+        assert sorted(each.result()[0] for each in asked) == [200] + [409] * 15
+        assert server.session.step == step + 1
+
+
+def test_what_cannot_be_kept_is_told_and_the_game_goes_on() -> None:
+    def full(session: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with serving(maze_session(maze="2x2", max_steps=1), full) as (visitor, _):
+        state = visitor.move(0)
+        assert state["over"] and "No space left" in state["warning"]
+        assert visitor.ask("POST", visitor.path + "next", {"game": 0})[0] == 200
 
 
 def test_a_port_that_is_taken_is_refused() -> None:

@@ -101,7 +101,7 @@ def played(terminal: Terminal, ending: str) -> str:
     return after
 
 
-@pytest.mark.parametrize("ending", ["x", "\x03"])
+@pytest.mark.parametrize("ending", ["\x03", pytest.param("x", marks=pytest.mark.slow)])
 def test_a_game_in_a_terminal_is_played_by_arrow_keys_and_letters(ending: str) -> None:
     after = played(Terminal("-c", GAME), ending)
     assert f"moves {MOVES} of game 1" in after and ("stopped" in after) == (ending == "\x03")

@@ -12,7 +12,7 @@ from pursuit.maze import library_names
 from pursuit.parts import check_trusted, is_reference
 from pursuit.replay import Episode, Replay, digest_of
 from pursuit.replay_worlds import own_rewards
-from train.files import read_json, write_beside, write_json
+from train.files import hold, read_json, write_beside, write_json
 from train.play.session import Session
 from train.runs.tasks import maze_text_of
 from train.schemas import read_as
@@ -129,7 +129,7 @@ def replay_of(session: Session, name: str) -> Replay:
 
 
 class Keeper:
-    """Keeps the games of a person in a folder, beside those that are there.
+    """Keeps the games of a person in a folder, beside those that are there, and holds the folder.
 
     Args:
         folder: is made if need be.
@@ -137,13 +137,16 @@ class Keeper:
         settings: of the games.
 
     Raises:
-        ValueError: a name of nothing, a file in the way, or a damaged list.
+        ValueError: a name of nothing, a file in the way, a damaged list, or another process that
+            keeps games there.
+        OSError: the folder cannot be written.
     """
 
     def __init__(self, folder: Path, name: str, settings: AnyTask) -> None:
         check(bool(name.strip()), f"name={name!r}; give one that a league can print")
         check(not folder.is_file(), f"{folder}: a file; give a folder")
         self.folder, self.name = folder, name
+        self._lock = hold(folder, "game by hand", shared=True)
         self.games = load_games(folder) if is_by_hand(folder) else []
         self.task = plain(settings)
 
@@ -153,7 +156,6 @@ class Keeper:
         Raises:
             OSError: it cannot be written.
         """
-        self.folder.mkdir(parents=True, exist_ok=True)
         outcome, replay = session.outcomes[-1], replay_of(session, self.name)
         file = f"game-{len(self.games) + 1:04d}.json"
         write_beside(self.folder / file, replay.save)

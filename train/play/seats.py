@@ -129,4 +129,7 @@ def name_of(given: str, role: str) -> str:
     """What an agent is called in results."""
     if given == "astar":
         return "nearest goal" if role == "runner" else "A*"
-    return Path(given).name if Path(given).exists() else given
+    folder = Path(given)
+    if not folder.exists():
+        return given
+    return f"{folder.parent.name}/{folder.name}" if folder.name in ROLES else folder.name

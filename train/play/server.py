@@ -241,6 +241,7 @@ class _Threads(socketserver.ThreadingMixIn, WSGIServer):
     """A thread for each connection: a browser holds some open, and would block the others."""
 
     daemon_threads = True
+    request_queue_size = 64  # of five, as by default, browsers that open several have to wait
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of connections that broke off."""
