@@ -16,10 +16,10 @@ from train.commands.parse import budget_of, heard, parse
 from train.commands.progress import Alive, carry_out, leave
 from train.experiments.kinds import resume, start
 from train.experiments.sweep_report import reduction
-from train.runs.folder import CURVE, SELF_PLAY
+from train.runs.folder import CURVE, REPORT, SELF_PLAY
 from train.runs.loop import Run
 from train.self_play.pictures import draw_self_play
-from train.self_play.report import REPORT, write_self_play_report
+from train.self_play.report import write_self_play_report
 from train.settings.checks import check
 from train.settings.self_play import SelfPlaySettings
 

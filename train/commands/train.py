@@ -18,11 +18,11 @@ from train.commands.scores import print_bounds, print_floor, print_scores
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import Score
 from train.experiments.kinds import resume, start
-from train.runs.folder import CURVE, REPLAY, RUN
+from train.runs.folder import CURVE, REPLAY, REPORT, RUN
 from train.runs.loop import Run
 from train.runs.parts import setting_of
 from train.runs.pictures import draw_learning_curve, save_replay
-from train.runs.report import REPORT, write_report
+from train.runs.report import write_report
 from train.runs.saved import load_settings
 from train.runs.single import SingleAgent
 from train.settings.algorithms import Hyperparameters
