@@ -21,7 +21,7 @@ from self_play_runs import make_run
 from pursuit.maze import Maze, load_maze
 from pursuit.replay import Replay
 from pursuit.single_agent import SingleAgentEnv
-from scripted_agents import AStarChaser, AStarEvader
+from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner
 from train.commands import play as play_command
 from train.commands.main import main
 from train.play.arm_session import ArmSession
@@ -160,6 +160,27 @@ def test_after_the_end_only_the_next_game_moves(runner: tuple[Visitor, PlayServe
 
 
 # -- every seat ------------------------------------------------------------------------------------
+
+
+def test_a_race_tells_who_has_collected_what() -> None:
+    """A runner who goes for the nearest goal, as the agent beside does."""
+    session = maze_session(4, task="race", maze="5x5", role="runner_1")
+    policy = NearestGoalRunner(0.0)
+    for _ in range(10):
+        left = 3
+        counts = [0, 0]
+        while not session.over:
+            session.move(int(policy.act(session.simulator.view("runner_1"))[0]))
+            goals = sum(goal >= 0 for goal in session.frame()["goals"])
+            for seat, paid in enumerate(session.rewards[-1]):
+                counts[seat] += paid > 0
+            assert left - goals <= sum(paid > 0 for paid in session.rewards[-1])
+            left = goals
+        outcome = session.outcomes[-1]
+        assert outcome.collected == (("runner_1", counts[1]), ("runner_0", counts[0]))
+        assert outcome.agent_goals == counts[1] and outcome.agent_steps == outcome.steps
+        assert outcome.rows()[0] == ("you", f"{outcome.steps} steps, goals: {counts[1]}")
+        session.next_game()
 
 
 @pytest.mark.parametrize(

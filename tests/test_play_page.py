@@ -90,6 +90,8 @@ def test_the_board_shows_what_the_simulator_has(evader: Page) -> None:
             place = f"translate({10 * maze.columns[cell] + 5:.2f} {10 * maze.rows[cell] + 5:.2f})"
             role = name.split("_")[0]
             assert evader.tab.locator(f".token.{role}").get_attribute("transform") == place
+    own = evader.tab.locator(".token.own").get_attribute("class").split()
+    assert "evader" in own  # whoever plays sees who they are
     evader.tab.reload()
     assert "game 1, step 3 / 30" in evader.tab.locator("[role=status]").inner_text()
 

@@ -40,6 +40,7 @@
         world = fresh.board;
         drawing.replaceChildren();
         board = new Board(drawing, world);
+        if (world.kind === "maze") board.inner.agents[world.you].classList.add("own");
         prepare();
       }
       if (fresh.title) title.textContent = fresh.title;

@@ -22,7 +22,8 @@ class Outcome:
             arm's least; None where there is no bound.
         expected: whether that is an expectation, which luck may beat.
         agent: who played the same start in the person's seat.
-        agent_steps, agent_won: what came of it, in one game with the same luck of the others.
+        agent_steps, agent_won, agent_goals: what came of it, in one game with the same luck of the
+            others.
         collected: goals that each agent got, the person's first; empty where nobody competes.
     """
 
@@ -35,6 +36,7 @@ class Outcome:
     agent: str
     agent_steps: int
     agent_won: bool
+    agent_goals: int = 0
     collected: tuple[tuple[str, int], ...] = ()
 
     @property
@@ -53,11 +55,13 @@ class Outcome:
 
         Among several who collect, nobody is said to win: the goals tell.
         """
-        words = ["", ""] if len(self.collected) > 1 else [", lost", ", won"]
+        own, other = (", won" if won else ", lost" for won in (self.won, self.agent_won))
+        if len(self.collected) > 1:
+            own, other = f", goals: {self.collected[0][1]}", f", goals: {self.agent_goals}"
         rows = [
-            ("you", f"{self.steps} steps{words[self.won]}"),
+            ("you", f"{self.steps} steps{own}"),
             ("optimum", self.optimum),
-            (self.agent, f"{self.agent_steps} steps{words[self.agent_won]}"),
+            (self.agent, f"{self.agent_steps} steps{other}"),
         ]
         if self.collected:
             rows.append(("goals", ", ".join(f"{name} {n}" for name, n in self.collected)))

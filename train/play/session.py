@@ -19,7 +19,7 @@ from pursuit.single_agent import fill_seats
 from scripted_agents import tour_lengths
 from scripted_agents.tour import MAX_EXACT_GOALS
 from train.evaluation.contest import GameContest, told
-from train.evaluation.games import play_out, won_by
+from train.evaluation.games import won_by
 from train.play.outcome import Outcome
 
 ACTIONS = ("north", "south", "east", "west", "stay")
@@ -164,7 +164,7 @@ class MazeSession:
 
     def _outcome(self) -> Outcome:
         least = self.optimum(self.start["positions"], self.start["goals"])
-        steps, won = self._agents_game()
+        steps, won, goals = self._agents_game()
         names, first = self.task.agent_names, self.seat
         order = [first, *(seat for seat in range(len(names)) if seat != first)]
         collects = [seat for seat in order if self.task.seat_roles[seat] != "chaser"]
@@ -179,24 +179,23 @@ class MazeSession:
             agent=self.agent,
             agent_steps=steps,
             agent_won=won,
+            agent_goals=goals,
             collected=tuple((names[seat], int(self._collected[seat])) for seat in collects)
             if competes
             else (),
         )
 
-    def _agents_game(self) -> tuple[int, bool]:
-        """Steps of the agent from the same start with the same luck, and whether it won."""
+    def _agents_game(self) -> tuple[int, bool, int]:
+        """Steps of the agent from the same start with the same luck, whether it won, its goals."""
         filled: list[Policy | None] = list(self.policies)
         filled[self.seat] = self.policy
         simulator = Simulator(self.task, 1, self.seed, self.game, auto_restart=False)
-        seat = self.seat
-        lengths, won = play_out(
-            simulator,
-            filled,
-            lambda games: games.ended | (games.active[:, seat] == 0),
-            lambda games: won_by(games, seat),
-        )
-        return int(lengths[0]), bool(won[0])
+        moves, collected = np.zeros((1, self.task.num_agents), dtype=np.int32), 0
+        while not simulator.ended[0] and simulator.active[0, self.seat]:
+            simulator.act(filled, moves)
+            simulator.step(moves)
+            collected += bool(simulator.events[0, self.seat] & COLLECTED)
+        return int(simulator.steps[0]), bool(won_by(simulator, self.seat)[0]), collected
 
     @cached_property
     def values(self) -> NDArray[np.float64] | None:
