@@ -27,6 +27,7 @@ from train.runs.folder import CONFIG, SELF_PLAY, load_config
 from train.runs.opponents import check_fits, load_policy
 from train.runs.saved import load_settings
 from train.runs.tasks import task_of
+from train.self_play.names import entry_names
 from train.self_play.people import HandResults
 from train.self_play.ratings import (
     best_response_cycle,
@@ -76,6 +77,7 @@ def enter(
     opponent_epsilon: float = 0.0,
     greedy: bool = False,
     played: TaskSettings | None = None,
+    called: Sequence[str] = (),
 ) -> tuple[Task, list[Entry]]:
     """The task of the league, and whoever takes part.
 
@@ -85,14 +87,15 @@ def enter(
         opponent_epsilon: share of random moves of astar.
         greedy: learned policies take their most probable action instead of drawing.
         played: the game of the league if there is no run, instead of a chase in `maze`.
+        called: what they are called in tables, one for each; as `entry_names` says if left out.
 
     Raises:
         ValueError: an entry that is no run, of another game, given twice, or a role without entry.
     """
+    title = dict(zip(names, entry_names(names, is_agent, called), strict=True))
     runs: list[tuple[str, Path]] = []
     for name in names:
-        check(list(names).count(name) == 1, f"two entries are called {name!r}; give it once")
-        if name in SCRIPTED or is_own_policy(name):
+        if is_agent(name):
             continue
         folder = Path(name)
         check(
@@ -123,23 +126,28 @@ def enter(
         sampled = not greedy and algorithm_entry(settings.algorithm).learns_distribution
         policy: Any = load_policy(folder, greedy=not sampled)
         check_fits(policy, role, task, name)
-        entries.append(Entry(name, role, policy))
+        entries.append(Entry(title[name], role, policy))
     for name in names:
         if name in SCRIPTED:
             rest: Any = (opponent_epsilon if name == "astar" else 0.0, task.move_order)
             for role in ROLES:
                 if name == "optimal":
                     check_optimal(task, role)
-                entries.append(Entry(name, role, scripted_policy(name, role, *rest)))
+                entries.append(Entry(title[name], role, scripted_policy(name, role, *rest)))
         elif is_own_policy(name):
             for role in own_roles(name, task):
-                entries.append(Entry(name, role, own_policy(name, task, role)))
+                entries.append(Entry(title[name], role, own_policy(name, task, role)))
     for role in ROLES:
         check(
             any(entry.role == role for entry in entries),
             f"no {role} among the entries; add astar, say, or a run of one",
         )
     return task, entries
+
+
+def is_agent(name: str) -> bool:
+    """Whether an entry names an agent, scripted or a user's own, and not a folder."""
+    return name in SCRIPTED or is_own_policy(name)
 
 
 def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> LeagueTable:
