@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -137,11 +138,7 @@ def save(figure: Any, path: Path, dpi: int = 130, formats: Sequence[str] = ()) -
     dates: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
     fonts = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "pursuit"}
     for form in dict.fromkeys([path.suffix.lstrip("."), *formats]):
+        write = partial(figure.savefig, dpi=dpi, format=form, metadata=dates.get(form))
         with matplotlib.rc_context(fonts):
-            write_beside(
-                path.with_suffix(f".{form}"),
-                lambda beside, form=form: figure.savefig(
-                    beside, dpi=dpi, format=form, metadata=dates.get(form)
-                ),
-            )
+            write_beside(path.with_suffix(f".{form}"), write)
     pyplot().close(figure)

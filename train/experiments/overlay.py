@@ -152,13 +152,13 @@ def draw_overlay(
         axis.fill_between(places, low, high, color=color, alpha=0.16, lw=0)
     if measure is GAP_CURVE:
         ends = np.concatenate(everything)
-        low, high = float(np.nanmin(ends)), float(np.nanmax(ends))
-        if low >= 1.0:
+        least, most = float(np.nanmin(ends)), float(np.nanmax(ends))
+        if least >= 1.0:
             axis.set_yscale("log")
             plain_numbers(axis.yaxis)
         else:  # the optimum is in sight
             axis.set_yscale("symlog", linthresh=1.0)
-            axis.set_ylim(1.5 * min(low, 0.0) - 0.3, 1.5 * max(high, 0.0) + 0.3)
+            axis.set_ylim(1.5 * min(least, 0.0) - 0.3, 1.5 * max(most, 0.0) + 0.3)
             axis.axhline(0, color="#333333", lw=1.2, ls=":")
             short_numbers(axis.yaxis)
     elif measure.logarithmic:
