@@ -13,6 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from pursuit.declared import as_array, is_whole, truth, whole
+from pursuit.keys import Keys, maze_keys
 from pursuit.masks import ACTION_MASK, action_masks, warn_of_masks
 from pursuit.maze_arrays import lay_out
 from pursuit.parallel_env import (
@@ -159,6 +160,10 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
     def action_masks(self) -> NDArray[np.bool_]:
         """[actions] bool, for sb3-contrib's MaskablePPO: all True unless `mask_bumps`."""
         return _masks_of(self.simulator, self._world, self.seat, self.mask_bumps)[0]
+
+    def get_keys_to_action(self) -> dict[Keys, int]:
+        """For `gymnasium.utils.play.play(env, wait_on_player=True)`: see `pursuit.keys`."""
+        return maze_keys(self.task)
 
     def render(self) -> Any:
         """A text ("ansi"), a picture [height, width, 3] uint8 ("rgb_array"), or a window."""

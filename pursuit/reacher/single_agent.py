@@ -13,7 +13,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.declared import as_array, is_whole, one_of, whole
+from pursuit.keys import Keys
 from pursuit.parallel_env import RENDER_MODES
+from pursuit.reacher.keys import arm_keys
 from pursuit.reacher.observations import ENCODINGS, space_of
 from pursuit.reacher.rendering import draw_arm, scene_of, scene_to_text
 from pursuit.reacher.simulator import ReacherSimulator
@@ -176,6 +178,10 @@ class ReacherEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
         terminated, truncated = bool(simulator.terminated[0]), bool(simulator.truncated[0])
         observed = simulator.observe(self.observation)[0]
         return observed, float(simulator.rewards[0]), terminated, truncated, {}
+
+    def get_keys_to_action(self) -> dict[Keys, Any]:
+        """For `gymnasium.utils.play.play(env, wait_on_player=True)`: see `pursuit.keys`."""
+        return arm_keys(self.task)
 
     def render(self) -> Any:
         """A text ("ansi"), a picture [height, width, 3] uint8 ("rgb_array"), or a window."""

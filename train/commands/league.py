@@ -21,6 +21,12 @@ from train.runs.loop import machine, versions
 from train.runs.provenance import command_line
 from train.self_play.league import LeagueTable, enter, is_agent, play_league, rate
 from train.self_play.payoffs import league_table, ratings_table
+from train.self_play.people import (
+    enter_people,
+    play_along,
+    settings_of_people,
+    split_people,
+)
 from train.self_play.pictures import draw_league
 from train.settings.checks import check
 from train.settings.self_play import ROLES
@@ -31,11 +37,12 @@ class LeagueCommand:
     """All chasers against all evaders: payoff matrix, Elo, openskill, Nash averaging, cycles.
 
     Give the folders of runs (`pursuit train` of a chaser or evader, `pursuit self-play` for both),
-    and the names of scripted agents: astar, random, optimal.
+    and the names of scripted agents: astar, random, optimal. A folder of games played by hand
+    (`pursuit play --out`) has whoever played them rated with the rest.
     """
 
     entries: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """Folders of runs, and names of scripted agents."""
+    """Folders of runs and of games by hand, and names of scripted agents."""
     maze: str = "5x5"
     """Where scripted agents play if no run is given."""
     opponent_epsilon: float = 0.0
@@ -63,11 +70,14 @@ def league(arguments: Sequence[str]) -> None:
     check(len(given.entries) > 0, "nobody to play; give folders of runs, or astar, random, optimal")
     look = Look(given.format)
     with heard():
-        task, entries = enter(
-            given.entries, given.maze, given.opponent_epsilon, given.greedy, given.names
-        )
+        by_hand, names = split_people(given.entries)
+        how = (given.maze, given.opponent_epsilon, given.greedy)
+        played = settings_of_people(by_hand)
+        task, entries = enter(names, *how, played=played, called=given.names)
+        people = enter_people(by_hand, task, [entry.name for entry in entries])
     table = play_league(task, entries, given.games, given.seed)
-    content = rate(table, given.seed) | {
+    policies = {role: [e.policy for e in entries if e.role == role] for role in ROLES}
+    content = rate(table, given.seed, play_along(people, policies)) | {
         "task": task.name,
         "maze": task.mazes[0].name,
         "max_steps": task.max_steps,
@@ -87,7 +97,7 @@ def league(arguments: Sequence[str]) -> None:
     tables |= {f"{role}s": ratings_table(role, content) for role in ROLES}
     for stem, each in tables.items():
         each.write(out, stem)
-    folders = [Path(name) for name in given.entries if not is_agent(name)]
+    folders = [Path(name) for name in names if not is_agent(name)]
     write_text(out / METHODS, league_methods(content, folders))
     _print(task, table, tables, content)
     print(f"figures, tables and methods: {out}")

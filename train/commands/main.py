@@ -46,6 +46,10 @@ GROUPS: dict[str, dict[str, Command]] = {
             "random, scripted and optimal agents on a task: what can be reached",
             "--task maze --maze 5x5 --num-goals 3",
         ),
+        "play": Command(
+            "play a game by hand: any seat, the optimum beside your steps",
+            "--maze 9x9 --role evader",
+        ),
         "view": Command(
             "a page that plays episodes, with the exact optimum laid over; reports",
             "runs/first",

@@ -28,9 +28,11 @@ from train.runs.opponents import check_fits, load_policy
 from train.runs.saved import load_settings
 from train.runs.tasks import task_of
 from train.self_play.names import entry_names
+from train.self_play.people import HandResults
 from train.self_play.ratings import (
     best_response_cycle,
     elo_ratings,
+    guest_half_width,
     nash_average,
     openskill_ratings,
     pairwise_wins,
@@ -74,6 +76,7 @@ def enter(
     maze: str,
     opponent_epsilon: float = 0.0,
     greedy: bool = False,
+    played: TaskSettings | None = None,
     called: Sequence[str] = (),
 ) -> tuple[Task, list[Entry]]:
     """The task of the league, and whoever takes part.
@@ -83,6 +86,7 @@ def enter(
         maze: where scripted agents play if there is no run.
         opponent_epsilon: share of random moves of astar.
         greedy: learned policies take their most probable action instead of drawing.
+        played: the game of the league if there is no run, instead of a chase in `maze`.
         called: what they are called in tables, one for each; as `entry_names` says if left out.
 
     Raises:
@@ -106,7 +110,7 @@ def enter(
             runs += [(name, path) for path in inner]
         else:
             runs.append((name, folder))
-    task = task_of(TaskSettings(maze=maze))
+    task = task_of(played or TaskSettings(maze=maze))
     if runs:
         task = task_of(in_maze(load_settings(runs[0][1]).task, runs[0][0]))
         check(
@@ -198,8 +202,12 @@ def survival(table: LeagueTable) -> dict[str, Any]:
     }
 
 
-def rate(table: LeagueTable, seed: int = 0) -> dict[str, Any]:
-    """Ratings of both roles, Nash averaging and a cycle of best responses, as plain values."""
+def rate(table: LeagueTable, seed: int = 0, people: Sequence[HandResults] = ()) -> dict[str, Any]:
+    """Ratings of both roles, Nash averaging and a cycle of best responses, as plain values.
+
+    People are rated behind the entries of their role: "games_by_hand" is how many games that rests
+    on, and "steps_against_nash" is None.
+    """
     content: dict[str, Any] = {
         "chasers": table.chasers,
         "evaders": table.evaders,
@@ -219,8 +227,10 @@ def rate(table: LeagueTable, seed: int = 0) -> dict[str, Any]:
         ("evader", table.evaders, table.lengths.swapaxes(0, 1), average.chasers @ table.payoff),
     ):
         wins = pairwise_wins(results)
-        elo = elo_ratings(wins, seed)
-        skill = openskill_ratings(results, seed)
+        guests = [person for person in people if person.role == role]
+        better = [-guest.steps if role == "chaser" else guest.steps for guest in guests]
+        elo = elo_ratings(*with_guests(wins, seed, better))
+        skill = openskill_ratings(results, seed, better)
         content[f"{role}_ratings"] = [
             {
                 "name": name,
@@ -233,9 +243,46 @@ def rate(table: LeagueTable, seed: int = 0) -> dict[str, Any]:
             }
             for n, name in enumerate(names)
         ]
+        known = [rating for rating, _, _ in elo[: len(names)]]
+        content[f"{role}_ratings"] += [
+            {
+                "name": guest.name,
+                "elo": elo[n][0],
+                "elo_low": elo[n][0] - half,
+                "elo_high": elo[n][0] + half,
+                "openskill_mu": skill[n][0],
+                "openskill_sigma": skill[n][1],
+                "steps_against_nash": None,
+                "games_by_hand": guest.steps.shape[1],
+            }
+            for n, guest in enumerate(guests, start=len(names))
+            for half in [guest_half_width(elo[n][0], known, guest.steps.shape[1])]
+        ]
         content[f"{role}_cycle"] = [names[n] for n in preference_cycle(wins)]
     content["cycle"] = cycle_of(table)
     return content
+
+
+def with_guests(
+    wins: NDArray[np.float64], seed: int, guests: Sequence[NDArray[Any]]
+) -> tuple[NDArray[np.float64], int, list[NDArray[np.float64]]]:
+    """The arguments of `elo_ratings` for entries and guests, who have met in their games alone.
+
+    Args:
+        wins: [entries, entries, games].
+        seed: of the bootstrap.
+        guests: [entries + 1, games] of each, larger is better, the guest's last.
+    """
+    size, entries = len(wins) + len(guests), len(wins)
+    wide = np.zeros((size, size, wins.shape[2]))
+    wide[:entries, :entries] = wins
+    more = []
+    for number, results in enumerate(guests, start=entries):
+        met = pairwise_wins(results[:, None])
+        part = np.zeros((size, size, results.shape[1]))
+        part[number, :entries], part[:entries, number] = met[-1, :-1], met[:-1, -1]
+        more.append(part)
+    return wide, seed, more
 
 
 def cycle_of(table: LeagueTable) -> list[str]:

@@ -1,0 +1,135 @@
+"""Who plays with a person, and who would play in the person's seat: by name, as everywhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pursuit.policy import Policy
+from pursuit.task import Task
+from scripted_agents import InverseKinematics, LeastStepsPolicy, RandomArm, check_optimal
+from scripted_agents.environments import (
+    SCRIPTED,
+    is_own_policy,
+    own_policy,
+    scripted_policy,
+)
+from train.play.arm_session import ArmSession
+from train.play.session import MazeSession, Session
+from train.runs.folder import CONFIG, SELF_PLAY, load_config
+from train.runs.opponents import check_fits, load_opponent, load_policy
+from train.runs.saved import load_settings
+from train.runs.worlds import GridWorld
+from train.settings.checks import check
+from train.settings.task import AnyTask, ReacherSettings, TaskSettings, in_maze
+
+ROLES = ("chaser", "evader")
+
+
+def session_of(settings: AnyTask, beside: str, seed: int) -> Session:
+    """Games for a person in the seat that the settings name, against whom they name.
+
+    Args:
+        settings: the task; its role is the person's, its opponent plays the other seats.
+        beside: who plays the same starts in the person's seat: astar (for an arm inverse
+            kinematics), optimal, random, package.module:Name, or the folder of a run.
+        seed: of the games.
+
+    Raises:
+        ValueError: settings that make no game, or somebody who does not fit in.
+    """
+    if isinstance(settings, ReacherSettings):
+        task = settings.build()
+        name, mover = arm_agent(beside, settings)
+        return ArmSession(task, name, mover, seed)
+    world = GridWorld(settings)
+    for role, policy in world.opponents.items():
+        check_fits(policy, role, world.task, str(world.settings.opponent))
+    role = world.agent.split("_")[0]
+    policy = agent_in_seat(beside, world.task, role)
+    return MazeSession(
+        world.contest(2), name_of(beside, role), policy, seed, world.settings.opponent
+    )
+
+
+def game_of_run(against: str) -> TaskSettings | None:
+    """The game that a run learned, the other role's seat to be taken; None where `against` is none.
+
+    Raises:
+        ValueError: a damaged run, or one of an arm.
+    """
+    folder = Path(against)
+    if not (folder / CONFIG).exists():
+        return None
+    if load_config(folder)[0] == SELF_PLAY:
+        folder = next((folder / r for r in ROLES if (folder / r / CONFIG).exists()), folder)
+    learned = in_maze(load_settings(folder).task, against)
+    role = learned.agent.split("_")[0]
+    other = {"chaser": "evader", "evader": "chaser"}.get(role, role)
+    return replace(learned, role=other, opponent=None, mask_bumps=False)
+
+
+def of_side(settings: TaskSettings) -> TaskSettings:
+    """The settings with the opponent's own folder, where they name one of both sides."""
+    folder = Path(str(settings.opponent))
+    role = settings.agent.split("_")[0]
+    if settings.opponent is None or not is_self_play(folder) or role not in ROLES:
+        return settings
+    other = ROLES[1 - ROLES.index(role)]
+    return replace(settings, opponent=str(folder / other))
+
+
+def is_self_play(folder: Path) -> bool:
+    """Whether a folder holds both sides of self-play."""
+    return (folder / CONFIG).exists() and load_config(folder)[0] == SELF_PLAY
+
+
+def agent_in_seat(name: str, task: Task, role: str) -> Policy:
+    """An agent by its name, for a seat of `role`.
+
+    Raises:
+        ValueError: nobody of this name, or somebody who does not play this role in this game.
+    """
+    if name in SCRIPTED:
+        if name == "optimal":
+            check_optimal(task, role)
+        order: Any = task.move_order
+        return scripted_policy(name, role, move_order=order)
+    if is_own_policy(name):
+        return own_policy(name, task, role)
+    folder = Path(name)
+    learned = load_opponent(folder / role if is_self_play(folder) else folder)
+    check_fits(learned, role, task, name)
+    return learned
+
+
+def arm_agent(name: str, settings: ReacherSettings) -> tuple[str, Any]:
+    """Who moves an arm by that name, and what it is called.
+
+    Raises:
+        ValueError: nobody of this name, or somebody who does not move such an arm.
+    """
+    discrete = settings.discrete_actions
+    if name == "random" or (name == "astar" and discrete):  # kinematics have no discrete turns
+        return "random", RandomArm()
+    if name == "astar":
+        return "inverse kinematics", InverseKinematics()
+    if name == "optimal":
+        check(not discrete, "beside='optimal': not known with discrete actions; take random")
+        return "least steps", LeastStepsPolicy()
+    learned = load_settings(Path(name)).task
+    fits = isinstance(learned, ReacherSettings) and learned.joints == settings.joints
+    same = fits and getattr(learned, "discrete_actions", None) == discrete
+    check(same, f"{name}: learned another task than an arm of {settings.joints} joint(s)")
+    return Path(name).name, load_policy(Path(name))
+
+
+def name_of(given: str, role: str) -> str:
+    """What an agent is called in results."""
+    if given == "astar":
+        return "nearest goal" if role == "runner" else "A*"
+    folder = Path(given)
+    if not folder.exists():
+        return given
+    return f"{folder.parent.name}/{folder.name}" if folder.name in ROLES else folder.name

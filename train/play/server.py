@@ -1,0 +1,249 @@
+"""The server of a game by hand: one session, one page, on the loopback address alone.
+
+Whoever has the address may play, and nobody else: the address holds a token that cannot be guessed,
+every request without it is refused, and so is one that was sent under another host's name (DNS
+rebinding) or by a page of another origin. A request can do nothing but move, or begin a game.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import socketserver
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from threading import Lock
+from types import TracebackType
+from typing import Any
+from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
+
+import bottle
+
+from pursuit.viewer.page import page
+from train.play.outcome import total_line
+from train.play.session import Session
+
+HOST = "127.0.0.1"
+MAX_BODY = 4096
+"""Bytes of a request, at most; a move takes some fifty."""
+PATIENCE = 10.0
+"""Seconds that a connection may be silent; browsers open some that they never use."""
+SCRIPTS = ("board.js", "maze_board.js", "arm_board.js", "play.js")
+HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",  # the address is the key
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; "
+    "style-src 'unsafe-inline'; img-src data:; connect-src 'self'; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'none'",
+}
+
+
+class PlayServer:
+    """Serves one session from the moment it is made until it is closed.
+
+    Args:
+        session: what is played; nobody else may touch it meanwhile.
+        port: 0 for any that is free.
+        after: called with the session whenever a game is over; a ValueError or OSError of it is
+            told to the person, and the game goes on.
+
+    Attributes:
+        token: without which every request is refused.
+        address: of the page, with the token.
+
+    Raises:
+        ValueError: the port is taken, or not allowed.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        port: int = 0,
+        after: Callable[[Session], None] | None = None,
+    ) -> None:
+        self.session, self.after = session, after
+        self.token = secrets.token_urlsafe(32)
+        self.warning = ""
+        self._lock = Lock()
+        try:
+            self._server = make_server(HOST, port, self._app(), _Threads, _Handler)
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise ValueError(f"port={port}: {reason}; give another, or 0 for any") from None
+        own = self._server.server_port
+        self._hosts = {f"{name}:{own}" for name in (HOST, "localhost")}
+        self.address = f"http://{HOST}:{own}/{self.token}/"
+
+    def __enter__(self) -> PlayServer:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def serve(self) -> None:
+        """Answer requests until another thread calls `stop`, or a signal ends it."""
+        self._server.serve_forever(poll_interval=0.2)
+
+    def stop(self) -> None:
+        """End `serve`, which runs in another thread."""
+        self._server.shutdown()
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self._server.server_close()
+
+    # -- requests ----------------------------------------------------------------------------------
+
+    def _app(self) -> bottle.Bottle:
+        app = bottle.Bottle()
+        app.add_hook("before_request", self._admit)
+        app.add_hook("after_request", _guard)
+        app.route("/<token>/", "GET", self._show)
+        app.route("/<token>/state", "GET", self._state)
+        app.route("/<token>/move", "POST", self._move)
+        app.route("/<token>/next", "POST", self._next)
+        app.default_error_handler = _told
+        return app
+
+    def _admit(self) -> None:
+        """Refuse whoever has not the token, came by another name, or was sent by another page."""
+        request = bottle.request
+        given = request.environ.get("PATH_INFO", "/").split("/", 2)[1:2]
+        token = given[0].encode("utf-8", "replace") if given else b""
+        host, origin = request.get_header("Host", ""), request.get_header("Origin")
+        site = request.get_header("Sec-Fetch-Site", "none")
+        if (
+            not secrets.compare_digest(token, self.token.encode())
+            or host not in self._hosts
+            or (origin is not None and origin != f"http://{host}")
+            or site not in ("none", "same-origin")
+        ):
+            raise _answer(403, {"error": "refused; open the address that pursuit play printed"})
+
+    def _show(self, token: str) -> bottle.HTTPResponse:
+        with self._lock:
+            text = page("pursuit: play", self.state(True), SCRIPTS, connects=True)
+        return bottle.HTTPResponse(text, 200, {"Content-Type": "text/html; charset=utf-8"})
+
+    def _state(self, token: str) -> bottle.HTTPResponse:
+        with self._lock:
+            return _answer(200, self.state(True))
+
+    def _move(self, token: str) -> bottle.HTTPResponse:
+        given = _body(("game", "step", "action"))
+        with self._lock:
+            session = self.session
+            if (given["game"], given["step"]) != (session.game, session.step) or session.over:
+                return _answer(409, self.state(True))
+            try:
+                session.move(given["action"])
+            except ValueError as error:
+                return _answer(400, {"error": str(error)})
+            if session.over:
+                self._tell()
+            return _answer(200, self.state(False))
+
+    def _next(self, token: str) -> bottle.HTTPResponse:
+        given = _body(("game",))
+        with self._lock:
+            if given["game"] != self.session.game:
+                return _answer(409, self.state(True))
+            self.session.next_game()
+            return _answer(200, self.state(True))
+
+    def _tell(self) -> None:
+        if self.after is None:
+            return
+        try:
+            self.after(self.session)
+            self.warning = ""
+        except (ValueError, OSError) as error:
+            self.warning = str(error)
+
+    def state(self, whole: bool) -> dict[str, Any]:
+        """The session at this moment, as the page takes it; with the board where it is `whole`."""
+        session = self.session
+        over = session.over
+        outcome = session.outcomes[-1] if over else None
+        state: dict[str, Any] = {
+            "game": session.game,
+            "step": session.step,
+            "frame": session.frame(),
+            "over": over,
+            "outcome": None if outcome is None else asdict(outcome),
+            "rows": [] if outcome is None else outcome.rows(),
+            "total": total_line(session.outcomes),
+            "warning": self.warning,
+        }
+        if whole:
+            state |= {"title": session.title(), "board": session.board()}
+        return state
+
+
+def _answer(status: int, content: dict[str, Any]) -> bottle.HTTPResponse:
+    headers = {"Content-Type": "application/json"}
+    return bottle.HTTPResponse(json.dumps(content), status, headers)
+
+
+def _body(names: tuple[str, ...]) -> dict[str, Any]:
+    """The object of exactly these names that a request holds as JSON.
+
+    Raises:
+        bottle.HTTPResponse: of status 400, 411, 413 or 415, saying why there is none.
+    """
+    request = bottle.request
+    kind = request.get_header("Content-Type", "").partition(";")[0].strip().lower()
+    if kind != "application/json":  # which no form of another page can send
+        raise _answer(415, {"error": "a request has the type application/json"})
+    length = request.get_header("Content-Length", "")
+    if not (length.isascii() and length.isdecimal()):
+        raise _answer(411, {"error": "a request says its Content-Length"})
+    if len(length) > 9 or int(length) > MAX_BODY:
+        raise _answer(413, {"error": f"a request has {MAX_BODY} bytes at most"})
+    try:
+        content = json.loads(request.environ["wsgi.input"].read(int(length)))
+    except (ValueError, OSError, RecursionError):
+        raise _answer(400, {"error": "a request is JSON"}) from None
+    if not isinstance(content, dict) or set(content) != set(names):
+        raise _answer(400, {"error": f"a request is an object of {', '.join(names)}"})
+    return content
+
+
+def _guard() -> None:
+    """The headers of every answer."""
+    for name, value in HEADERS.items():
+        bottle.response.set_header(name, value)
+
+
+def _told(error: bottle.HTTPError) -> str:
+    """What stands in an answer to what is not there, or went wrong."""
+    bottle.response.content_type = "application/json"
+    return json.dumps({"error": error.status_line})
+
+
+class _Handler(WSGIRequestHandler):
+    timeout = PATIENCE
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing of requests: the person reads the results there."""
+
+
+class _Threads(socketserver.ThreadingMixIn, WSGIServer):
+    """A thread for each connection: a browser holds some open, and would block the others."""
+
+    daemon_threads = True
+    request_queue_size = 64  # of five, as by default, browsers that open several have to wait
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing of connections that broke off."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)
