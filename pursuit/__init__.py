@@ -10,7 +10,8 @@ import gymnasium
 import lazy_loader
 import pettingzoo
 
-__version__ = "0.2.0.dev0"
+from pursuit.version import __version__ as __version__
+
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 # The default opponents are scripted agents, which build on this package: the entry points are

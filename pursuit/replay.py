@@ -16,9 +16,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-import pursuit
 from pursuit.declared import one_of
 from pursuit.replay_worlds import WORLDS, State, World, own_rewards, world_for
+from pursuit.version import __version__
 from pursuit.viewer.data import replay_page
 
 FORM = 1
@@ -149,7 +149,7 @@ class Replay:
                 found.append(f"episode {number}: {difference}")
         if found:
             then = self.versions.get("pursuit", "unknown")
-            found.append(f"recorded with pursuit {then}, played with {pursuit.__version__}")
+            found.append(f"recorded with pursuit {then}, played with {__version__}")
         return found
 
     def page(self, title: str = "") -> str:
@@ -205,7 +205,7 @@ class Replay:
 
 def versions() -> dict[str, str]:
     """What a replay is recorded with."""
-    return {"pursuit": pursuit.__version__, "numpy": np.__version__}
+    return {"pursuit": __version__, "numpy": np.__version__}
 
 
 def digest_of(states: Iterable[State]) -> str:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import sys
-import webbrowser
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +16,7 @@ from train.commands.parse import heard, parse
 from train.evaluation.closeups import recorded, sides_of
 from train.experiments.kinds import open_run
 from train.pages import PLAYER_ROOM, paragraph, write_page
+from train.play.browser import open_page
 from train.runs.folder import RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
 from train.runs.forms import read_results
 from train.runs.opponents import load_policy
@@ -61,7 +59,7 @@ def view(arguments: Sequence[str]) -> None:
         page = report_again(given.paths[0], given.out) if alone else together(given)
     print(f"page: {page}")
     if given.open:
-        show(page)
+        open_page(page.resolve().as_uri())
 
 
 def report_again(folder: Path, out: Path | None) -> Path:
@@ -108,13 +106,3 @@ def add_replay(builder: Builder, path: Path) -> None:
     replay = Replay.load(path)
     labels = [each.label or f"episode {n + 1}" for n, each in enumerate(replay.episodes)]
     builder.add(replay, Extras(names=[f"{path.stem}, {label}" for label in labels]))
-
-
-def show(page: Path) -> None:
-    """Open a page in a browser, where there is one that a person sees."""
-    seen = sys.platform in ("darwin", "win32") or bool(
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    )
-    if seen:
-        with contextlib.suppress(webbrowser.Error, OSError):
-            webbrowser.open(page.resolve().as_uri())
