@@ -123,11 +123,11 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """Move all agents at once.
+        """Move all agents at once; actions of agents that have been captured are ignored.
 
         Raises:
             ValueError: before the first reset; an active agent without an action, an action out of
-                range, or one for an agent that is not playing. Then nobody has moved.
+                range, or one for an agent that this task does not have. Then nobody has moved.
         """
         if not self.agents:
             if not self._seeded:
@@ -141,7 +141,7 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
                 chosen[self._seats[agent]] = index(actions[agent])
         except (KeyError, TypeError, ValueError):
             raise ValueError(self._explain(actions)) from None
-        if len(actions) != len(self.agents):
+        if len(actions) != len(self.agents) and not actions.keys() <= self._seats.keys():
             raise ValueError(self._explain(actions))
         simulator = self.simulator
         simulator.step(self._actions)
@@ -168,9 +168,9 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
             if agent not in actions:
                 return f"no action for {agent}; every agent in env.agents needs one: {self.agents}"
         for agent, action in actions.items():
-            if agent not in self.agents:
+            if agent not in self._seats:
                 return f"an action for {agent!r}, who is not playing; env.agents is {self.agents}"
-            if not isinstance(action, (int, np.integer)):
+            if agent in self.agents and not isinstance(action, (int, np.integer)):
                 return f"the action of {agent} is {action!r}; give an integer"
         return f"actions {dict(actions)!r}; integers from 0 to {self.task.num_actions - 1}"
 
