@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from gymnasium.vector import AutoresetMode
+
 from pursuit.declared import one_of
 from pursuit.parts import Registry, is_reference
 from pursuit.policy import Policy
 from pursuit.single_agent import SingleAgentEnv, SingleAgentVectorEnv
 from pursuit.task import ROLES, Task, make_task
+from pursuit.vector_env import limited
 from scripted_agents.best_response import MoveOrder
 from scripted_agents.chaser import AStarChaser
 from scripted_agents.evader import AStarEvader
@@ -166,10 +169,16 @@ def make_vector_env(
     render_mode: str | None = None,
     seed: int | None = None,
     mask_bumps: bool = False,
+    autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
+    max_episode_steps: int | None = None,
     **settings: Any,
 ) -> SingleAgentVectorEnv:
-    """`make_env` for `num_envs` games in lockstep."""
+    """`make_env` for `num_envs` games in lockstep.
+
+    `max_episode_steps` cuts episodes off earlier than the task does, as Gymnasium's TimeLimit.
+    """
     arguments = single_agent_arguments(task, agent, **settings)
+    arguments["task"] = limited(arguments["task"], max_episode_steps)
     return SingleAgentVectorEnv(
         **arguments,
         num_envs=num_envs,
@@ -177,6 +186,7 @@ def make_vector_env(
         render_mode=render_mode,
         seed=seed,
         mask_bumps=mask_bumps,
+        autoreset_mode=autoreset_mode,
     )
 
 

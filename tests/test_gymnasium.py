@@ -379,11 +379,6 @@ def test_wrong_actions_move_nobody(actions: Any) -> None:
         assert (envs.step(zeros)[0] == untouched.step(zeros)[0]).all()
 
 
-def test_a_list_of_seeds_is_refused() -> None:
-    with pytest.raises(ValueError, match="give one integer"):
-        make_vector_env("chase", "chaser", 2).reset(seed=[1, 2])
-
-
 def test_resets_without_a_seed_go_on_and_differ() -> None:
     envs = make_vector_env("maze", "runner", num_envs=8, seed=5)
     same = make_vector_env("maze", "runner", num_envs=8)

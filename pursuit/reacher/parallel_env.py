@@ -16,9 +16,10 @@ from pursuit.parallel_env import RENDER_MODES
 from pursuit.reacher.observations import ENCODINGS, space_of
 from pursuit.reacher.rules import ROUNDING
 from pursuit.reacher.simulator import ReacherSimulator
-from pursuit.reacher.single_agent import RENDER_FPS, begin, checked_mode, render_arm, some_seed
+from pursuit.reacher.single_agent import RENDER_FPS, begin, checked_mode, render_arm
 from pursuit.reacher.task import ReacherTask
 from pursuit.rendering import Window
+from pursuit.vector_env import some_seed
 
 
 class ReacherParallelEnv(ParallelEnv[str, NDArray[np.float32], Any]):
