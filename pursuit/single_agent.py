@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from pursuit.declared import as_array, truth, whole
-from pursuit.masks import ACTION_MASK, action_masks, warn_of_masks
+from pursuit.masks import ACTION_MASK, action_masks, masked_space, warn_of_masks
 from pursuit.maze_arrays import lay_out
 from pursuit.parallel_env import (
     RENDER_FPS,
@@ -24,9 +24,10 @@ from pursuit.parallel_env import (
 from pursuit.policy import Policy
 from pursuit.rendering import Window, draw_scene, scene_to_text
 from pursuit.rules.layout import World
+from pursuit.seeds import checked_seed, some_seed
 from pursuit.simulator import Simulator
 from pursuit.task import Task, checked_task
-from pursuit.vector_env import LockstepVectorEnv, some_seed
+from pursuit.vector_env import LockstepVectorEnv
 
 Policies = Mapping[str, Policy]
 
@@ -63,7 +64,7 @@ def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, lis
     return seat, filled
 
 
-class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
+class SingleAgentEnv(gymnasium.Env[Any, np.int64]):
     """One seat of one game as a Gymnasium environment.
 
     The episode ends with the game, or with the capture of your evader. Every action is legal.
@@ -76,6 +77,8 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         render_mode: None, "ansi", "rgb_array" or "human".
         mask_bumps: the info holds "action_mask", [actions] int8: 1 for the moves that change the
             cell and for staying. Without the stay action it forbids waiting (with a warning).
+        mask_in_observation: observations are {"observation", "action_mask"}, as many libraries
+            want it; without `mask_bumps` the mask is all 1.
 
     Raises:
         ValueError: an unknown agent, observation or render mode, or an empty seat.
@@ -89,6 +92,7 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         observation: str = "one_hot",
         render_mode: str | None = None,
         mask_bumps: bool = False,
+        mask_in_observation: bool = False,
     ) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise ValueError(
@@ -98,7 +102,11 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         self.render_mode, self.task, self.observation = render_mode, task, observation
         self.seat, self.policies = fill_seats(task, agent, policies)
         self.simulator = Simulator(task, auto_restart=False)
-        self.observation_space = self.simulator.encoder(observation).space
+        self.mask_in_observation = truth("mask_in_observation", mask_in_observation)
+        seen: gymnasium.Space[Any] = self.simulator.encoder(observation).space
+        if self.mask_in_observation:
+            seen = masked_space(seen, task.num_actions)
+        self.observation_space = seen
         self.action_space = gymnasium.spaces.Discrete(task.num_actions)
         self._actions = np.zeros((1, task.num_agents), dtype=np.int32)
         self.mask_bumps, self._world = truth("mask_bumps", mask_bumps), lay_out(task.mazes).world
@@ -109,13 +117,13 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[Any], dict[str, Any]]:
+    ) -> tuple[Any, dict[str, Any]]:
         """Begin a new episode; `options` may hold "positions" and "goals" to begin there.
 
         Where the task has several mazes, "maze" says in which: its number.
         """
         if seed is not None:
-            seed = whole("seed", seed, 0, 2**64 - 1)
+            seed = checked_seed(seed)
         elif not self._seeded:
             seed = some_seed()
         begin(self.simulator, seed, options)
@@ -123,11 +131,9 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         self._seeded = True
         if self.render_mode == "human":
             self.render()
-        return self.simulator.observe(self.observation, self.seat)[0], self._info()
+        return self._seen(), self._info()
 
-    def step(
-        self, action: np.int64 | int
-    ) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.int64 | int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Move your agent, and everybody else, by one step.
 
         Raises:
@@ -150,8 +156,14 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         truncated = bool(simulator.truncated[0]) and not captured
         if self.render_mode == "human":
             self.render()
-        observed = simulator.observe(self.observation, self.seat)[0]
-        return observed, float(simulator.rewards[0, self.seat]), terminated, truncated, self._info()
+        reward = float(simulator.rewards[0, self.seat])
+        return self._seen(), reward, terminated, truncated, self._info()
+
+    def _seen(self) -> Any:
+        observed = self.simulator.observe(self.observation, self.seat)[0]
+        if not self.mask_in_observation:
+            return observed
+        return {"observation": observed, ACTION_MASK: self.action_masks().astype(np.int8)}
 
     def _info(self) -> dict[str, Any]:
         return {ACTION_MASK: self.action_masks().astype(np.int8)} if self.mask_bumps else {}
@@ -189,6 +201,7 @@ class SingleAgentVectorEnv(LockstepVectorEnv):
         mask_bumps: `infos["action_mask"]`, [num_envs, actions] int8, is 1 for the moves that change
             the cell and for staying. Without the stay action it forbids waiting (with a warning).
         autoreset_mode: one of `gymnasium.vector.AutoresetMode`, or its name.
+        mask_in_observation: as in `SingleAgentEnv`.
 
     Raises:
         ValueError: an unknown agent, observation or mode, or an empty seat.
@@ -208,12 +221,16 @@ class SingleAgentVectorEnv(LockstepVectorEnv):
         seed: int | None = None,
         mask_bumps: bool = False,
         autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
+        mask_in_observation: bool = False,
     ) -> None:
         num_envs = whole("num_envs", num_envs, 1, 2**63 - 1)
         self.observation = observation
         self.seat, self.policies = fill_seats(task, agent, policies)
         simulator = Simulator(task, num_envs, auto_restart=False)
-        seen = simulator.encoder(observation).space
+        self.mask_in_observation = truth("mask_in_observation", mask_in_observation)
+        seen: gymnasium.Space[Any] = simulator.encoder(observation).space
+        if self.mask_in_observation:
+            seen = masked_space(seen, task.num_actions)
         actions = gymnasium.spaces.Discrete(task.num_actions)
         super().__init__(simulator, seen, actions, render_mode, RENDER_FPS, seed, autoreset_mode)
         self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)
@@ -245,8 +262,11 @@ class SingleAgentVectorEnv(LockstepVectorEnv):
             truncations &= ~captured
         return simulator.rewards[:, self.seat].copy(), terminations, truncations
 
-    def _observe(self) -> NDArray[Any]:
-        return self.simulator.observe(self.observation, self.seat)
+    def _observe(self) -> Any:
+        observed = self.simulator.observe(self.observation, self.seat)
+        if not self.mask_in_observation:
+            return observed
+        return {"observation": observed, ACTION_MASK: self.action_masks().astype(np.int8)}
 
     def _returns(self) -> NDArray[np.float64]:
         return self.simulator.returns[:, self.seat]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -14,18 +14,10 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from pursuit.declared import is_whole, whole
-from pursuit.reacher.task import ReacherTask
-from pursuit.task import Task
+from pursuit.seeds import checked_seed, some_seed
 
-AnyTask = TypeVar("AnyTask", Task, ReacherTask)
-LARGEST_SEED = 2**64 - 1
 RESET_MASK = "reset_mask"
 """What Gymnasium calls the option that says which games begin anew."""
-
-
-def some_seed() -> int:
-    """A seed from the operating system."""
-    return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
 
 
 def checked_autoreset(mode: str | AutoresetMode) -> AutoresetMode:
@@ -37,7 +29,7 @@ def checked_autoreset(mode: str | AutoresetMode) -> AutoresetMode:
     raise ValueError(f"autoreset_mode={mode!r}; one of {names}, as gymnasium.vector.AutoresetMode")
 
 
-def limited(task: AnyTask, max_episode_steps: int | None) -> AnyTask:
+def limited(task: Any, max_episode_steps: int | None) -> Any:
     """The task, its episodes cut off after `max_episode_steps` if that is earlier.
 
     As Gymnasium's TimeLimit it only shortens episodes; what lengthens them is `max_steps`.
@@ -113,7 +105,7 @@ class LockstepVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             "render_fps": render_fps,
         }
         self.render_mode = render_mode
-        self._first_seed = None if seed is None else whole("seed", seed, 0, LARGEST_SEED)
+        self._first_seed = None if seed is None else checked_seed(seed)
         self._seeded = False
         self._over = np.zeros(self.num_envs, dtype=bool)
 
@@ -165,7 +157,7 @@ class LockstepVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         """
         chosen, options = self._chosen(options)
         listed = None if seed is None or is_whole(seed) else self._checked_seeds(seed)
-        first = None if seed is None or listed is not None else whole("seed", seed, 0, LARGEST_SEED)
+        first = None if seed is None or listed is not None else checked_seed(seed)
         if not self._seeded and first is None and (listed is None or None in listed):
             first = some_seed() if self._first_seed is None else self._first_seed
         with left_alone(self.simulator, ~chosen):
@@ -196,7 +188,7 @@ class LockstepVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             raise ValueError(f"seed={seeds!r}; give one integer, or a list of one for each game")
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed: {len(seeds)} seeds for {self.num_envs} games; one for each")
-        return [None if each is None else whole("seed", each, 0, LARGEST_SEED) for each in seeds]
+        return [None if each is None else checked_seed(each) for each in seeds]
 
     def _begin_each(self, seeds: list[int | None], others: int | None, options: Any) -> None:
         """Give game i the streams of a single game that is seeded with `seeds[i]`, and begin."""

@@ -141,6 +141,7 @@ def make_env(
     observation: str = "one_hot",
     render_mode: str | None = None,
     mask_bumps: bool = False,
+    mask_in_observation: bool = False,
     **settings: Any,
 ) -> SingleAgentEnv:
     """Any agent of any named task as a Gymnasium environment, with scripted opponents by default.
@@ -151,13 +152,18 @@ def make_env(
         observation: one of `pursuit.observations.ENCODINGS`.
         render_mode: None, "ansi", "rgb_array" or "human".
         mask_bumps: infos hold an "action_mask" that forbids moves into walls.
+        mask_in_observation: observations are {"observation", "action_mask"}.
         **settings: maze, opponent_epsilon (share of random moves of the scripted agents, 0 by
             default), opponent (for all other roles: a `Policy`, astar, random, optimal, or
             package.module:Name of your own), and those of `pursuit.Task`.
     """
     arguments = single_agent_arguments(task, agent, **settings)
     return SingleAgentEnv(
-        **arguments, observation=observation, render_mode=render_mode, mask_bumps=mask_bumps
+        **arguments,
+        observation=observation,
+        render_mode=render_mode,
+        mask_bumps=mask_bumps,
+        mask_in_observation=mask_in_observation,
     )
 
 
@@ -170,6 +176,7 @@ def make_vector_env(
     seed: int | None = None,
     mask_bumps: bool = False,
     autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
+    mask_in_observation: bool = False,
     max_episode_steps: int | None = None,
     **settings: Any,
 ) -> SingleAgentVectorEnv:
@@ -187,6 +194,7 @@ def make_vector_env(
         seed=seed,
         mask_bumps=mask_bumps,
         autoreset_mode=autoreset_mode,
+        mask_in_observation=mask_in_observation,
     )
 
 

@@ -18,7 +18,8 @@ from pursuit.reacher.rendering import draw_arm, scene_of, scene_to_text
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask, make_reacher_task
 from pursuit.rendering import Window
-from pursuit.vector_env import LockstepVectorEnv, limited, some_seed
+from pursuit.seeds import checked_seed, some_seed
+from pursuit.vector_env import LockstepVectorEnv, limited
 
 RENDER_FPS = 20
 
@@ -143,7 +144,7 @@ class ReacherEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
             ValueError: a seed out of range, or options that make no start; nothing is changed then.
         """
         if seed is not None:
-            seed = whole("seed", seed, 0, 2**64 - 1)
+            seed = checked_seed(seed)
         elif not self._seeded:
             seed = some_seed()
         begin(self.simulator, seed, options)
