@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -22,7 +24,9 @@ pytestmark = pytest.mark.filterwarnings("ignore:PettingZoo in TorchRL is tested"
 def run(title: str) -> dict[str, Any]:
     """What the blocks of a section leave behind, after the imports and settings before them."""
     before = [SECTIONS["An own PPO"][0], *SECTIONS["Gymnasium"]]
-    names: dict[str, Any] = {"__name__": "page"}
+    page = ModuleType("page")
+    sys.modules[page.__name__] = page  # some libraries pickle the classes that they are given
+    names = vars(page)
     for block in SECTIONS[title] if title == "An own PPO" else [*before, *SECTIONS[title]]:
         needed = re.match(r"# needs: (\S+)\n", block)
         if needed:
@@ -141,7 +145,7 @@ def test_tianshou() -> None:
     assert 1 <= sum(names["observed"]["mask"]) < 4
     # Masks reach the learner: of masked games it takes no forbidden action.
     envs = names["DummyVectorEnv"](
-        [lambda: names["PettingZooEnv"](names["maze_v0"].env(maze="3x3", **names["masked"]))] * 2
+        [lambda: names["PettingZooEnv"](names["maze_v0"].env(**names["game"]))] * 2
     )
     buffer = names["VectorReplayBuffer"](400, 2)
     played = names["Collector"](names["learner"], envs, buffer)
