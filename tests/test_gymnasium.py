@@ -183,6 +183,7 @@ def test_nothing_returned_is_overwritten_later() -> None:
                 assert np.array_equal(old, new)
 
 
+@pytest.mark.skipif(gymnasium.__version__ == "1.2.2", reason="it counts wrong with SAME_STEP")
 def test_episode_statistics_of_gymnasium_agree_with_ours() -> None:
     settings: dict[str, Any] = {"num_envs": 6, "maze": "3x3", "max_steps": 20}
     plain = gymnasium.make_vec(IDS[0], **settings)
