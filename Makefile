@@ -1,12 +1,13 @@
-# `make train` and `make test` do all the set-up that they need: a virtual environment in .venv with
-# the pinned packages of constraints.txt.
+# `make train` and `make test` do all the set-up that they need, and no more: a virtual environment in
+# .venv with the pinned packages of constraints.txt.
 PYTHON ?= python3
 BIN := .venv/bin
+TRAINS := .venv/.trains
 SETUP := .venv/.complete
 
 .PHONY: setup train test test-all lint bench campaign clean
 
-train: $(SETUP)
+train: $(TRAINS)
 	$(BIN)/pursuit train --task chase --role chaser --maze 5x5 --seconds 30
 
 test: $(SETUP)
@@ -40,9 +41,13 @@ setup: $(SETUP)
 
 # Made anew whenever the pins change; the last line marks it complete, so that an interrupted
 # installation is taken up again. Nothing is changed where Python is too old.
-$(SETUP): pyproject.toml constraints.txt
+$(TRAINS): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"pursuit needs Python 3.11 or newer; {sys.executable} is {v.major}.{v.minor}. Try: make PYTHON=python3.11")'
 	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $(TRAINS)
+
+$(SETUP): $(TRAINS)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $(SETUP)
 

@@ -2,8 +2,8 @@
 
 Importing this package registers the Gymnasium ids `pursuit/Chaser-v0`, `pursuit/Evader-v0`,
 `pursuit/Maze-v0` and `pursuit/Reacher-v0`, and the PettingZoo ids `pursuit/chase-v0`,
-`pursuit/maze-v0`, `pursuit/race-v0`, `pursuit/heist-v0` and `pursuit/reacher-v0`. The names that
-`__init__.pyi` lists are imported on first use, so that this stays quick.
+`pursuit/maze-v0`, `pursuit/race-v0`, `pursuit/heist-v0` and `pursuit/reacher-v0`, both "parallel"
+and "aec". The names that `__init__.pyi` lists are imported on first use, so that this stays quick.
 """
 
 import gymnasium
@@ -29,6 +29,6 @@ gymnasium.register(
 )
 if hasattr(pettingzoo, "register"):  # PettingZoo has a registry since 1.27
     for _task in ("chase", "maze", "race", "heist", "reacher"):
-        pettingzoo.register(
-            "parallel", f"pursuit/{_task}-v0", entry_point=f"pursuit.{_task}_v0:parallel_env"
-        )
+        for _type, _maker in (("parallel", "parallel_env"), ("aec", "env")):
+            _entry = f"pursuit.{_task}_v0:{_maker}"
+            pettingzoo.register(_type, f"pursuit/{_task}-v0", entry_point=_entry)

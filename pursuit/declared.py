@@ -135,6 +135,26 @@ def check_fields(settings: Any) -> None:
             object.__setattr__(settings, each.name, kept)
 
 
+def named_settings(function: str, settings: dict[str, Any], known: Sequence[str]) -> dict[str, Any]:
+    """`settings` by the names that are `known`; `max_cycles`, PettingZoo's name, is `max_steps`.
+
+    Raises:
+        TypeError: an unknown setting, as an unknown keyword is everywhere, or both names at once.
+    """
+    named = dict(settings)
+    if "max_cycles" in named:
+        if "max_steps" in named:
+            raise TypeError(f"{function}() got max_steps and max_cycles, which are one; give one")
+        named["max_steps"] = named.pop("max_cycles")
+    for setting in named:
+        if setting not in known:
+            raise TypeError(
+                f"{function}() got an unexpected keyword argument {setting!r}; the settings are "
+                f"{', '.join(known)}"
+            )
+    return named
+
+
 class FrozenDict(dict[Key, Value]):
     """A dict that never changes, and hashes by its content."""
 

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import warnings
 from functools import cache
+from typing import Any
 
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,6 +68,12 @@ def _masks_by_moves(num_actions: int) -> NDArray[np.bool_]:
     masks[:, 4:] = True
     masks[0] = True
     return masks
+
+
+def masked_space(observed: gymnasium.Space[Any], num_actions: int) -> gymnasium.spaces.Dict:
+    """The space of {"observation", "action_mask"}, for libraries that want the mask in there."""
+    mask = gymnasium.spaces.Box(0, 1, (num_actions,), np.int8)
+    return gymnasium.spaces.Dict({"observation": observed, ACTION_MASK: mask})
 
 
 def forbids_waiting(task: Task) -> bool:

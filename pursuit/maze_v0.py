@@ -1,8 +1,9 @@
 """PettingZoo module of the maze task: a runner collects all goals.
 
-`parallel_env(maze="5x5", observation="one_hot", render_mode=None, mask_bumps=False, **settings)`;
-the settings are those of `pursuit.Task`: num_chasers, num_evaders, num_runners, num_goals,
-max_steps, stay_action, move_order, start, min_start_distance, rewards.
+`parallel_env(maze="5x5", observation="one_hot", render_mode=None, mask_bumps=False,
+mask_in_observation=False, **settings)`; the settings are those of `pursuit.Task`: num_chasers,
+num_evaders, num_runners, num_goals, max_steps (or max_cycles), stay_action, move_order, start,
+min_start_distance, rewards.
 """
 
 from pursuit.parallel_env import environment_makers

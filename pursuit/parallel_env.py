@@ -12,20 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import wrappers
-from pettingzoo.utils.conversions import parallel_to_aec
 
 from pursuit.declared import truth
-from pursuit.masks import ACTION_MASK, action_masks, warn_of_masks
+from pursuit.masks import ACTION_MASK, action_masks, masked_space, warn_of_masks
 from pursuit.maze_arrays import lay_out
 from pursuit.rendering import AgentMark, Scene, Window, draw_scene, scene_to_text
+from pursuit.seeds import some_seed
 from pursuit.simulator import Simulator
 from pursuit.task import Task, checked_task, make_task
+from pursuit.turn_based import turn_based
 
 RENDER_MODES = ("ansi", "rgb_array", "human")
 RENDER_FPS = 5
 
 
-class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
+class PursuitParallelEnv(ParallelEnv[str, Any, int]):
     """One game of a task as a PettingZoo parallel environment.
 
     Agents are named "chaser_0", "evader_0", "runner_0", ...; a captured evader is terminated and
@@ -38,9 +39,15 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         mask_bumps: the info of each agent holds "action_mask", [actions] int8: 1 for the moves that
             change its cell and for staying, all 1 once it is captured or its game terminated. Many
             libraries apply it unasked; without the stay action it forbids waiting (with a warning).
+        mask_in_observation: observations are {"observation", "action_mask"}, as many libraries
+            want it; without `mask_bumps` the masks are all 1.
 
     Raises:
         ValueError: an unknown observation or render mode.
+
+    Attributes:
+        task, simulator: the game, and what plays it.
+        np_random: for wrappers that draw; seeded by `reset`, and never drawn from here.
     """
 
     metadata: dict[str, Any]
@@ -51,6 +58,7 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         observation: str = "one_hot",
         render_mode: str | None = None,
         mask_bumps: bool = False,
+        mask_in_observation: bool = False,
     ) -> None:
         checked_task(task)
         if render_mode is not None and render_mode not in RENDER_MODES:
@@ -69,18 +77,23 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
         self.agents: list[str] = []
         self._encoder = encoder = self.simulator.encoder(observation)
         action_space = gymnasium.spaces.Discrete(task.num_actions)
+        self.mask_in_observation = truth("mask_in_observation", mask_in_observation)
+        seen: gymnasium.Space[Any] = encoder.space
+        if self.mask_in_observation:
+            seen = masked_space(seen, task.num_actions)
         # A space of its own for every agent: spaces carry the random state of their samples.
-        self.observation_spaces = {name: deepcopy(encoder.space) for name in self.possible_agents}
+        self.observation_spaces = {name: deepcopy(seen) for name in self.possible_agents}
         self.action_spaces = {name: deepcopy(action_space) for name in self.possible_agents}
         entities = task.num_agents + task.num_goals
-        high = np.array([task.max_cells] * entities + [task.max_steps], dtype=np.int32)
-        self.state_space = gymnasium.spaces.Box(np.zeros_like(high), high, dtype=np.int32)
+        high = np.array([task.max_cells] * entities + [task.max_steps], dtype=np.float32)
+        self.state_space = gymnasium.spaces.Box(np.zeros_like(high), high, dtype=np.float32)
         self._seats = {name: seat for seat, name in enumerate(self.possible_agents)}
         self._actions = np.zeros((1, task.num_agents), dtype=np.int32)
         self.mask_bumps, self._world = truth("mask_bumps", mask_bumps), lay_out(task.mazes).world
         if self.mask_bumps:
             warn_of_masks(task)
         self._seeded = False
+        self.np_random = np.random.default_rng()
         self._window: Window | None = None
 
     def observation_space(self, agent: str) -> gymnasium.Space[Any]:
@@ -93,7 +106,7 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, NDArray[Any]], dict[str, dict[str, Any]]]:
+    ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         """Begin a new episode.
 
         Args:
@@ -106,8 +119,10 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
             ValueError: a seed out of range, or cells that make no start; nothing is changed then.
         """
         if seed is None and not self._seeded:
-            seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+            seed = some_seed()
         begin(self.simulator, seed, options)
+        if seed is not None:
+            self.np_random = np.random.default_rng(seed)
         self._seeded = True
         self.agents = self.possible_agents[:]
         if self.render_mode == "human":
@@ -117,17 +132,17 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
     def step(
         self, actions: Mapping[str, int]
     ) -> tuple[
-        dict[str, NDArray[Any]],
+        dict[str, Any],
         dict[str, float],
         dict[str, bool],
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """Move all agents at once.
+        """Move all agents at once; actions of agents that have been captured are ignored.
 
         Raises:
             ValueError: before the first reset; an active agent without an action, an action out of
-                range, or one for an agent that is not playing. Then nobody has moved.
+                range, or one for an agent that this task does not have. Then nobody has moved.
         """
         if not self.agents:
             if not self._seeded:
@@ -141,7 +156,7 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
                 chosen[self._seats[agent]] = index(actions[agent])
         except (KeyError, TypeError, ValueError):
             raise ValueError(self._explain(actions)) from None
-        if len(actions) != len(self.agents):
+        if len(actions) != len(self.agents) and not actions.keys() <= self._seats.keys():
             raise ValueError(self._explain(actions))
         simulator = self.simulator
         simulator.step(self._actions)
@@ -168,30 +183,46 @@ class PursuitParallelEnv(ParallelEnv[str, NDArray[Any], int]):
             if agent not in actions:
                 return f"no action for {agent}; every agent in env.agents needs one: {self.agents}"
         for agent, action in actions.items():
-            if agent not in self.agents:
+            if agent not in self._seats:
                 return f"an action for {agent!r}, who is not playing; env.agents is {self.agents}"
-            if not isinstance(action, (int, np.integer)):
+            if agent in self.agents and not isinstance(action, (int, np.integer)):
                 return f"the action of {agent} is {action!r}; give an integer"
         return f"actions {dict(actions)!r}; integers from 0 to {self.task.num_actions - 1}"
 
-    def _observations(self) -> dict[str, NDArray[Any]]:
+    def _observations(self) -> dict[str, Any]:
         observed = self._encoder.encode(self.simulator.games)[0]
-        return {agent: observed[self._seats[agent]] for agent in self.agents}
+        if not self.mask_in_observation:
+            return {agent: observed[self._seats[agent]] for agent in self.agents}
+        masks = self._masks()
+        return {
+            agent: {"observation": observed[seat], ACTION_MASK: masks[seat]}
+            for agent in self.agents
+            for seat in [self._seats[agent]]
+        }
 
     def _infos(self) -> dict[str, dict[str, Any]]:
         if not self.mask_bumps:
             return {agent: {} for agent in self.agents}
-        games, simulator = self.simulator.games, self.simulator
-        actions, over = self.task.num_actions, simulator.terminated
-        masks = action_masks(games, self._world, actions, terminated=over)[0].astype(np.int8)
+        masks = self._masks()
         return {agent: {ACTION_MASK: masks[self._seats[agent]]} for agent in self.agents}
 
-    def state(self) -> NDArray[np.int32]:
-        """int32 [agents + goals + 1]: 1 + cell of every agent and goal (0 when gone), the steps."""
+    def _masks(self) -> NDArray[np.int8]:
+        """[agents, actions], a fresh array: all 1 unless `mask_bumps`."""
+        simulator, actions = self.simulator, self.task.num_actions
+        if not self.mask_bumps:
+            return np.ones((self.task.num_agents, actions), dtype=np.int8)
+        masks = action_masks(simulator.games, self._world, actions, terminated=simulator.terminated)
+        return masks[0].astype(np.int8)
+
+    def state(self) -> NDArray[np.float32]:
+        """float32 [agents + goals + 1]: 1 + cell of all agents and goals (0 when gone), steps.
+
+        Whole numbers; the networks of central critics take floats.
+        """
         simulator = self.simulator
         agents = (simulator.positions[0] + 1) * simulator.active[0]
         return np.concatenate([agents, simulator.goals[0] + 1, simulator.steps[:1]]).astype(
-            np.int32
+            np.float32
         )
 
     def render(self) -> str | NDArray[np.uint8] | None:
@@ -251,8 +282,8 @@ def environment_makers(
     name: str,
 ) -> tuple[
     Callable[..., PursuitParallelEnv],
-    Callable[..., AECEnv[str, NDArray[Any], int]],
-    Callable[..., AECEnv[str, NDArray[Any], int]],
+    Callable[..., AECEnv[str, Any, int]],
+    Callable[..., AECEnv[str, Any, int]],
 ]:
     """The functions `parallel_env`, `raw_env` and `env` of the PettingZoo module of a task."""
 
@@ -261,17 +292,18 @@ def environment_makers(
         observation: str = "one_hot",
         render_mode: str | None = None,
         mask_bumps: bool = False,
+        mask_in_observation: bool = False,
         **settings: Any,
     ) -> PursuitParallelEnv:
         """The parallel environment; `settings` are those of `pursuit.Task`."""
         task = make_task(name, maze=maze, **settings)
-        return PursuitParallelEnv(task, observation, render_mode, mask_bumps)
+        return PursuitParallelEnv(task, observation, render_mode, mask_bumps, mask_in_observation)
 
-    def raw_env(**settings: Any) -> AECEnv[str, NDArray[Any], int]:
+    def raw_env(**settings: Any) -> AECEnv[str, Any, int]:
         """The turn-based environment without PettingZoo's safety wrappers."""
-        return parallel_to_aec(parallel_env(**settings))
+        return turn_based(parallel_env(**settings))
 
-    def env(**settings: Any) -> AECEnv[str, NDArray[Any], int]:
+    def env(**settings: Any) -> AECEnv[str, Any, int]:
         """The turn-based (AEC) environment, with PettingZoo's usual safety wrappers."""
         return wrappers.OrderEnforcingWrapper(
             wrappers.AssertOutOfBoundsWrapper(raw_env(**settings))

@@ -11,10 +11,10 @@ from typing import Any
 
 from pettingzoo import AECEnv
 from pettingzoo.utils import wrappers
-from pettingzoo.utils.conversions import parallel_to_aec
 
 from pursuit.reacher.parallel_env import ReacherParallelEnv
 from pursuit.reacher.task import make_reacher_task
+from pursuit.turn_based import turn_based
 
 __all__ = ["env", "parallel_env", "raw_env"]
 
@@ -31,7 +31,7 @@ def parallel_env(
 
 def raw_env(**settings: Any) -> AECEnv[str, Any, Any]:
     """The turn-based environment without PettingZoo's safety wrappers."""
-    return parallel_to_aec(parallel_env(**settings))
+    return turn_based(parallel_env(**settings))
 
 
 def env(**settings: Any) -> AECEnv[str, Any, Any]:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from operator import index
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from pursuit.declared import as_array, is_whole, truth, whole
+from pursuit.declared import as_array, truth, whole
 from pursuit.keys import Keys, maze_keys
-from pursuit.masks import ACTION_MASK, action_masks, warn_of_masks
+from pursuit.masks import ACTION_MASK, action_masks, masked_space, warn_of_masks
 from pursuit.maze_arrays import lay_out
 from pursuit.parallel_env import (
     RENDER_FPS,
@@ -26,8 +25,10 @@ from pursuit.parallel_env import (
 from pursuit.policy import Policy
 from pursuit.rendering import Window, draw_scene, scene_to_text
 from pursuit.rules.layout import World
+from pursuit.seeds import checked_seed, some_seed
 from pursuit.simulator import Simulator
 from pursuit.task import Task, checked_task
+from pursuit.vector_env import LockstepVectorEnv
 
 Policies = Mapping[str, Policy]
 
@@ -64,7 +65,7 @@ def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, lis
     return seat, filled
 
 
-class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
+class SingleAgentEnv(gymnasium.Env[Any, np.int64]):
     """One seat of one game as a Gymnasium environment.
 
     The episode ends with the game, or with the capture of your evader. Every action is legal.
@@ -77,6 +78,8 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         render_mode: None, "ansi", "rgb_array" or "human".
         mask_bumps: the info holds "action_mask", [actions] int8: 1 for the moves that change the
             cell and for staying. Without the stay action it forbids waiting (with a warning).
+        mask_in_observation: observations are {"observation", "action_mask"}, as many libraries
+            want it; without `mask_bumps` the mask is all 1.
 
     Raises:
         ValueError: an unknown agent, observation or render mode, or an empty seat.
@@ -90,6 +93,7 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         observation: str = "one_hot",
         render_mode: str | None = None,
         mask_bumps: bool = False,
+        mask_in_observation: bool = False,
     ) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise ValueError(
@@ -99,7 +103,11 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         self.render_mode, self.task, self.observation = render_mode, task, observation
         self.seat, self.policies = fill_seats(task, agent, policies)
         self.simulator = Simulator(task, auto_restart=False)
-        self.observation_space = self.simulator.encoder(observation).space
+        self.mask_in_observation = truth("mask_in_observation", mask_in_observation)
+        seen: gymnasium.Space[Any] = self.simulator.encoder(observation).space
+        if self.mask_in_observation:
+            seen = masked_space(seen, task.num_actions)
+        self.observation_space = seen
         self.action_space = gymnasium.spaces.Discrete(task.num_actions)
         self._actions = np.zeros((1, task.num_agents), dtype=np.int32)
         self.mask_bumps, self._world = truth("mask_bumps", mask_bumps), lay_out(task.mazes).world
@@ -110,25 +118,23 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[Any], dict[str, Any]]:
+    ) -> tuple[Any, dict[str, Any]]:
         """Begin a new episode; `options` may hold "positions" and "goals" to begin there.
 
         Where the task has several mazes, "maze" says in which: its number.
         """
         if seed is not None:
-            seed = whole("seed", seed, 0, 2**64 - 1)
+            seed = checked_seed(seed)
         elif not self._seeded:
-            seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+            seed = some_seed()
         begin(self.simulator, seed, options)
         super().reset(seed=seed)
         self._seeded = True
         if self.render_mode == "human":
             self.render()
-        return self.simulator.observe(self.observation, self.seat)[0], self._info()
+        return self._seen(), self._info()
 
-    def step(
-        self, action: np.int64 | int
-    ) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.int64 | int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Move your agent, and everybody else, by one step.
 
         Raises:
@@ -151,8 +157,14 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
         truncated = bool(simulator.truncated[0]) and not captured
         if self.render_mode == "human":
             self.render()
-        observed = simulator.observe(self.observation, self.seat)[0]
-        return observed, float(simulator.rewards[0, self.seat]), terminated, truncated, self._info()
+        reward = float(simulator.rewards[0, self.seat])
+        return self._seen(), reward, terminated, truncated, self._info()
+
+    def _seen(self) -> Any:
+        observed = self.simulator.observe(self.observation, self.seat)[0]
+        if not self.mask_in_observation:
+            return observed
+        return {"observation": observed, ACTION_MASK: self.action_masks().astype(np.int8)}
 
     def _info(self) -> dict[str, Any]:
         return {ACTION_MASK: self.action_masks().astype(np.int8)} if self.mask_bumps else {}
@@ -178,14 +190,10 @@ class SingleAgentEnv(gymnasium.Env[NDArray[Any], np.int64]):
             self._window = None
 
 
-class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
+class SingleAgentVectorEnv(LockstepVectorEnv):
     """One seat of many games as a Gymnasium vector environment; the `Simulator` underneath.
 
-    A game that ends restarts in the same step (`AutoresetMode.SAME_STEP`): the returned
-    observation is the first of the new episode, and `infos["final_obs"]` [num_envs, ...] holds the
-    last of the old one where the mask `infos["_final_obs"]` is True. `infos["episode_return"]` and
-    `infos["episode_length"]` [num_envs] hold its return and length under masks of the same kind.
-    (Not "episode", the key that Gymnasium's `RecordEpisodeStatistics` claims for itself.)
+    How games begin anew, and what the infos then hold, says `pursuit.vector_env`.
 
     Args:
         task: the rules and settings.
@@ -193,13 +201,19 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
         policies: whoever fills the other seats, by name or role.
         num_envs: games in the batch.
         observation: one of `pursuit.observations.ENCODINGS`.
+        render_mode: None, "ansi" or "rgb_array".
         seed: of the first reset, if that names none.
         mask_bumps: `infos["action_mask"]`, [num_envs, actions] int8, is 1 for the moves that change
             the cell and for staying. Without the stay action it forbids waiting (with a warning).
+        autoreset_mode: one of `gymnasium.vector.AutoresetMode`, or its name.
+        mask_in_observation: as in `SingleAgentEnv`.
 
     Raises:
-        ValueError: an unknown agent or observation, or an empty seat.
+        ValueError: an unknown agent, observation or mode, or an empty seat.
     """
+
+    simulator: Simulator
+    task: Task
 
     def __init__(
         self,
@@ -211,66 +225,28 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
         render_mode: str | None = None,
         seed: int | None = None,
         mask_bumps: bool = False,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
+        mask_in_observation: bool = False,
     ) -> None:
-        if render_mode not in (None, "rgb_array", "ansi"):
-            raise ValueError(f"render_mode {render_mode!r}; a batch draws 'rgb_array' or 'ansi'")
         num_envs = whole("num_envs", num_envs, 1, 2**63 - 1)
-        self.task, self.observation, self.num_envs = task, observation, num_envs
+        self.observation = observation
         self.seat, self.policies = fill_seats(task, agent, policies)
-        self.simulator = Simulator(task, num_envs, auto_restart=False)
-        self.single_observation_space = self.simulator.encoder(observation).space
-        self.single_action_space = gymnasium.spaces.Discrete(task.num_actions)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.metadata = {
-            "autoreset_mode": AutoresetMode.SAME_STEP,
-            "render_modes": ["ansi", "rgb_array"],
-            "render_fps": RENDER_FPS,
-        }
-        self.render_mode = render_mode
+        simulator = Simulator(task, num_envs, auto_restart=False)
+        self.mask_in_observation = truth("mask_in_observation", mask_in_observation)
+        seen: gymnasium.Space[Any] = simulator.encoder(observation).space
+        if self.mask_in_observation:
+            seen = masked_space(seen, task.num_actions)
+        actions = gymnasium.spaces.Discrete(task.num_actions)
+        super().__init__(simulator, seen, actions, render_mode, RENDER_FPS, seed, autoreset_mode)
         self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)
         self.mask_bumps, self._world = truth("mask_bumps", mask_bumps), lay_out(task.mazes).world
         if self.mask_bumps:
             warn_of_masks(task)
-        self._first_seed = seed
-        self._seeded = False
 
-    def reset(
-        self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[Any], dict[str, Any]]:
-        """Begin new episodes in all games; game i belongs to (seed, i).
+    def _begin(self, seed: int | None, options: Any) -> None:
+        begin(self.simulator, seed, options)
 
-        Raises:
-            ValueError: a list of seeds (the games of one seed are independent already).
-        """
-        if seed is not None and not is_whole(seed):
-            raise ValueError(f"seed={seed!r}; give one integer: game i belongs to (seed, i)")
-        if seed is None and not self._seeded:
-            seed = self._first_seed
-            if seed is None:
-                seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
-        begin(self.simulator, None if seed is None else whole("seed", seed, 0, 2**64 - 1), options)
-        self._seeded = True
-        return self.simulator.observe(self.observation, self.seat), self._infos()
-
-    def step(
-        self, actions: NDArray[Any]
-    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Move your agent in every game.
-
-        Args:
-            actions: [num_envs] integers.
-
-        Returns:
-            observations [num_envs, ...], rewards [num_envs] float32, terminations and truncations
-            [num_envs] bool, infos.
-
-        Raises:
-            ValueError: before the first reset, a wrong shape or dtype, or an action out of range;
-                then nobody has moved.
-        """
-        if not self._seeded:
-            raise ValueError("step before reset; call reset() first")
+    def _advance(self, actions: Any) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
         simulator, own = self.simulator, as_array("actions", actions, "iu", "give integers")
         if own.shape != (self.num_envs,) or own.dtype.kind not in "iu":
             raise ValueError(
@@ -284,26 +260,21 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
         simulator.act(self.policies, self._actions)
         self._actions[:, self.seat] = own
         simulator.step(self._actions)
-        rewards = simulator.rewards[:, self.seat].copy()
         terminations, truncations = simulator.terminated.copy(), simulator.truncated.copy()
         if self.task.num_evaders > 1:
             captured = simulator.active[:, self.seat] == 0
             terminations |= captured
             truncations &= ~captured
-        ended = terminations | truncations
-        if not ended.any():
-            return self._observe(), rewards, terminations, truncations, self._infos()
-        infos: dict[str, Any] = {
-            "final_obs": self._observe(),
-            "episode_return": np.where(ended, simulator.returns[:, self.seat], 0.0),
-            "episode_length": np.where(ended, simulator.steps, 0),
-            **{f"_{key}": ended for key in ("final_obs", "episode_return", "episode_length")},
-        }
-        simulator.reset(games=ended)
-        return self._observe(), rewards, terminations, truncations, {**self._infos(), **infos}
+        return simulator.rewards[:, self.seat].copy(), terminations, truncations
 
-    def _observe(self) -> NDArray[Any]:
-        return self.simulator.observe(self.observation, self.seat)
+    def _observe(self) -> Any:
+        observed = self.simulator.observe(self.observation, self.seat)
+        if not self.mask_in_observation:
+            return observed
+        return {"observation": observed, ACTION_MASK: self.action_masks().astype(np.int8)}
+
+    def _returns(self) -> NDArray[np.float64]:
+        return self.simulator.returns[:, self.seat]
 
     def _infos(self) -> dict[str, Any]:
         return {ACTION_MASK: self.action_masks().astype(np.int8)} if self.mask_bumps else {}
@@ -312,12 +283,9 @@ class SingleAgentVectorEnv(gymnasium.vector.VectorEnv[NDArray[Any], NDArray[Any]
         """[num_envs, actions] bool, for sb3-contrib: all True unless `mask_bumps`."""
         return _masks_of(self.simulator, self._world, self.seat, self.mask_bumps)
 
-    def render(self) -> Any:
-        """A tuple of one text or picture per game, as the render mode asks; None without one."""
-        if self.render_mode is None:
-            return None
+    def _draw(self, game: int) -> Any:
         draw: Any = scene_to_text if self.render_mode == "ansi" else draw_scene
-        return tuple(draw(scene_of(self.simulator, game)) for game in range(self.num_envs))
+        return draw(scene_of(self.simulator, game))
 
 
 def _masks_of(simulator: Simulator, world: World, seat: int, mask_bumps: bool) -> NDArray[np.bool_]:

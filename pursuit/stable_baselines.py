@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import gymnasium
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -20,23 +21,30 @@ class BatchedGames(Protocol):
     """What is used of a `SingleAgentVectorEnv` or a `ReacherVectorEnv`."""
 
     num_envs: int
+    metadata: dict[str, Any]
     render_mode: str | None
     single_observation_space: gymnasium.Space[Any]
     single_action_space: gymnasium.Space[Any]
 
-    def reset(self, *, seed: int | None = None) -> tuple[NDArray[Any], dict[str, Any]]:
+    def reset(self, *, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
         """The first observations, and infos."""
         ...
 
     def step(
         self, actions: NDArray[Any]
-    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    ) -> tuple[Any, NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Games that end restart in the same step; see `SingleAgentVectorEnv` for the infos."""
         ...
 
     def render(self) -> Any:
         """A picture of every game, or None."""
         ...
+
+
+def _row(observations: Any, game: Any) -> Any:
+    if isinstance(observations, dict):
+        return {key: values[game] for key, values in observations.items()}
+    return observations[game]
 
 
 class StableBaselinesVecEnv(VecEnv):
@@ -49,16 +57,22 @@ class StableBaselinesVecEnv(VecEnv):
 
     Args:
         env: the vector environment, as `gymnasium.make_vec("pursuit/Chaser-v0").unwrapped` gives.
+
+    Raises:
+        ValueError: one whose games do not begin anew in the step that ends them.
     """
 
     def __init__(self, env: BatchedGames) -> None:
+        mode = env.metadata["autoreset_mode"]
+        if mode is not AutoresetMode.SAME_STEP:
+            raise ValueError(f"autoreset_mode={mode.name}; Stable-Baselines3 needs SAME_STEP")
         self.env = env
         self.render_mode = env.render_mode
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self._next_seed: int | None = None
 
-    def reset(self) -> NDArray[Any]:
-        """[num_envs, ...] the first observations."""
+    def reset(self) -> Any:
+        """[num_envs, ...] the first observations; a dict of such with `mask_in_observation`."""
         seed, self._next_seed = self._next_seed, None
         observations, _ = self.env.reset(seed=seed)
         return observations
@@ -72,7 +86,7 @@ class StableBaselinesVecEnv(VecEnv):
         """Keep the actions for `step_wait`."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[Any, NDArray[Any], NDArray[Any], list[dict[str, Any]]]:
         """Observations, rewards, dones and infos of all games."""
         observations, rewards, terminations, truncations, infos = self.env.step(self._actions)
         dones = terminations | truncations
@@ -81,7 +95,7 @@ class StableBaselinesVecEnv(VecEnv):
             listed = [{ACTION_MASK: mask} for mask in infos[ACTION_MASK]]
         for game in np.flatnonzero(dones):
             listed[game] |= {
-                "terminal_observation": infos["final_obs"][game],
+                "terminal_observation": _row(infos["final_obs"], game),
                 "TimeLimit.truncated": bool(truncations[game]),
                 "episode": {
                     "r": float(infos["episode_return"][game]),

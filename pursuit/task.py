@@ -19,6 +19,7 @@ from pursuit.declared import (
     declared,
     flag,
     is_whole,
+    named_settings,
     one_of,
 )
 from pursuit.maze import Maze, load_maze
@@ -273,16 +274,13 @@ TASK_NAMES = tuple(_NAMED)
 def make_task(name: str, **settings: Any) -> Task:
     """The named task ("chase", "maze", "race" or "heist") with `settings` of `Task` changed.
 
+    `max_cycles` is PettingZoo's name of `max_steps`.
+
     Raises:
         ValueError: an unknown name, or settings that make no game.
         TypeError: an unknown setting, as an unknown keyword is everywhere.
     """
     one_of("task", name, TASK_NAMES)
     known = [field.name for field in fields(Task) if field.name != "name"]
-    for setting in settings:
-        if setting not in known:
-            raise TypeError(
-                f"make_task() got an unexpected keyword argument {setting!r}; the settings are "
-                f"{', '.join(known)}"
-            )
+    settings = named_settings("make_task", settings, known)
     return replace(_NAMED[name](), **settings)

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from gymnasium.vector import AutoresetMode
+
 from pursuit.declared import one_of
 from pursuit.parts import Registry, is_reference
 from pursuit.policy import Policy
 from pursuit.single_agent import SingleAgentEnv, SingleAgentVectorEnv
 from pursuit.task import ROLES, Task, make_task
+from pursuit.vector_env import limited
 from scripted_agents.best_response import MoveOrder
 from scripted_agents.chaser import AStarChaser
 from scripted_agents.evader import AStarEvader
@@ -138,6 +141,7 @@ def make_env(
     observation: str = "one_hot",
     render_mode: str | None = None,
     mask_bumps: bool = False,
+    mask_in_observation: bool = False,
     **settings: Any,
 ) -> SingleAgentEnv:
     """Any agent of any named task as a Gymnasium environment, with scripted opponents by default.
@@ -148,13 +152,18 @@ def make_env(
         observation: one of `pursuit.observations.ENCODINGS`.
         render_mode: None, "ansi", "rgb_array" or "human".
         mask_bumps: infos hold an "action_mask" that forbids moves into walls.
+        mask_in_observation: observations are {"observation", "action_mask"}.
         **settings: maze, opponent_epsilon (share of random moves of the scripted agents, 0 by
             default), opponent (for all other roles: a `Policy`, astar, random, optimal, or
             package.module:Name of your own), and those of `pursuit.Task`.
     """
     arguments = single_agent_arguments(task, agent, **settings)
     return SingleAgentEnv(
-        **arguments, observation=observation, render_mode=render_mode, mask_bumps=mask_bumps
+        **arguments,
+        observation=observation,
+        render_mode=render_mode,
+        mask_bumps=mask_bumps,
+        mask_in_observation=mask_in_observation,
     )
 
 
@@ -166,10 +175,17 @@ def make_vector_env(
     render_mode: str | None = None,
     seed: int | None = None,
     mask_bumps: bool = False,
+    autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
+    mask_in_observation: bool = False,
+    max_episode_steps: int | None = None,
     **settings: Any,
 ) -> SingleAgentVectorEnv:
-    """`make_env` for `num_envs` games in lockstep."""
+    """`make_env` for `num_envs` games in lockstep.
+
+    `max_episode_steps` cuts episodes off earlier than the task does, as Gymnasium's TimeLimit.
+    """
     arguments = single_agent_arguments(task, agent, **settings)
+    arguments["task"] = limited(arguments["task"], max_episode_steps)
     return SingleAgentVectorEnv(
         **arguments,
         num_envs=num_envs,
@@ -177,6 +193,8 @@ def make_vector_env(
         render_mode=render_mode,
         seed=seed,
         mask_bumps=mask_bumps,
+        autoreset_mode=autoreset_mode,
+        mask_in_observation=mask_in_observation,
     )
 
 

@@ -117,7 +117,7 @@ def one_mask(env: Broken, actions: dict[str, int]) -> Any:
 
 
 def one_state(env: Broken) -> Any:
-    buffer = env.memory.setdefault("state", np.zeros(env.state_space.shape, dtype=np.int32))
+    buffer = env.memory.setdefault("state", np.zeros(env.state_space.shape, dtype=np.float32))
     buffer[:] = PursuitParallelEnv.state(env)
     return buffer
 
@@ -333,10 +333,10 @@ BROKEN: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "state out of bounds": (
         {"state": lambda env: PursuitParallelEnv.state(env) - 3},
-        r"reset: state\(\) has -\d at \(\d,\); its space goes from 0",
+        r"reset: state\(\) has -\d.0 at \(\d,\); its space goes from 0",
     ),
     "state of another dtype": (
         {"state": lambda env: PursuitParallelEnv.state(env).astype(float)},
-        r"reset: state\(\) has dtype float64; its space has int32",
+        r"reset: state\(\) has dtype float64; its space has float32",
     ),
 }

@@ -208,9 +208,14 @@ def test_a_captured_evader_leaves_and_the_game_goes_on() -> None:
     assert not any(truncations.values())
     assert (rewards["chaser_0"], rewards["evader_0"], rewards["evader_1"]) == (1.0, -1.0, 1.0)
     assert env.agents == ["chaser_0", "evader_1"] and set(observations) == set(terminations)
-    with pytest.raises(ValueError, match="'evader_0', who is not playing"):
-        env.step({"chaser_0": EAST, "evader_0": NORTH, "evader_1": EAST})
-    *_, terminations, _, _ = env.step({"chaser_0": EAST, "evader_1": WEST})
+    before = env.state()
+    with pytest.raises(ValueError, match="'ghost', who is not playing"):
+        env.step({"chaser_0": EAST, "ghost": NORTH, "evader_1": EAST})
+    with pytest.raises(ValueError, match="the action of chaser_0 is None"):
+        env.step({"evader_0": None, "chaser_0": None, "evader_1": EAST})
+    assert (env.state() == before).all()
+    # Many libraries give every possible agent an action, whoever is left: those are ignored.
+    *_, terminations, _, _ = env.step({"chaser_0": EAST, "evader_0": 77, "evader_1": WEST})
     assert terminations == {"chaser_0": True, "evader_1": True} and env.agents == []
     assert env.step({}) == ({}, {}, {}, {}, {})
 

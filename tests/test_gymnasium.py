@@ -183,6 +183,7 @@ def test_nothing_returned_is_overwritten_later() -> None:
                 assert np.array_equal(old, new)
 
 
+@pytest.mark.skipif(gymnasium.__version__ == "1.2.2", reason="it counts wrong with SAME_STEP")
 def test_episode_statistics_of_gymnasium_agree_with_ours() -> None:
     settings: dict[str, Any] = {"num_envs": 6, "maze": "3x3", "max_steps": 20}
     plain = gymnasium.make_vec(IDS[0], **settings)
@@ -377,11 +378,6 @@ def test_wrong_actions_move_nobody(actions: Any) -> None:
     zeros = np.zeros(2, dtype=int)
     for _ in range(10):
         assert (envs.step(zeros)[0] == untouched.step(zeros)[0]).all()
-
-
-def test_a_list_of_seeds_is_refused() -> None:
-    with pytest.raises(ValueError, match="give one integer"):
-        make_vector_env("chase", "chaser", 2).reset(seed=[1, 2])
 
 
 def test_resets_without_a_seed_go_on_and_differ() -> None:

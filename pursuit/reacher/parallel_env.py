@@ -16,9 +16,10 @@ from pursuit.parallel_env import RENDER_MODES
 from pursuit.reacher.observations import ENCODINGS, space_of
 from pursuit.reacher.rules import ROUNDING
 from pursuit.reacher.simulator import ReacherSimulator
-from pursuit.reacher.single_agent import RENDER_FPS, begin, checked_mode, render_arm, some_seed
+from pursuit.reacher.single_agent import RENDER_FPS, begin, checked_mode, render_arm
 from pursuit.reacher.task import ReacherTask
 from pursuit.rendering import Window
+from pursuit.seeds import some_seed
 
 
 class ReacherParallelEnv(ParallelEnv[str, NDArray[np.float32], Any]):
@@ -39,6 +40,10 @@ class ReacherParallelEnv(ParallelEnv[str, NDArray[np.float32], Any]):
 
     Raises:
         ValueError: an unknown observation or render mode.
+
+    Attributes:
+        task, simulator: the arm, and what moves it.
+        np_random: for wrappers that draw; seeded by `reset`, and never drawn from here.
     """
 
     metadata: dict[str, Any]
@@ -86,6 +91,7 @@ class ReacherParallelEnv(ParallelEnv[str, NDArray[np.float32], Any]):
         self._observed[:, self._seen :] = np.eye(task.joints)[:, : len(own)]
         self._turns = np.zeros((1, task.joints))
         self._seeded = False
+        self.np_random = np.random.default_rng()
         self._window: Window | None = None
 
     def observation_space(self, agent: str) -> gymnasium.Space[Any]:
@@ -107,6 +113,8 @@ class ReacherParallelEnv(ParallelEnv[str, NDArray[np.float32], Any]):
         if seed is None and not self._seeded:
             seed = some_seed()
         begin(self.simulator, seed, options)
+        if seed is not None:
+            self.np_random = np.random.default_rng(seed)
         self._seeded = True
         self.agents = self.possible_agents[:]
         if self.render_mode == "human":

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import deepcopy
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.declared import as_array, is_whole, one_of, whole
+from pursuit.declared import as_array, one_of, whole
 from pursuit.keys import Keys
 from pursuit.parallel_env import RENDER_MODES
 from pursuit.reacher.keys import arm_keys
@@ -21,6 +20,8 @@ from pursuit.reacher.rendering import draw_arm, scene_of, scene_to_text
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask, make_reacher_task
 from pursuit.rendering import Window
+from pursuit.seeds import checked_seed, some_seed
+from pursuit.vector_env import LockstepVectorEnv, limited
 
 RENDER_FPS = 20
 
@@ -74,11 +75,6 @@ def begin(simulator: ReacherSimulator, seed: int | None, options: Any) -> None:
         raise ValueError(f"options={options!r}; give both angles and target, or neither")
     else:
         simulator.place(options["angles"], options["target"], seed)
-
-
-def some_seed() -> int:
-    """A seed from the operating system."""
-    return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
 
 
 def checked_mode(render_mode: str | None) -> str | None:
@@ -150,7 +146,7 @@ class ReacherEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
             ValueError: a seed out of range, or options that make no start; nothing is changed then.
         """
         if seed is not None:
-            seed = whole("seed", seed, 0, 2**64 - 1)
+            seed = checked_seed(seed)
         elif not self._seeded:
             seed = some_seed()
         begin(self.simulator, seed, options)
@@ -196,13 +192,11 @@ class ReacherEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
             self._window = None
 
 
-class ReacherVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
+class ReacherVectorEnv(LockstepVectorEnv):
     """Many arms as a Gymnasium vector environment; the `ReacherSimulator` underneath.
 
-    An arm that ends its episode restarts in the same step (`AutoresetMode.SAME_STEP`): the returned
-    observation is the first of the new episode, and `infos["final_obs"]` [num_envs, ...] holds the
-    last of the old one where the mask `infos["_final_obs"]` is True. `infos["episode_return"]` and
-    `infos["episode_length"]` [num_envs] hold its return and length under masks of the same kind.
+    How arms begin anew, and what the infos then hold, says `pursuit.vector_env`. Actions are
+    [num_envs, joints], as for `ReacherEnv`.
 
     Args:
         task: the rules and settings.
@@ -210,10 +204,14 @@ class ReacherVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], NDArray[A
         observation: one of `pursuit.reacher.observations.ENCODINGS`.
         render_mode: None, "ansi" or "rgb_array".
         seed: of the first reset, if that names none.
+        autoreset_mode: one of `gymnasium.vector.AutoresetMode`, or its name.
 
     Raises:
-        ValueError: an unknown observation or render mode, or a number of arms that cannot be.
+        ValueError: an unknown observation or mode, or a number of arms that cannot be.
     """
+
+    simulator: ReacherSimulator
+    task: ReacherTask
 
     def __init__(
         self,
@@ -222,88 +220,32 @@ class ReacherVectorEnv(gymnasium.vector.VectorEnv[NDArray[np.float32], NDArray[A
         observation: str = "positions",
         render_mode: str | None = None,
         seed: int | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
     ) -> None:
-        if render_mode not in (None, "rgb_array", "ansi"):
-            raise ValueError(f"render_mode {render_mode!r}; a batch draws 'rgb_array' or 'ansi'")
         num_envs = whole("num_envs", num_envs, 1, 2**63 - 1)
         self.observation = one_of("observation", observation, ENCODINGS)
-        self.render_mode, self.num_envs = render_mode, num_envs
-        self.simulator = ReacherSimulator(task, num_envs, auto_restart=False)
-        self.task = task
-        self.single_observation_space = deepcopy(space_of(task, observation))
-        self.single_action_space = action_space_of(task)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.metadata = {
-            "autoreset_mode": AutoresetMode.SAME_STEP,
-            "render_modes": ["ansi", "rgb_array"],
-            "render_fps": RENDER_FPS,
-        }
-        self._first_seed = None if seed is None else whole("seed", seed, 0, 2**64 - 1)
-        self._seeded = False
+        simulator = ReacherSimulator(task, num_envs, auto_restart=False)
+        seen, actions = deepcopy(space_of(task, observation)), action_space_of(task)
+        super().__init__(simulator, seen, actions, render_mode, RENDER_FPS, seed, autoreset_mode)
 
-    def reset(
-        self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Begin new episodes in all arms; arm i belongs to (seed, i).
+    def _begin(self, seed: int | None, options: Any) -> None:
+        begin(self.simulator, seed, options)
 
-        The options are those of `ReacherEnv.reset`, for all arms or with a row for each.
-
-        Raises:
-            ValueError: a list of seeds (the arms of one seed are independent already), or options
-                that make no start.
-        """
-        if seed is not None and not is_whole(seed):
-            raise ValueError(f"seed={seed!r}; give one integer: arm i belongs to (seed, i)")
-        if seed is None and not self._seeded:
-            seed = some_seed() if self._first_seed is None else self._first_seed
-        begin(self.simulator, None if seed is None else whole("seed", seed, 0, 2**64 - 1), options)
-        self._seeded = True
-        return self.simulator.observe(self.observation), {}
-
-    def step(
-        self, actions: ArrayLike
-    ) -> tuple[
-        NDArray[np.float32], NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
-    ]:
-        """Turn the joints of every arm.
-
-        Args:
-            actions: [num_envs, joints], as for `ReacherEnv`.
-
-        Returns:
-            observations [num_envs, numbers] float32, rewards [num_envs] float32, terminations and
-            truncations [num_envs] bool, infos.
-
-        Raises:
-            ValueError: before the first reset, a wrong shape or dtype, or an action out of range;
-                then no arm has moved.
-        """
-        if not self._seeded:
-            raise ValueError("step before reset; call reset() first")
+    def _advance(self, actions: Any) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
         simulator = self.simulator
         take_step(simulator, actions, (self.num_envs, self.task.joints))
-        rewards = simulator.rewards.copy()
         terminations, truncations = simulator.terminated.copy(), simulator.truncated.copy()
-        ended = terminations | truncations
-        observed = simulator.observe(self.observation)
-        if not ended.any():
-            return observed, rewards, terminations, truncations, {}
-        infos: dict[str, Any] = {
-            "final_obs": observed,
-            "episode_return": np.where(ended, simulator.returns, 0.0),
-            "episode_length": np.where(ended, simulator.steps, 0),
-            **{f"_{key}": ended for key in ("final_obs", "episode_return", "episode_length")},
-        }
-        simulator.reset(games=ended)
-        return simulator.observe(self.observation), rewards, terminations, truncations, infos
+        return simulator.rewards.copy(), terminations, truncations
 
-    def render(self) -> Any:
-        """A tuple of one text or picture per arm, as the render mode asks; None without one."""
-        if self.render_mode is None:
-            return None
+    def _observe(self) -> NDArray[np.float32]:
+        return self.simulator.observe(self.observation)
+
+    def _returns(self) -> NDArray[np.float64]:
+        return self.simulator.returns
+
+    def _draw(self, game: int) -> Any:
         draw: Any = scene_to_text if self.render_mode == "ansi" else draw_arm
-        return tuple(draw(scene_of(self.simulator, arm)) for arm in range(self.num_envs))
+        return draw(scene_of(self.simulator, game))
 
 
 def reacher_env(
@@ -318,8 +260,13 @@ def reacher_vector_env(
     observation: str = "positions",
     render_mode: str | None = None,
     seed: int | None = None,
+    autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
+    max_episode_steps: int | None = None,
     **settings: Any,
 ) -> ReacherVectorEnv:
-    """`pursuit/Reacher-v0`, vectorised over the `ReacherSimulator`."""
-    task = make_reacher_task(**settings)
-    return ReacherVectorEnv(task, num_envs, observation, render_mode, seed)
+    """`pursuit/Reacher-v0`, vectorised over the `ReacherSimulator`.
+
+    `max_episode_steps` cuts episodes off earlier than the task does, as Gymnasium's TimeLimit.
+    """
+    task = limited(make_reacher_task(**settings), max_episode_steps)
+    return ReacherVectorEnv(task, num_envs, observation, render_mode, seed, autoreset_mode)

@@ -15,6 +15,7 @@ from pursuit.declared import (
     count,
     declared,
     flag,
+    named_settings,
     number,
     whole,
     whole_numbers,
@@ -149,15 +150,11 @@ class ReacherTask:
 def make_reacher_task(**settings: Any) -> ReacherTask:
     """The arm with `settings` of `ReacherTask` changed.
 
+    `max_cycles` is PettingZoo's name of `max_steps`.
+
     Raises:
         ValueError: settings that make no game.
         TypeError: an unknown setting, as an unknown keyword is everywhere.
     """
     known = [field.name for field in fields(ReacherTask)]
-    for setting in settings:
-        if setting not in known:
-            raise TypeError(
-                f"make_reacher_task() got an unexpected keyword argument {setting!r}; the settings "
-                f"are {', '.join(known)}"
-            )
-    return ReacherTask(**settings)
+    return ReacherTask(**named_settings("make_reacher_task", settings, known))

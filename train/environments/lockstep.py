@@ -31,6 +31,9 @@ class LockstepEnv(EnvBase):
         hook: changes the next episodes.
         members: k.
 
+    Raises:
+        ValueError: a simulator that restarts games by itself: what an episode ended with is gone.
+
     Attributes:
         simulator, hook, members: the arguments.
         num_games: in the batch.
@@ -45,6 +48,11 @@ class LockstepEnv(EnvBase):
     carries_over = False
 
     def __init__(self, simulator: Any, hook: EpisodeHook | None = None, members: int = 1) -> None:
+        if simulator.auto_restart:
+            raise ValueError(
+                "this simulator restarts games by itself, so that nobody sees how they ended; make "
+                f"it with {type(simulator).__name__}(..., auto_restart=False)"
+            )
         batch = simulator.num_games * members
         super().__init__(device="cpu", batch_size=[batch])
         self.simulator, self.hook, self.members = simulator, hook or EpisodeHook(), members

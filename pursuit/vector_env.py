@@ -1,0 +1,271 @@
+"""What Gymnasium's vector environments over both simulators share: seeds, ends and restarts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from pursuit.declared import is_whole, whole
+from pursuit.seeds import checked_seed, some_seed
+
+RESET_MASK = "reset_mask"
+"""What Gymnasium calls the option that says which games begin anew."""
+
+
+def checked_autoreset(mode: str | AutoresetMode) -> AutoresetMode:
+    """`mode`, itself or by its name or value; ValueError for another."""
+    for known in AutoresetMode:
+        if mode is known or (isinstance(mode, str) and mode in (known.name, known.value)):
+            return known
+    names = ", ".join(known.name for known in AutoresetMode)
+    raise ValueError(f"autoreset_mode={mode!r}; one of {names}, as gymnasium.vector.AutoresetMode")
+
+
+def limited(task: Any, max_episode_steps: int | None) -> Any:
+    """The task, its episodes cut off after `max_episode_steps` if that is earlier.
+
+    As Gymnasium's TimeLimit it only shortens episodes; what lengthens them is `max_steps`.
+    """
+    if max_episode_steps is None or whole("max_episode_steps", max_episode_steps, 1) >= (
+        task.max_steps
+    ):
+        return task
+    return replace(task, max_steps=int(max_episode_steps))
+
+
+@contextmanager
+def left_alone(simulator: Any, games: NDArray[np.bool_]) -> Iterator[None]:
+    """Whatever is done inside, the games of the mask stand afterwards as they stood before."""
+    if not games.any():
+        yield
+        return
+    state, seed = simulator.get_state(games), simulator.last_seed
+    yield
+    simulator.set_state(state, games)
+    simulator.last_seed = seed
+
+
+class LockstepVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
+    """A batch of games of a simulator, of which a game that has ended begins anew as is asked.
+
+    `autoreset_mode` is one of Gymnasium's:
+
+    - SAME_STEP: in the step that ends it. The observation is the first of the new episode, and
+      `infos["final_obs"]` [num_envs, ...] holds the last of the old one where the mask
+      `infos["_final_obs"]` is True.
+    - NEXT_STEP: in the step after that, which ignores its action and brings a reward of 0.
+    - DISABLED: in `reset(options={"reset_mask": mask})`; to step before that is an error.
+
+    In all of them `infos["episode_return"]` and `infos["episode_length"]` [num_envs] hold return
+    and length of the episodes that end, under masks of the same kind. (Not "episode", the key that
+    Gymnasium's `RecordEpisodeStatistics` claims for itself.)
+
+    A world's own environment says what a step does (`_advance`) and what is seen (`_observe`).
+
+    Args:
+        simulator: made with `auto_restart=False`.
+        observed, actions: the spaces of one game.
+        render_mode: None, "rgb_array" or "ansi".
+        render_fps: pictures per second.
+        seed: of the first reset, if that names none.
+        autoreset_mode: one of `gymnasium.vector.AutoresetMode`, or its name.
+
+    Raises:
+        ValueError: another render mode, seed or autoreset mode.
+    """
+
+    def __init__(
+        self,
+        simulator: Any,
+        observed: gymnasium.Space[Any],
+        actions: gymnasium.Space[Any],
+        render_mode: str | None,
+        render_fps: int,
+        seed: int | None,
+        autoreset_mode: str | AutoresetMode,
+    ) -> None:
+        if render_mode not in (None, "rgb_array", "ansi"):
+            raise ValueError(f"render_mode {render_mode!r}; a batch draws 'rgb_array' or 'ansi'")
+        self.autoreset_mode = checked_autoreset(autoreset_mode)
+        self.simulator, self.task, self.num_envs = simulator, simulator.task, simulator.num_games
+        self.single_observation_space, self.single_action_space = observed, actions
+        self.observation_space = batch_space(observed, self.num_envs)
+        self.action_space = batch_space(actions, self.num_envs)
+        self.metadata = {
+            "autoreset_mode": self.autoreset_mode,
+            "render_modes": ["ansi", "rgb_array"],
+            "render_fps": render_fps,
+        }
+        self.render_mode = render_mode
+        self._first_seed = None if seed is None else checked_seed(seed)
+        self._seeded = False
+        self._over = np.zeros(self.num_envs, dtype=bool)
+
+    # -- what a world says -----------------------------------------------------------------------
+
+    def _begin(self, seed: int | None, options: Any) -> None:
+        """Begin new episodes in all games; ValueError for options that make no start."""
+        raise NotImplementedError
+
+    def _advance(self, actions: Any) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Rewards, terminations and truncations [num_envs] of one step, fresh arrays."""
+        raise NotImplementedError
+
+    def _observe(self) -> Any:
+        """[num_envs, ...] what is observed now, fresh arrays."""
+        raise NotImplementedError
+
+    def _returns(self) -> NDArray[np.float64]:
+        """[num_envs] the sum of rewards of every episode so far."""
+        raise NotImplementedError
+
+    def _infos(self) -> dict[str, Any]:
+        """The infos of every reset and step."""
+        return {}
+
+    def _draw(self, game: int) -> Any:
+        """One game as the render mode asks."""
+        raise NotImplementedError
+
+    # -- what follows ----------------------------------------------------------------------------
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin new episodes in all games, or in those of `options["reset_mask"]` [num_envs] bool.
+
+        Args:
+            seed: with one integer game i belongs to (seed, i). A list has one for each game, which
+                then plays as a single environment does that is reset with that seed; the streams of
+                games whose seed is None go on.
+            options: others are those of the single environment, for all games or a row for each.
+
+        Raises:
+            ValueError: a seed or mask that cannot be, or options that make no start; nothing is
+                changed then.
+        """
+        chosen, options = self._chosen(options)
+        listed = None if seed is None or is_whole(seed) else self._checked_seeds(seed)
+        first = None if seed is None or listed is not None else checked_seed(seed)
+        if not self._seeded and first is None and (listed is None or None in listed):
+            first = some_seed() if self._first_seed is None else self._first_seed
+        with left_alone(self.simulator, ~chosen):
+            if listed is None:
+                self._begin(first, options)
+            else:
+                self._begin_each(listed, first, options)
+        own = first if listed is None else next((each for each in listed if each is not None), None)
+        super().reset(seed=own)  # np_random, which is there for wrappers
+        self._over[chosen] = False
+        self._seeded = True
+        return self._observe(), self._infos()
+
+    def _chosen(self, options: Any) -> tuple[NDArray[np.bool_], Any]:
+        """Which games begin anew, and the options without the mask that says so."""
+        every = np.ones(self.num_envs, dtype=bool)
+        if not isinstance(options, dict) or RESET_MASK not in options:
+            return every, options
+        mask = np.asarray(options[RESET_MASK])
+        if mask.dtype != np.bool_ or mask.shape != every.shape:
+            raise ValueError(f"reset_mask={mask!r}; give an array of {self.num_envs} bools")
+        if not self._seeded and not mask.all():
+            raise ValueError("reset_mask before the first reset; call reset() for all games first")
+        return mask, {key: value for key, value in options.items() if key != RESET_MASK}
+
+    def _checked_seeds(self, seeds: Any) -> list[int | None]:
+        if not isinstance(seeds, (Sequence, np.ndarray)) or isinstance(seeds, (str, bytes)):
+            raise ValueError(f"seed={seeds!r}; give one integer, or a list of one for each game")
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed: {len(seeds)} seeds for {self.num_envs} games; one for each")
+        return [None if each is None else checked_seed(each) for each in seeds]
+
+    def _begin_each(self, seeds: list[int | None], others: int | None, options: Any) -> None:
+        """Give game i the streams of a single game that is seeded with `seeds[i]`, and begin."""
+        simulator, given = self.simulator, np.array([seed is not None for seed in seeds])
+        before, alone = simulator.get_state(), type(simulator)(self.task)
+        if others is not None:
+            simulator.seed(others)
+        simulator.seed(0, given)  # whatever else a seed does: a kept pose is drawn anew
+        for game in np.flatnonzero(given):
+            alone.seed(seeds[game])
+            simulator.streams[game] = alone.streams[0]
+        try:
+            self._begin(None, options)
+        except ValueError:
+            simulator.set_state(before)
+            raise
+
+    def step(
+        self, actions: Any
+    ) -> tuple[Any, NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """One step of every game.
+
+        Args:
+            actions: as `action_space` has them.
+
+        Returns:
+            observations [num_envs, ...], rewards [num_envs] float32, terminations and truncations
+            [num_envs] bool, infos.
+
+        Raises:
+            ValueError: before the first reset, a wrong shape or dtype, an action out of range, or,
+                with autoreset DISABLED, a game that is over; then nothing has moved.
+        """
+        if not self._seeded:
+            raise ValueError("step before reset; call reset() first")
+        simulator, waiting = self.simulator, self._over
+        if self.autoreset_mode is AutoresetMode.DISABLED and waiting.any():
+            raise ValueError(
+                f"game {np.flatnonzero(waiting)[0]} is over and autoreset_mode is DISABLED; call "
+                "reset(options={'reset_mask': terminations | truncations}) first"
+            )
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP and waiting.any():
+            rewards, terminations, truncations = self._advance_others(actions, waiting)
+        else:
+            rewards, terminations, truncations = self._advance(actions)
+        ended = terminations | truncations
+        infos: dict[str, Any] = {}
+        if ended.any():
+            infos["episode_return"] = np.where(ended, self._returns(), 0.0)
+            infos["episode_length"] = np.where(ended, simulator.steps, 0)
+            if self.autoreset_mode is AutoresetMode.SAME_STEP:
+                infos["final_obs"] = self._observe()
+                simulator.reset(games=ended)
+            infos |= {f"_{key}": ended.copy() for key in infos}
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            self._over = ended
+        return self._observe(), rewards, terminations, truncations, {**self._infos(), **infos}
+
+    def _advance_others(
+        self, actions: Any, waiting: NDArray[np.bool_]
+    ) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Begin new episodes in the games of the mask `waiting`, and move the others."""
+        simulator = self.simulator
+        over = simulator.get_state(waiting)
+        simulator.reset(games=waiting)
+        try:
+            with left_alone(simulator, waiting):
+                results = self._advance(actions)
+        except ValueError:
+            simulator.set_state(over, waiting)
+            raise
+        for array in results:
+            array[waiting] = 0
+        return results
+
+    def render(self) -> Any:
+        """A tuple of one text or picture per game, as the render mode asks; None without one."""
+        if self.render_mode is None:
+            return None
+        return tuple(self._draw(game) for game in range(self.num_envs))
