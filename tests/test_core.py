@@ -23,7 +23,6 @@ BLOCKED = (
     "stable_baselines3",
     "pandas",
     "rich",
-    "msgspec",
     "filelock",
 )
 """What `requirements-core.txt` leaves out of the default installation, and what comes with it."""
