@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SETUP := .venv/.complete
 
-.PHONY: setup train test test-all lint bench campaign clean
+.PHONY: setup train test test-all lint docs bench campaign clean
 
 train: $(SETUP)
 	$(BIN)/pursuit train --task chase --role chaser --maze 5x5 --seconds 30
@@ -20,6 +20,13 @@ lint: $(SETUP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# Every example of the pages and every notebook runs first; then links, anchors and names are strict.
+docs: $(SETUP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(BIN)/python -m pytest -m "slow or not slow" tests/test_docs.py tests/test_notebooks.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@echo "open build/docs/index.html"
 
 bench: $(SETUP)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[bench]'
