@@ -47,7 +47,7 @@ def add_notebook(notebook: Path, files: Files, config: Any) -> None:
     body, resources = MarkdownExporter().from_notebook_node(
         nbformat.read(notebook, as_version=4), {"unique_key": notebook.stem}
     )
-    body = re.sub(r"!\[png\]\(([^)]+)\)", rf"![A figure of this notebook](\1)", body)
+    body = re.sub(r"!\[png\]\(([^)]+)\)", r"![A figure of this notebook](\1)", body)
     for name, content in resources["outputs"].items():
         files.append(File.generated(config, f"notebooks/{Path(name).name}", content=content))
         body = body.replace(name, Path(name).name)
