@@ -1,6 +1,6 @@
 """The pictures of the environments' pages: scripted agents at play, from fixed seeds.
 
-    python docs/make_pictures.py      # writes docs/environments/*.gif and docs/favicon.png
+python docs/make_pictures.py      # writes docs/environments/*.gif and docs/favicon.png
 """
 
 from __future__ import annotations

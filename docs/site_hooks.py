@@ -56,5 +56,7 @@ def add_notebook(notebook: Path, files: Files, config: Any) -> None:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Links to notebooks lead to their pages, but for those on the pages themselves."""
+    """Links to notebooks lead to their pages, and those to files beside docs/ to theirs."""
+    for name, page in FROM_THE_ROOT.items():
+        markdown = markdown.replace(f"](../{name}", f"]({page}")
     return re.sub(r"\]\(((?:\.\./)?notebooks/\w+)\.ipynb\)", r"](\1.md)", markdown)

@@ -51,7 +51,9 @@ def renewed(text: str) -> str:
 def rows(head: tuple[str, ...], body: list[tuple[str, ...]]) -> str:
     """A table in Markdown."""
     lines = [head, ("---",) * len(head), *body]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+    return "\n".join(
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines
+    )
 
 
 def module_of(name: str) -> Any:
@@ -66,7 +68,9 @@ def described(*sources: Any) -> dict[str, str]:
     """What docstrings say of arguments, by name; the first that says something counts."""
     found: dict[str, str] = {}
     for source in sources:
-        for parameter in docstring_parser.parse(source.__doc__ or "", docstring_parser.DocstringStyle.GOOGLE).params:
+        for parameter in docstring_parser.parse(
+            source.__doc__ or "", docstring_parser.DocstringStyle.GOOGLE
+        ).params:
             for name in re.split(r",\s*", parameter.arg_name):
                 found.setdefault(name, " ".join((parameter.description or "").split()))
     return found
@@ -127,7 +131,11 @@ def gymnasium_arguments(name: str) -> str:
         made = (arm_single.reacher_env, arm_single.reacher_vector_env)
         sources: tuple[Any, ...] = (arm_single.ReacherEnv, arm_single.ReacherVectorEnv)
     else:
-        made = (environments.make_env, environments.single_agent_arguments, environments.make_vector_env)
+        made = (
+            environments.make_env,
+            environments.single_agent_arguments,
+            environments.make_vector_env,
+        )
         sources = (environments.single_agent_arguments, environments.make_env, SingleAgentVectorEnv)
     return argument_rows(own_parameters(*made), described(*sources, *made))
 
@@ -147,7 +155,10 @@ def facts(name: str) -> str:
             ("Gymnasium", ids or f'`scripted_agents.environments.make_env("{name}", agent)`'),
             ("Agents", ", ".join(f"`{agent}`" for agent in env.possible_agents)),
             ("Actions", f"`{space(env.action_space(agent))}`"),
-            ("Observation", f'`observation="{env.observation}"`: `{space(env.observation_space(agent))}`'),
+            (
+                "Observation",
+                f'`observation="{env.observation}"`: `{space(env.observation_space(agent))}`',
+            ),
             ("State", f"`{space(env.state_space)}`"),
             ("Ends", f"truncated after {env.task.max_steps} steps"),
         ],
@@ -200,7 +211,9 @@ def rewards(name: str) -> str:
             schemes = {f"{name}'s own (default)": task.role_rewards[role], **schemes}
         for scheme, paid in schemes.items():
             mark = " (default)" if scheme == task.rewards else ""
-            numbers = [f"{getattr(paid, f.name):g}" for f in fields(paid) if f.name != "on_completion"]
+            numbers = [
+                f"{getattr(paid, f.name):g}" for f in fields(paid) if f.name != "on_completion"
+            ]
             when = "only when it ends the game" if paid.on_completion else "at once"
             body.append((role, scheme + mark, *numbers, when))
     return rows(("role", "scheme", "step", "capture", "goal", "distance", "events pay"), body)
