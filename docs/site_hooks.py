@@ -60,3 +60,26 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     for name, page in FROM_THE_ROOT.items():
         markdown = markdown.replace(f"](../{name}", f"]({page}")
     return re.sub(r"\]\(((?:\.\./)?notebooks/\w+)\.ipynb\)", r"](\1.md)", markdown)
+
+
+SHIM = "https://unpkg.com/iframe-worker/shim"
+"""What the theme would load from elsewhere for searching in pages opened from the disk."""
+
+
+def on_post_page(output: str, page: Any, **_: Any) -> str:
+    """Nothing is loaded from elsewhere: docs/file_worker.js does what the theme's script does.
+
+    Raises:
+        ValueError: the page would load something else from the network.
+    """
+    output = output.replace(SHIM, f"{'../' * page.url.count('/')}file_worker.js")
+    if found := re.search(r"<(?:script|img|iframe|source)[^>]+src=\"?(https?:[^\" >]*)", output):
+        raise ValueError(f"{page.file.src_uri}: would load {found[1]}; keep a copy in docs/")
+    if found := re.search(r"<link[^>]+stylesheet[^>]+href=\"?(https?:[^\" >]*)", output):
+        raise ValueError(f"{page.file.src_uri}: would load {found[1]}; keep a copy in docs/")
+    return output
+
+
+def on_post_template(output_content: str, **_: Any) -> str:
+    """The same for the page that says that there is none."""
+    return output_content.replace(SHIM, "/file_worker.js")
