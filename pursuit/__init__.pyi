@@ -16,6 +16,8 @@ from .reacher.simulator import ReacherSimulator as ReacherSimulator
 from .reacher.single_agent import ReacherEnv as ReacherEnv
 from .reacher.single_agent import ReacherVectorEnv as ReacherVectorEnv
 from .reacher.task import ReacherTask as ReacherTask
+from .recorder import Recorder as Recorder
+from .replay import Replay as Replay
 from .simulator import Simulator as Simulator
 from .single_agent import SingleAgentEnv as SingleAgentEnv
 from .single_agent import SingleAgentVectorEnv as SingleAgentVectorEnv

@@ -1,5 +1,6 @@
 """Whoever plays without learning: heuristics and exact solvers."""
 
+from scripted_agents.action_values import ActionValues, action_values
 from scripted_agents.arm import (
     IK_METHODS,
     InverseKinematics,
@@ -10,6 +11,7 @@ from scripted_agents.arm import (
 from scripted_agents.astar import shortest_path
 from scripted_agents.best_response import (
     BestResponse,
+    PairValues,
     best_response,
     evaluate_exactly,
     mean_over_starts,
@@ -59,6 +61,7 @@ __all__ = [
     "IK_METHODS",
     "AStarChaser",
     "AStarEvader",
+    "ActionValues",
     "BestResponder",
     "BestResponse",
     "ChaseSolution",
@@ -69,6 +72,7 @@ __all__ = [
     "NearestGoalRunner",
     "OptimalChaser",
     "OptimalEvader",
+    "PairValues",
     "RandomAgent",
     "RandomArm",
     "TablePolicy",
@@ -77,6 +81,7 @@ __all__ = [
     "Tour",
     "TourRunner",
     "TurnBasedSolution",
+    "action_values",
     "best_response",
     "best_team_response",
     "check_optimal",

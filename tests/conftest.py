@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -35,3 +37,34 @@ def without_tables(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Non
 
     yield begin
     lay_out.cache_clear()
+
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+
+
+def find_browser() -> str | None:
+    """A Chromium, named by PURSUIT_BROWSER or found on the path; None where there is none."""
+    named = os.environ.get("PURSUIT_BROWSER")
+    return named or next(filter(None, map(shutil.which, BROWSERS)), None)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """A headless Chromium, driven by Playwright; skips where there is none."""
+    sync_api = pytest.importorskip("playwright.sync_api")
+    path = find_browser()
+    if path is None:
+        pytest.skip(NO_BROWSER)
+    with sync_api.sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield opened
+        opened.close()
+
+
+NO_BROWSER = "no Chromium found: the pages were not driven in a browser (apt install chromium)"
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Say in one line that the pages were not looked at."""
+    if any(NO_BROWSER in str(r.longrepr) for r in terminalreporter.stats.get("skipped", [])):
+        terminalreporter.write_line(NO_BROWSER)

@@ -13,6 +13,7 @@ from train.algorithms.registry import entry
 from train.commands.parse import heard, parse
 from train.commands.scores import print_bounds, print_floor, print_scores
 from train.evaluation.arm_contest import ArmContest
+from train.evaluation.closeups import recorded
 from train.evaluation.floor import objective_floor
 from train.files import write_json
 from train.runs.loop import machine, versions
@@ -38,14 +39,20 @@ class EvaluateCommand:
     """Share of random moves of the opponents; that of the training if left out."""
     out: Path | None = None
     """Write the figures to this new .json file as well."""
+    replays: Path | None = None
+    """Write the first episodes, as the policy of the run plays them, to this new replay (.json)."""
+    replay_episodes: int = 10
+    """How many of them."""
 
 
 def evaluate(arguments: Sequence[str]) -> None:
     """`pursuit evaluate`."""
     given = parse(EvaluateCommand, arguments, "evaluate")
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
-    check(given.out is None or not given.out.exists(), f"{given.out}: exists already")
     check(given.run.is_dir(), f"{given.run}: no such folder")
+    for path in filter(None, (given.out, given.replays)):
+        check(not path.exists(), f"{path}: exists already")
+    check(given.replay_episodes >= 1, f"replay_episodes={given.replay_episodes}; at least 1")
     with heard():
         settings, policy = load_settings(given.run), load_policy(given.run)
     if given.opponent_epsilon is not None:
@@ -64,6 +71,11 @@ def evaluate(arguments: Sequence[str]) -> None:
         print_bounds(contest)
     floor = objective_floor(contest, settings.hyper.gamma)
     print_floor(floor, settings.hyper.gamma)
+    if given.replays is not None:
+        shown = load_policy(given.run, greedy=settings.evaluate == "greedy")
+        games = {f"episode {number + 1}": number for number in range(given.replay_episodes)}
+        path = recorded(contest, shown, games, settings.algorithm).save(given.replays)
+        print(f"replays: {path}; watch them with: pursuit view {path}")
     if given.out is not None:
         same = ("algorithm", "curriculum", "seed")
         content = {

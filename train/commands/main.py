@@ -29,6 +29,7 @@ COMMANDS = {
     "solve": "the exact game of a maze: value, mixed states, cop number, pictures",
     "baseline": "random, scripted and optimal agents on a task",
     "maze": "show, check or generate a maze",
+    "view": "a page that plays episodes of runs and replays, with the exact optimum laid over",
     "render": "a replay of a run, or of the scripted agents, as GIF or MP4",
     "bench": "how fast this machine plays and learns",
 }

@@ -19,6 +19,7 @@ from train.experiments.sweep_report import reduction
 from train.runs.folder import CURVE, SELF_PLAY
 from train.runs.loop import Run
 from train.self_play.pictures import draw_self_play
+from train.self_play.report import REPORT, write_self_play_report
 from train.settings.checks import check
 from train.settings.self_play import SelfPlaySettings
 
@@ -60,6 +61,7 @@ def self_play(arguments: Sequence[str]) -> None:
     content = carry_out(run, given.episodes, "pursuit self-play")
     title = f"Self-play on {task.mazes[0].name} ({sampling})"
     draw_self_play(run.folder / CURVE, run.metrics.rows, title)
+    write_self_play_report(run.folder, run.trainee, title, content)
     show(run, content)
     leave(run)
 
@@ -97,4 +99,4 @@ def show(run: Run, content: dict[str, Any]) -> None:
     for kind in ("exact", "approximate"):
         for name, steps in content.get(f"{kind}_best_response", {}).items():
             print(f"{kind} best response {name.replace('_', ' the ')}: {steps:.2f} steps")
-    print(f"results, curve and pool: {run.folder}")
+    print(f"results, curve, pool and {REPORT}: {run.folder}")

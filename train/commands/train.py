@@ -22,6 +22,8 @@ from train.runs.folder import CURVE, REPLAY, RUN
 from train.runs.loop import Run
 from train.runs.parts import setting_of
 from train.runs.pictures import draw_learning_curve, save_replay
+from train.runs.report import REPORT, write_report
+from train.runs.saved import load_settings
 from train.runs.single import SingleAgent
 from train.settings.algorithms import Hyperparameters
 from train.settings.checks import check
@@ -141,6 +143,7 @@ def show(run: Run, content: dict[str, Any]) -> None:
         teacher.describes if teacher is not None else "",
     )
     save_replay(run.folder / REPLAY, contest, trainee.policy)
+    write_report(run.folder, load_settings(run.folder), contest, trainee.policy, content)
     evaluation = content["evaluation"]
     if evaluation["optimality_gap"] is not None:
         how = "exactly" if evaluation["exact"] else "on the same starts"
@@ -150,4 +153,4 @@ def show(run: Run, content: dict[str, Any]) -> None:
             f"{100 * evaluation['optimality_gap']:+.2f} %"
         )
     print_floor(evaluation["objective_floor"], trainee.parts.hyper.gamma)
-    print(f"results, curve and replay: {run.folder}")
+    print(f"results, curve, replay and {REPORT}: {run.folder}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -214,11 +215,28 @@ class ArmContest:
         """What a person sees of some episodes, one after the other."""
         scenes: list[ArmScene] = []
         for episode in range(episodes):
-            arm = ReacherSimulator(self.task, 1, self.seed, episode, auto_restart=False)
             caption = f"episode {episode + 1} of {episodes}"
+            arm, play = self.game(policy, episode)
             scenes.append(scene_of(arm, caption=caption))
-            while not arm.ended.any():
-                arm.step(policy.act(arm.view()))
-                scenes.append(scene_of(arm, caption=caption))
+            scenes += [scene_of(arm, caption=caption) for _ in play]
             scenes.extend([scenes[-1]] * 3)
         return scenes
+
+    def game(self, policy: ArmPolicy, number: int) -> tuple[ReacherSimulator, Iterator[None]]:
+        """As `Contest`."""
+        arm = ReacherSimulator(self.task, 1, self.seed, number, auto_restart=False)
+
+        def play() -> Iterator[None]:
+            while not arm.ended.any():
+                arm.step(policy.act(arm.view()))
+                yield
+
+        return arm, play()
+
+    def lengths(self, policy: ArmPolicy) -> NDArray[np.float64]:
+        """As `Contest`."""
+        return self.play(policy)[0].astype(np.float64)
+
+    def optimal_lengths(self) -> NDArray[np.float64]:
+        """As `Contest`: the lower bounds."""
+        return self.bounds().lower.astype(np.float64)

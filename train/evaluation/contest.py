@@ -8,6 +8,7 @@ that are the same for everybody.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -22,6 +23,7 @@ from pursuit.single_agent import fill_seats
 from pursuit.task import ROLES, Task
 from scripted_agents import (
     BestResponse,
+    PairValues,
     RandomAgent,
     TablePolicy,
     TeamResponse,
@@ -107,6 +109,15 @@ class Contest(Protocol):
     def scenes(self, policy: Any, episodes: int = 3) -> list[Any]:
         """What a person sees of some episodes, one after the other, for `save_animation`."""
 
+    def game(self, policy: Any, number: int) -> tuple[Any, Iterator[None]]:
+        """The episode of that number: a simulator at its start, and what steps it to its end."""
+
+    def lengths(self, policy: Any) -> NDArray[np.float64]:
+        """[episodes], how long each takes this policy; expected ones where they are known."""
+
+    def optimal_lengths(self) -> NDArray[np.float64] | None:
+        """[episodes], the optimum of each start; None where it is not known."""
+
 
 @dataclass(frozen=True)
 class GameContest:
@@ -191,20 +202,24 @@ class GameContest:
         lengths, won = self.play(policy)
         mean, ci95, exact = float(lengths.mean()), half_width(lengths), False
         if self.is_exact and isinstance(policy, TabularPolicy):
-            task = self.task
-            tables = (table_in(task, policy), self.opponent_table())
-            values = evaluate_exactly(
-                task.mazes[0],
-                *(tables if self.role == "chaser" else tables[::-1]),
-                horizon=task.max_steps,
-                move_order=task.move_order,  # type: ignore[arg-type]
-            )
+            values, task = self._pair_values(policy), self.task
             mean = mean_over_starts(values, task.mazes[0], task.min_start_distance)
             ci95, exact = 0.0, True
         elif is_exact_team(self.task, self._with(policy)):
             team = evaluate_team(self.task, self._with(policy), self.task.max_steps)
             mean, ci95, exact = mean_over_team_starts(team, self.task), 0.0, True
         return Score(name, mean, ci95, float(won.mean()), len(lengths), exact)
+
+    def _pair_values(self, policy: Policy) -> PairValues:
+        """The expected lengths from every pair of cells, where `is_exact` with this policy."""
+        task = self.task
+        tables = (table_in(task, policy), self.opponent_table())
+        return evaluate_exactly(
+            task.mazes[0],
+            *(tables if self.role == "chaser" else tables[::-1]),
+            horizon=task.max_steps,
+            move_order=task.move_order,  # type: ignore[arg-type]
+        )
 
     def best_response(self, mask_bumps: bool = False) -> BestResponse | None:
         """The exact best response to the opponent, where `is_exact`."""
@@ -250,20 +265,27 @@ class GameContest:
             return Score("optimal", mean, 0.0, float(won.mean()), self.episodes, True)
         if best is not None:
             return self._score_of("optimal", best)
+        lengths = self._tours()
+        if lengths is None:
+            return None
+        share = float((lengths <= task.max_steps).mean())
+        if share == 0.0:  # every episode is cut off: everybody takes as long
+            return None
+        mean = float(np.minimum(lengths, task.max_steps).mean())
+        return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
+
+    def _tours(self) -> NDArray[np.int64] | None:
+        """[episodes], the shortest tour of each start; None where it is not known."""
+        task, simulator = self.task, self.starts()
         if (task.num_agents, task.num_runners) != (1, 1) or task.num_goals > MAX_EXACT_GOALS:
             return None
-        simulator = self.starts()
         lengths = np.zeros(self.episodes, dtype=np.int64)
         for number, maze in enumerate(task.mazes):
             here = simulator.maze_index == number
             if here.any():
                 starts, goals = simulator.positions[here, 0], simulator.goals[here]
                 lengths[here] = tour_lengths(maze, starts, goals)
-        share = float((lengths <= task.max_steps).mean())
-        if share == 0.0:  # every episode is cut off: everybody takes as long
-            return None
-        mean = float(np.minimum(lengths, task.max_steps).mean())
-        return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
+        return lengths
 
     def baselines(self) -> list[Score]:
         """Random, scripted (A* or nearest goal) and, where they are known, the optima."""
@@ -280,18 +302,43 @@ class GameContest:
 
     def scenes(self, policy: Policy, episodes: int = 3) -> list[Scene]:
         """What a person sees of some episodes, one after the other."""
-        task = self.task
-        seat, policies = fill_seats(task, self.agent, self.opponents)
-        policies[seat] = policy
         scenes: list[Scene] = []
-        actions = np.zeros((1, task.num_agents), dtype=np.int32)
         for episode in range(episodes):
-            simulator = Simulator(task, 1, self.seed, first_game=episode, auto_restart=False)
             caption = f"episode {episode + 1} of {episodes}"
+            simulator, play = self.game(policy, episode)
             scenes.append(scene_of(simulator, caption=caption))
+            scenes += [scene_of(simulator, caption=caption) for _ in play]
+            scenes.extend([scenes[-1]] * 3)
+        return scenes
+
+    def game(self, policy: Policy, number: int) -> tuple[Simulator, Iterator[None]]:
+        """As `Contest`."""
+        seat, policies = fill_seats(self.task, self.agent, self.opponents)
+        policies[seat] = policy
+        simulator = Simulator(self.task, 1, self.seed, first_game=number, auto_restart=False)
+
+        def play() -> Iterator[None]:
+            actions = np.zeros((1, self.task.num_agents), dtype=np.int32)
             while not simulator.ended.any():
                 simulator.act(policies, actions)
                 simulator.step(actions)
-                scenes.append(scene_of(simulator, caption=caption))
-            scenes.extend([scenes[-1]] * 3)
-        return scenes
+                yield
+
+        return simulator, play()
+
+    def lengths(self, policy: Policy) -> NDArray[np.float64]:
+        """As `Contest`: expected ones in a duel of tables."""
+        if self.is_exact and isinstance(policy, TabularPolicy):
+            values = self._pair_values(policy)
+            return np.asarray(values)[tuple(self.starts().positions.T)]
+        return self.play(policy)[0].astype(np.float64)
+
+    def optimal_lengths(self) -> NDArray[np.float64] | None:
+        """As `Contest`; for a duel and for a runner alone."""
+        best = self.best_response()
+        if best is not None:
+            return best.values[tuple(self.starts().positions.T)]
+        if (self.task.num_agents, self.task.num_runners) != (1, 1):
+            return None
+        tours = self._tours()
+        return None if tours is None else np.minimum(tours, self.task.max_steps).astype(np.float64)

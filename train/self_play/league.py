@@ -223,9 +223,12 @@ def rate(table: LeagueTable, seed: int = 0) -> dict[str, Any]:
             for n, name in enumerate(names)
         ]
         content[f"{role}_cycle"] = [names[n] for n in preference_cycle(wins)]
-    cycle = best_response_cycle(table.payoff, table.ci95)
-    content["cycle"] = [
-        ("chaser " + table.chasers[n]) if role == "chaser" else ("evader " + table.evaders[n])
-        for role, n in cycle
-    ]
+    content["cycle"] = cycle_of(table)
     return content
+
+
+def cycle_of(table: LeagueTable) -> list[str]:
+    """A circle in which each is the best response to the one before; empty where there is none."""
+    names = {"chaser": table.chasers, "evader": table.evaders}
+    cycle = best_response_cycle(table.payoff, table.ci95)
+    return [f"{role} {names[role][n]}" for role, n in cycle]

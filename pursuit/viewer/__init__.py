@@ -1,0 +1,1 @@
+"""The viewer: a self-contained page of plain JavaScript and SVG, for replays, reports, play."""

@@ -1,0 +1,163 @@
+// The board of a maze. A cell is a square of 10 units; cell (row, column) has its middle at
+// (10 column + 5, 10 row + 5).
+
+const MOVES = [[0, -1], [0, 1], [1, 0], [-1, 0], [0, 0]]; // x and y: north, south, east, west, stay
+const ACTIONS = ["north", "south", "east", "west", "stay"];
+
+class MazeBoard {
+  constructor(element, world) {
+    this.world = world;
+    const width = 10 * world.width, height = 10 * world.height;
+    element.setAttribute("viewBox", `-1 -1 ${width + 2} ${height + 2}`);
+    draw(element, "rect", { class: "floor", width, height });
+    const layer = (name) => draw(element, "g", { class: name });
+    this.layers = {};
+    for (const name of ["blocked", "values", "seen", "doors", "walls", "trails", "arrows", "goals", "agents"]) {
+      this.layers[name] = layer(name);
+    }
+    this.drawMaze(world);
+    this.squares = null;
+    this.arrows = null;
+    this.goals = Array.from({ length: world.num_goals }, () => token(this.layers.goals, "goal", ""));
+    const many = (role) => world.agents.filter((agent) => agent.role === role).length > 1;
+    this.agents = world.agents.map((agent) =>
+      token(this.layers.agents, agent.role, many(agent.role) ? agent.name.split("_").pop() : ""));
+    this.trails = world.agents.map((agent) => draw(this.layers.trails, "polyline", { class: `trail ${agent.role}` }));
+  }
+
+  drawMaze(world) {
+    const lines = world.walls.split("\n");
+    const at = (line, column) => (lines[line] || "")[column] || " ";
+    const walls = [], doors = [];
+    for (let line = 0; line < 2 * world.height + 1; line++) {
+      for (let column = 0; column < 2 * world.width + 1; column++) {
+        const x = 5 * column, y = 5 * line;
+        if (line % 2 === 1 && column % 2 === 1) {
+          if (at(line, column) === "#") draw(this.layers.blocked, "rect", { x: x - 5, y: y - 5, width: 10, height: 10 });
+        } else if (line % 2 === 1 || column % 2 === 1) {
+          const path = line % 2 === 0 ? `M${x - 5} ${y}h10` : `M${x} ${y - 5}v10`;
+          (at(line, column) === " " ? doors : walls).push(path);
+        }
+      }
+    }
+    draw(this.layers.doors, "path", { d: doors.join("") });
+    draw(this.layers.walls, "path", { d: walls.join("") });
+  }
+
+  middle(cell) {
+    const [row, column] = this.world.cells[cell];
+    return [10 * column + 5, 10 * row + 5];
+  }
+
+  // frame: {cells: [cell or -1], goals: [cell or -1]}; extras: {trails: [[cells]], values, arrows, seen}
+  show(frame, extras) {
+    const together = new Map();
+    frame.cells.forEach((cell) => together.set(cell, (together.get(cell) || 0) + 1));
+    const taken = new Map();
+    frame.cells.forEach((cell, number) => {
+      const gone = cell < 0;
+      const where = gone ? (extras.last || [])[number] : cell;
+      if (where === undefined || where < 0) return place(this.agents[number], { visibility: "hidden" });
+      const [x, y] = this.middle(where);
+      const count = together.get(cell), turn = taken.get(cell) || 0;
+      taken.set(cell, turn + 1);
+      const aside = !gone && count > 1 ? 2.2 * Math.cos((2 * Math.PI * turn) / count) : 0;
+      const down = !gone && count > 1 ? 2.2 * Math.sin((2 * Math.PI * turn) / count) : 0;
+      const scale = !gone && count > 1 ? " scale(0.7)" : "";
+      place(this.agents[number], {
+        visibility: "visible",
+        transform: `translate(${(x + aside).toFixed(2)} ${(y + down).toFixed(2)})${scale}`,
+      });
+      this.agents[number].classList.toggle("gone", gone);
+    });
+    this.goals.forEach((goal, number) => {
+      const cell = frame.goals[number];
+      if (cell === undefined || cell < 0) return place(goal, { visibility: "hidden" });
+      const [x, y] = this.middle(cell);
+      place(goal, { visibility: "visible", transform: `translate(${x} ${y})` });
+    });
+    this.trails.forEach((trail, number) => {
+      const cells = (extras.trails || [])[number] || [];
+      place(trail, { points: cells.map((cell) => this.middle(cell).join(",")).join(" ") });
+    });
+    this.showValues(extras.values || null);
+    this.showArrows(extras.arrows || null);
+    this.showSeen(extras.seen || null);
+  }
+
+  // values: {numbers: [value of every cell], low, high}
+  showValues(values) {
+    this.layers.values.setAttribute("visibility", values ? "visible" : "hidden");
+    if (!values) return;
+    if (!this.squares) {
+      this.squares = this.world.cells.map((_, cell) => {
+        const [x, y] = this.middle(cell);
+        const square = draw(this.layers.values, "rect", { x: x - 5, y: y - 5, width: 10, height: 10 });
+        return [square, draw(this.layers.values, "text", { x: x - 4.3, y: y - 2.2 })];
+      });
+    }
+    const span = Math.max(values.high - values.low, 1e-9);
+    values.numbers.forEach((value, cell) => {
+      const [square, text] = this.squares[cell];
+      const known = Number.isFinite(value);
+      square.style.fill = known ? shade((value - values.low) / span) : "none";
+      text.textContent = known ? value.toFixed(value < 9.95 ? 1 : 0) : "";
+    });
+  }
+
+  // arrows: {learned: [[probabilities of a cell] or null], optimal: [bits of a cell]}
+  showArrows(arrows) {
+    this.layers.arrows.setAttribute("visibility", arrows ? "visible" : "hidden");
+    if (!arrows) return;
+    if (!this.arrows) {
+      this.arrows = this.world.cells.map((_, cell) => {
+        const [x, y] = this.middle(cell);
+        const differs = draw(this.layers.arrows, "rect", { class: "differs", x: x - 4.4, y: y - 4.4, width: 8.8, height: 8.8 });
+        const optimal = draw(this.layers.arrows, "path", { class: "optimal" });
+        const learned = draw(this.layers.arrows, "path", { class: "learned" });
+        return { differs, optimal, learned };
+      });
+    }
+    this.world.cells.forEach((_, cell) => {
+      const marks = this.arrows[cell], [x, y] = this.middle(cell);
+      const bits = arrows.optimal ? arrows.optimal[cell] : 0;
+      const chances = arrows.learned ? arrows.learned[cell] : null;
+      place(marks.optimal, { d: MOVES.map((move, action) => (bits >> action) & 1 ? arrow(x, y, move, 4.2, 1) : "").join("") });
+      let best = -1;
+      if (chances) chances.forEach((chance, action) => { if (best < 0 || chance > chances[best]) best = action; });
+      place(marks.learned, {
+        d: best < 0 ? "" : arrow(x, y, MOVES[best], 3.2, -1),
+        opacity: best < 0 ? 0 : 0.35 + 0.65 * chances[best],
+      });
+      const wrong = best >= 0 && bits > 0 && !((bits >> best) & 1);
+      place(marks.differs, { visibility: wrong ? "inherit" : "hidden" });
+    });
+  }
+
+  // seen: [[plane, cell], ...], what the chosen agent observes
+  showSeen(seen) {
+    this.layers.seen.replaceChildren();
+    for (const [plane, cell] of seen || []) {
+      const [x, y] = this.middle(cell);
+      draw(this.layers.seen, "rect", { class: `plane plane-${plane % 4}`, x: x - 4.6, y: y - 4.6, width: 9.2, height: 9.2 });
+    }
+  }
+}
+
+// An arrow from the middle of a cell; those of the optimum are beside those that were learned.
+function arrow(x, y, [dx, dy], length, side) {
+  if (!dx && !dy) return `M${x - 1.2} ${y + side * 1.6}h2.4`;
+  const aside = 0.9 * side, ax = x - dy * aside, ay = y + dx * aside;
+  const tx = ax + dx * length, ty = ay + dy * length;
+  return `M${ax} ${ay}L${tx} ${ty}M${tx - 1.3 * dx - 1.1 * dy} ${ty - 1.3 * dy - 1.1 * dx}L${tx} ${ty}` +
+    `L${tx - 1.3 * dx + 1.1 * dy} ${ty - 1.3 * dy + 1.1 * dx}`;
+}
+
+// From dark blue (few steps) to yellow (many): cividis, which colour-blind readers see as others do.
+const CIVIDIS = [[0, 34, 78], [66, 78, 108], [123, 124, 120], [186, 173, 108], [254, 232, 56]];
+
+function shade(share) {
+  const at = Math.min(Math.max(share, 0), 1) * (CIVIDIS.length - 1);
+  const low = Math.min(Math.floor(at), CIVIDIS.length - 2), rest = at - low;
+  return `rgb(${CIVIDIS[low].map((part, i) => Math.round(part + rest * (CIVIDIS[low + 1][i] - part))).join(",")})`;
+}

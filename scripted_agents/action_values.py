@@ -1,0 +1,85 @@
+"""What every action of a duel is worth, and so all optimal ones, not just the first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pursuit.declared import whole
+from pursuit.maze import Maze
+from scripted_agents.best_response import MoveOrder, best_response, checked_table
+
+TIE = 1e-9
+"""Actions whose values differ by less, relative to them, are equally good."""
+
+
+@dataclass(frozen=True, eq=False)
+class ActionValues:
+    """The exact values of a duel for one side, by its own cell and the other's.
+
+    Attributes:
+        role: "chaser" or "evader", whose values these are.
+        steps: [own cell, other cell, action] float64, expected steps until capture after that
+            action, itself counted, when all that follows is best; cut at the horizon.
+        values: [own cell, other cell] float64, of the best action; 0 on the diagonal.
+        optimal: [own cell, other cell, action] bool, all actions that are best; none on the
+            diagonal.
+    """
+
+    role: str
+    steps: NDArray[np.float64]
+    values: NDArray[np.float64]
+    optimal: NDArray[np.bool_]
+
+
+def action_values(
+    role: Literal["chaser", "evader"],
+    maze: Maze,
+    opponent_table: ArrayLike,
+    horizon: int = 200,
+    stay_action: bool | None = None,
+    move_order: MoveOrder = "simultaneous",
+) -> ActionValues:
+    """The value of every action against an opponent that plays a table.
+
+    One step of Bellman's equation (1957) before `best_response` with one step less.
+
+    Args:
+        role, maze, opponent_table, stay_action, move_order: as for `best_response`.
+        horizon: steps after which the game is cut, 1 at least.
+
+    Raises:
+        ValueError: as `best_response`.
+    """
+    horizon = whole("horizon", horizon, 1, 2**31)
+    table = checked_table(maze, opponent_table, "opponent_table")
+    actions = table.shape[2] if stay_action is None else 4 + bool(stay_action)
+    cells, neighbors = maze.num_cells, maze.neighbors
+    own, other = np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij")
+    if horizon > 1:
+        rest = best_response(
+            role, maze, table, horizon - 1, stay_action=stay_action, move_order=move_order
+        ).values
+        later = rest if role == "chaser" else rest.T
+    else:
+        later = np.zeros((cells, cells))
+    steps = np.ones((cells, cells, actions))
+    for action in range(actions):
+        mine = neighbors[own, action]
+        for reply in range(table.shape[2]):
+            chance, theirs = table[other, own, reply], neighbors[other, reply]
+            caught = mine == theirs
+            if move_order == "simultaneous":
+                caught |= (mine == other) & (theirs == own)
+            elif role == "chaser":
+                caught |= mine == other
+            else:
+                caught |= theirs == own
+            steps[:, :, action] += np.where(caught, 0.0, chance * later[mine, theirs])
+    best = steps.min(axis=2) if role == "chaser" else steps.max(axis=2)
+    apart = own != other
+    optimal = (np.abs(steps - best[:, :, None]) <= TIE * best[:, :, None]) & apart[:, :, None]
+    return ActionValues(role, steps, np.where(apart, best, 0.0), optimal)

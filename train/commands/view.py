@@ -1,0 +1,116 @@
+"""`pursuit view`."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import webbrowser
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from pursuit.replay import Replay
+from pursuit.viewer.data import Builder, Extras
+from train.commands.parse import heard, parse
+from train.evaluation.closeups import recorded, sides_of
+from train.pages import PLAYER_ROOM, paragraph, write_page
+from train.runs.folder import RUN, load_results, read_config
+from train.runs.opponents import load_policy
+from train.runs.parts import contest_of
+from train.runs.report import REPORT, write_report
+from train.runs.saved import load_settings
+from train.settings.checks import check
+
+
+@dataclass(frozen=True)
+class ViewCommand:
+    """Write a page that plays episodes, and open it where there is a browser.
+
+    Of one run it is the report, RUN/report.html if --out is left out; of several, and of replays,
+    all their episodes, to be watched one by one or side by side: those of runs of one task begin
+    alike. The page is one file that asks nothing of anywhere.
+    """
+
+    paths: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Folders of runs, and replays (.json)."""
+    out: Path | None = None
+    """The page; replay.html if left out and no run's report is asked for."""
+    episodes: int = 4
+    """Episodes of each run, where several things are shown."""
+    open: bool = True
+    """Open the page in a browser, where there is one."""
+
+
+def view(arguments: Sequence[str]) -> None:
+    """`pursuit view`."""
+    given = parse(ViewCommand, arguments, "view")
+    check(bool(given.paths), "nothing to view; give the folder of a run, or a replay (.json)")
+    check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
+    for path in given.paths:
+        check(path.exists(), f"{path}: no such file or folder")
+    with heard():
+        alone = len(given.paths) == 1 and given.paths[0].is_dir()
+        page = report_again(given.paths[0], given.out) if alone else together(given)
+    print(f"page: {page}")
+    if given.open:
+        show(page)
+
+
+def report_again(folder: Path, out: Path | None) -> Path:
+    """The report of a run, of what stands in its folder now."""
+    kind, _ = read_config(folder)
+    check(
+        kind == RUN,
+        f"{folder}: a run of kind {kind!r}; give {folder / 'chaser'} and {folder / 'evader'}, or "
+        f"open {folder / REPORT}",
+    )
+    settings, results = load_settings(folder), load_results(folder)
+    policy = load_policy(folder, greedy=settings.evaluate == "greedy")
+    contest = contest_of(settings.task, results["evaluation"]["episodes"])
+    return write_report(folder, settings, contest, policy, results, out)
+
+
+def together(given: ViewCommand) -> Path:
+    """One page for several runs and replays."""
+    page = given.out or Path("replay.html")
+    check(given.out is not None or not page.exists(), f"{page}: exists already; give --out")
+    builder = Builder()
+    for path in given.paths:
+        add_run(builder, path, given.episodes) if path.is_dir() else add_replay(builder, path)
+    check(bool(builder.items), "no episode in any of these; play one to its end first")
+    title = ", ".join(path.name for path in given.paths)
+    for warning in builder.warnings:
+        print(f"pursuit: warning: {warning}", file=sys.stderr)
+    told = [paragraph(warning, "warning") for warning in builder.warnings]
+    write_page(page, title, [*told, PLAYER_ROOM], builder.data(title))
+    return page
+
+
+def add_run(builder: Builder, folder: Path, episodes: int) -> None:
+    """The first episodes of the evaluation of a run."""
+    settings, policy = load_settings(folder), load_policy(folder)
+    contest: Any = contest_of(settings.task, max(episodes, 2))
+    names = [f"{folder.name}, episode {number + 1}" for number in range(episodes)]
+    replay = recorded(contest, policy, {n: i for i, n in enumerate(names)}, settings.algorithm)
+    builder.add(replay, Extras(names=names, sides=sides_of(contest, policy)))
+
+
+def add_replay(builder: Builder, path: Path) -> None:
+    """The episodes of a file."""
+    replay = Replay.load(path)
+    labels = [each.label or f"episode {n + 1}" for n, each in enumerate(replay.episodes)]
+    builder.add(replay, Extras(names=[f"{path.stem}, {label}" for label in labels]))
+
+
+def show(page: Path) -> None:
+    """Open a page in a browser, where there is one that a person sees."""
+    seen = sys.platform in ("darwin", "win32") or bool(
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    )
+    if seen:
+        with contextlib.suppress(webbrowser.Error, OSError):
+            webbrowser.open(page.resolve().as_uri())

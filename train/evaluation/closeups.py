@@ -1,0 +1,137 @@
+"""A closer look at a policy: where it loses steps, and replays of its episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.policy import TabularPolicy
+from pursuit.recorder import Recorder
+from pursuit.replay import Replay
+from pursuit.viewer.data import Side
+from scripted_agents import action_values
+from train.evaluation.contest import Contest, GameContest, told
+from train.evaluation.games import is_exact, table_in
+
+MOST_OVERLAY_CELLS = 225
+"""Tables of larger mazes would make a page heavy: they grow with the square."""
+MOST_BOTH_CELLS = 100
+"""Up to here both sides of a duel are laid over the board."""
+LOST = 1e-6
+"""Steps; what is lost by less is rounding."""
+
+
+@dataclass(frozen=True)
+class Losses:
+    """How long a policy takes from every start of a contest.
+
+    Attributes:
+        lengths: [episodes], expected ones where they are known.
+        optimal: [episodes], the optimum of each start; None where it is not known.
+        less_is_better: whether few steps are good.
+    """
+
+    lengths: NDArray[np.float64]
+    optimal: NDArray[np.float64] | None
+    less_is_better: bool
+
+    @property
+    def lost(self) -> NDArray[np.float64]:
+        """[episodes], steps worse than the optimum; than nothing at all where it is not known."""
+        sign = 1.0 if self.less_is_better else -1.0
+        known = np.zeros_like(self.lengths) if self.optimal is None else self.optimal
+        return sign * (self.lengths - known)
+
+    def notable(self) -> dict[str, int]:
+        """The episodes worth a look by what they are: best, median and worst."""
+        order = np.argsort(self.lost, kind="stable")
+        return {
+            "best": int(order[0]),
+            "median": int(order[len(order) // 2]),
+            "worst": int(order[-1]),
+        }
+
+    def worst(self, count: int) -> list[int]:
+        """The starts that lose most steps, the worst first; those that lose none are left out."""
+        order = np.argsort(-self.lost, kind="stable")
+        return [int(game) for game in order[:count] if self.lost[game] > LOST]
+
+    @property
+    def share_of_worst_tenth(self) -> float:
+        """What part of all lost steps a tenth of the starts loses; 0 where none is lost."""
+        lost = np.sort(np.maximum(self.lost, 0.0))[::-1]
+        total = float(lost.sum())
+        return float(lost[: max(len(lost) // 10, 1)].sum()) / total if total > LOST else 0.0
+
+
+def losses_of(contest: Contest, policy: Any) -> Losses:
+    """Where a policy loses steps in a contest."""
+    return Losses(contest.lengths(policy), contest.optimal_lengths(), contest.less_is_better)
+
+
+def recorded(contest: Any, policy: Any, games: Mapping[str, int], player: str) -> Replay:
+    """Episodes of a contest as a replay.
+
+    Args:
+        contest: a `Contest`.
+        policy: whose contest it is.
+        games: the numbers of the episodes by their labels.
+        player: what `policy` is called.
+    """
+    episodes = []
+    for label, number in games.items():
+        simulator, play = contest.game(policy, number)
+        recorder = Recorder(simulator)
+        for _ in play:
+            pass
+        (episode,) = recorder.stop().episodes[:1]
+        episodes.append(replace(episode, label=label))
+    return Replay(
+        contest.task, tuple(episodes), seed=contest.seed, players=players_of(contest, player)
+    )
+
+
+def players_of(contest: Any, player: str) -> dict[str, str]:
+    """Who acts in a contest, in words, by agent."""
+    if not isinstance(contest, GameContest):
+        return {"arm": player}
+    task, own = contest.task, contest.task.agent_names[contest.task.seat(contest.agent)]
+    found = {}
+    for name, role in zip(task.agent_names, task.seat_roles, strict=True):
+        policy = contest.opponents.get(name, contest.opponents.get(role))
+        found[name] = player if name == own or policy is None else told(policy)
+    return found
+
+
+def sides_of(contest: Any, policy: Any) -> list[Side]:
+    """The exact values, and learned and optimal moves, of a duel; of its learner first.
+
+    None where it is no duel of tables, or in too large a maze.
+    """
+    if not isinstance(contest, GameContest) or not contest.is_exact:
+        return []
+    task = contest.task
+    if task.max_cells > MOST_OVERLAY_CELLS:
+        return []
+    maze, seat = task.mazes[0], task.seat(contest.agent)
+    theirs = contest.opponent_table()
+    tabular = is_exact(task, policy) and isinstance(policy, TabularPolicy)
+    learned = table_in(task, policy) if tabular else None
+    rules: dict[str, Any] = {
+        "horizon": task.max_steps,
+        "stay_action": task.stay_action,
+        "move_order": task.move_order,
+    }
+    names, other = task.agent_names, 1 - seat
+    own: Any = task.seat_roles[seat]
+    found = action_values(own, maze, theirs, **rules)
+    sides = [Side(names[seat], seat, other, found.values, learned, found.optimal)]
+    if learned is not None and maze.num_cells <= MOST_BOTH_CELLS:
+        role: Any = task.seat_roles[other]
+        found = action_values(role, maze, learned, **rules)
+        sides.append(Side(names[other], other, seat, found.values, theirs, found.optimal))
+    return sides

@@ -1,0 +1,193 @@
+"""The report of a run: a page with results, curve, replays, settings, and where it loses steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from pursuit.task import Task
+from pursuit.viewer.data import Builder, Extras
+from train.evaluation.closeups import Losses, losses_of, recorded, sides_of
+from train.files import read_json
+from train.pages import PLAYER_ROOM, details, pairs, paragraph, picture, section, table, write_page
+from train.runs.folder import CONFIG, CURVE
+from train.settings.run import TrainSettings
+
+REPORT, REPLAYS = "report.html", "replays.json"
+WORST = 5
+"""Starts that are shown, of those that lose most."""
+
+
+def write_report(
+    folder: Path,
+    settings: TrainSettings[Any],
+    contest: Any,
+    policy: Any,
+    results: Mapping[str, Any],
+    path: Path | None = None,
+) -> Path:
+    """Write `report.html` and `replays.json` into the folder of a run; where the report is.
+
+    Args:
+        folder: of the run.
+        settings: of the run.
+        contest: what it is judged by.
+        policy: what was learned, as it is evaluated.
+        results: what `results.json` holds.
+        path: of the page, if it is to be elsewhere; then no replays are written.
+
+    Raises:
+        OSError: they cannot be written.
+    """
+    losses = losses_of(contest, policy)
+    games, notes = shown_games(contest, losses)
+    replay = recorded(contest, policy, games, settings.algorithm)
+    if path is None:
+        replay.save(folder / REPLAYS)
+    builder = Builder()
+    own = isinstance(contest.task, Task)
+    extras = Extras(
+        names=list(games),
+        notes=notes,
+        sides=sides_of(contest, policy),
+        seat=contest.agent if own else None,
+        encoding=settings.observation if own else None,
+    )
+    builder.add(replay, extras)
+    title = contest.line().split(", at most")[0]
+    parts = [
+        paragraph(
+            f"{folder.name}: {settings.algorithm}, curriculum {settings.curriculum}", "faint"
+        ),
+        summary(results),
+        PLAYER_ROOM,
+        section("Scores", score_table(results)),
+        section("Where it loses steps", *lost_parts(contest, losses)),
+        section("Learning", picture(folder / CURVE, "mean steps, gap and curriculum over frames")),
+        section("How it was made", provenance_parts(folder, settings, results)),
+    ]
+    path = path or folder / REPORT
+    write_page(path, title, parts, builder.data(title))
+    return path
+
+
+def shown_games(contest: Any, losses: Losses) -> tuple[dict[str, int], list[str]]:
+    """Which episodes are shown, by label, and a remark for each."""
+    games = losses.notable()
+    for place, game in enumerate(worst_starts(contest, losses), start=1):
+        if game not in games.values():
+            games[f"loses most, {place}"] = game
+    notes = []
+    for game in games.values():
+        told = f"episode {game} of the evaluation"
+        if losses.optimal is not None:
+            told += (
+                f": {losses.lengths[game]:.2f} steps expected of it, optimum "
+                f"{losses.optimal[game]:.2f}"
+            )
+        notes.append(told)
+    return games, notes
+
+
+def worst_starts(contest: Any, losses: Losses) -> list[int]:
+    """The episodes that lose most, of different starts; none where no optimum is known."""
+    if losses.optimal is None:
+        return []
+    different: dict[str, int] = {}
+    for game in losses.worst(10 * WORST):
+        different.setdefault(start_in_words(contest, game), game)
+    return list(different.values())[:WORST]
+
+
+def summary(results: Mapping[str, Any]) -> str:
+    """The result in one sentence."""
+    found = results["evaluation"]
+    told = f"Learned: {found['mean_steps']:.3f} steps"
+    if found["optimality_gap"] is not None:
+        told += (
+            f"; optimum {found['optimal_steps']:.3f}; gap {100 * found['optimality_gap']:+.2f} %"
+        )
+    floor = found.get("objective_floor")
+    if floor is not None:
+        told += f" (floor of the objective {100 * floor:+.2f} %)"
+    told += f". {results['frames']:,} frames in {results['seconds']:.1f} s"
+    return paragraph(told + (", interrupted." if results["interrupted"] else "."))
+
+
+def score_table(results: Mapping[str, Any]) -> str:
+    """The learned policy beside the references."""
+    optimum = results["evaluation"]["optimal_steps"]
+    rows = []
+    for score in results["scores"]:
+        gap = score["mean_steps"] / optimum - 1.0 if optimum else None
+        rows.append(
+            (
+                score["name"],
+                score["mean_steps"],
+                "exact" if score["exact"] else f"{score['ci95']:.3f}",
+                f"{100 * score['success_rate']:.1f} %",
+                "" if gap is None or score["name"] == "optimal" else f"{100 * gap:+.2f} %",
+            )
+        )
+    return table(("", "steps", "± 95 %", "success", "gap to optimum"), rows)
+
+
+def lost_parts(contest: Any, losses: Losses) -> list[str]:
+    """The starts with the largest gap; nothing where no optimum is known."""
+    if losses.optimal is None:
+        return [paragraph("The optimum of single starts is not known for this task.", "faint")]
+    worst = worst_starts(contest, losses)
+    if not worst:
+        return [paragraph("From every start that was played it is as good as the optimum.")]
+    lost = losses.lost
+    told = (
+        f"{100 * (lost > 0.01).mean():.1f} % of {len(lost)} starts lose more than a hundredth of a "
+        f"step; a tenth of the starts loses {100 * losses.share_of_worst_tenth:.0f} % of all that "
+        "is lost."
+    )
+    rows = [
+        (
+            start_in_words(contest, game),
+            float(losses.lengths[game]),
+            float(losses.optimal[game]),
+            float(lost[game]),
+        )
+        for game in worst
+    ]
+    return [paragraph(told), table(("start", "steps", "optimum", "lost"), rows)]
+
+
+def start_in_words(contest: Any, game: int) -> str:
+    """Where an episode of a contest begins."""
+    simulator, _ = contest.game(None, game)
+    if not isinstance(contest.task, Task):
+        angles = ", ".join(f"{angle:.2f}" for angle in simulator.angles[0])
+        x, y = simulator.targets[0]
+        return f"angles {angles}; target ({x:.2f}, {y:.2f})"
+    maze = contest.task.mazes[simulator.maze_index[0]]
+
+    def where(cell: int) -> str:
+        return f"row {maze.rows[cell] + 1}, column {maze.columns[cell] + 1}"
+
+    seats = zip(contest.task.agent_names, simulator.positions[0], strict=True)
+    told = [f"{name} {where(cell)}" for name, cell in seats]
+    goals = [where(cell) for cell in simulator.goals[0] if cell >= 0]
+    return "; ".join(told + ([f"goals {' / '.join(goals)}"] if goals else []))
+
+
+def provenance_parts(folder: Path, settings: TrainSettings[Any], results: Mapping[str, Any]) -> str:
+    """Settings, versions, machine and command."""
+    config = read_json(folder / CONFIG)
+    plain = asdict(settings)
+    found = []
+    for name in ("task", "hyper", "lessons"):
+        found.append(details(f"{name} settings", pairs(plain.pop(name))))
+    found.insert(0, details("settings of the run", pairs(plain)))
+    made = {
+        "command": config.get("command", ""),
+        "machine": ", ".join(f"{name} {told}" for name, told in results["machine"].items()),
+        "versions": ", ".join(f"{name} {told}" for name, told in results["versions"].items()),
+    }
+    return pairs(made) + "\n".join(found)
