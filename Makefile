@@ -21,11 +21,13 @@ lint: $(SETUP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Every example of the pages and every notebook runs first; then links, anchors and names are strict.
+# Every example of the pages and every notebook runs; links, anchors and names are strict; the site is
+# opened in a browser where there is one.
 docs: $(SETUP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	$(BIN)/python -m pytest -m "slow or not slow" tests/test_docs.py tests/test_notebooks.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	$(BIN)/python -m pytest -m "slow or not slow" tests/test_site.py
 	@echo "open build/docs/index.html"
 
 bench: $(SETUP)

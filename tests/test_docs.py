@@ -92,6 +92,9 @@ PROMISES: dict[str, Callable[[dict[str, Any], Path], bool]] = {
         and names["rollout"]["next", "observation"].shape == (16, 50, 7)
         and names["lower"] == names["upper"]
     ),
+    "docs/viewer.md": lambda names, _: (
+        len(names["replay"].episodes) == 3 and "my games" in names["html"]
+    ),
     "docs/own_parts.md": lambda names, _: parts.allowed() == ("my_parts",),
 }
 """What a page's examples come to, beyond running, from the names that they leave behind."""
