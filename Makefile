@@ -40,6 +40,7 @@ bench: $(SETUP)
 	$(BIN)/python tests/benchmarks/bench_off_policy.py
 	$(BIN)/python tests/benchmarks/bench_curricula.py
 	$(BIN)/python tests/benchmarks/bench_self_play.py
+	$(BIN)/python tests/benchmarks/bench_viewer.py
 
 campaign: $(SETUP)
 	$(BIN)/python tests/campaign/campaign.py

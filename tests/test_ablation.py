@@ -265,6 +265,11 @@ def test_an_ablation_runs_reports_and_is_not_done_again(
     assert {p: p.stat().st_mtime_ns for p in stamps} == stamps
     main(["report", str(out)])
     assert "Tiny" in capsys.readouterr().out
+    main(["report", str(out), "--x", "frames", "--log", "--out", str(ablated / "curves")])
+    table = (ablated / "curves" / "table.csv").read_text().splitlines()
+    names = ["none", "near first", "fewer goals first"]
+    assert [row.split(",")[0] for row in table[1:]] == names
+    assert "6 agents (runner)" in (out / "report" / "methods.md").read_text()
 
 
 def test_all_arms_are_evaluated_at_the_same_final_difficulty(ablated: Path) -> None:

@@ -127,7 +127,7 @@ def test_a_run_that_is_complete_says_so(
 ) -> None:
     command, whole = finished
     folder = copy_of(whole, tmp_path / "run")
-    for name in ("learning_curve.png", "replay.gif"):
+    for name in ("learning_curve.png", "replay.gif", "report.html"):
         (folder / name).touch()
     assert "complete; its budget is spent" in error_of(capsys, command, "--resume", folder)
 

@@ -242,7 +242,8 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
         and last.results(20)["evaluation"]["nash_conv"] > 0
     )
     assert go_on(tmp_path / "part").progress == 1.0  # its picture is left to be drawn
-    (tmp_path / "part" / "learning_curve.png").touch()
+    for name in ("learning_curve.png", "report.html"):
+        (tmp_path / "part" / name).touch()
     with pytest.raises(ValueError, match="complete"):
         go_on(tmp_path / "part")
 

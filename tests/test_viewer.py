@@ -21,6 +21,7 @@ from pursuit.viewer.page import json_for_html, page
 from scripted_agents import AStarChaser, AStarEvader, action_values
 from train.commands.main import main
 from train.evaluation.closeups import sides_of
+from train.experiments.page import page_of
 from train.pages import write_page
 from train.runs.parts import contest_of
 from train.settings.task import TaskSettings
@@ -315,4 +316,20 @@ def test_a_notebook_shows_the_page(browser: Any, duel: Replay, tmp_path: Path) -
     inner = tab.frame_locator("iframe")
     inner.locator("svg.board").first.wait_for()
     assert inner.locator("output").text_content().startswith("step 0 of")
+    tab.close()
+
+
+def test_the_report_of_a_sweep_is_one_page(browser: Any, tmp_path: Path) -> None:
+    picture = tmp_path / "arms.png"
+    Image.new("RGB", (4, 3), "red").save(picture)
+    text = f"# {HOSTILE}\n\n| arm | gap |\n|---|---|\n| {HOSTILE} | 1 |\n\n![arms](arms.png)\n"
+    written(tmp_path / "report.md", text + "\n![out](../secret.png)\n")
+    page = page_of(tmp_path / "report.md")
+    picture.unlink()
+    tab = browser.new_page()
+    tab.goto(page.as_uri())
+    assert tab.evaluate("window.hacked") is None and tab.locator("td").count() == 2
+    assert tab.locator("td").first.text_content() == HOSTILE
+    widths = tab.evaluate("[...document.images].map((image) => image.naturalWidth)")
+    assert widths == [4, 0]  # the figure is inside, and nothing from elsewhere
     tab.close()

@@ -12,8 +12,12 @@ function draw(parent, name, attributes = {}, text = null) {
   return element;
 }
 
+// Only what changes: a browser paints again whatever is set, even to what it was.
 function place(element, attributes) {
-  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  for (const [key, value] of Object.entries(attributes)) {
+    const text = String(value);
+    if (element.getAttribute(key) !== text) element.setAttribute(key, text);
+  }
 }
 
 function corners(count, radius, inner = null) {

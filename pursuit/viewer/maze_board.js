@@ -2,7 +2,6 @@
 // (10 column + 5, 10 row + 5).
 
 const MOVES = [[0, -1], [0, 1], [1, 0], [-1, 0], [0, 0]]; // x and y: north, south, east, west, stay
-const ACTIONS = ["north", "south", "east", "west", "stay"];
 
 class MazeBoard {
   constructor(element, world) {
@@ -100,8 +99,9 @@ class MazeBoard {
     values.numbers.forEach((value, cell) => {
       const [square, text] = this.squares[cell];
       const known = Number.isFinite(value);
-      square.style.fill = known ? shade((value - values.low) / span) : "none";
-      text.textContent = known ? value.toFixed(value < 9.95 ? 1 : 0) : "";
+      const told = known ? value.toFixed(value < 9.95 ? 1 : 0) : "";
+      place(square, { fill: known ? shade((value - values.low) / span) : "none" });
+      if (text.textContent !== told) text.textContent = told;
     });
   }
 
@@ -127,7 +127,7 @@ class MazeBoard {
       if (chances) chances.forEach((chance, action) => { if (best < 0 || chance > chances[best]) best = action; });
       place(marks.learned, {
         d: best < 0 ? "" : arrow(x, y, MOVES[best], 3.2, -1),
-        opacity: best < 0 ? 0 : 0.35 + 0.65 * chances[best],
+        opacity: best < 0 ? 0 : (0.35 + 0.65 * chances[best]).toFixed(2),
       });
       const wrong = best >= 0 && bits > 0 && !((bits >> best) & 1);
       place(marks.differs, { visibility: wrong ? "inherit" : "hidden" });

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
-from rich.table import Table
 
 from pursuit.task import Task
-from train.commands.parse import heard, parse
-from train.files import write_json
-from train.self_play.league import LeagueTable, enter, play_league, rate
+from train.commands.parse import Formats, heard, parse
+from train.commands.tables import print_table
+from train.experiments.methods import METHODS, league_methods
+from train.figures import Look
+from train.files import write_json, write_text
+from train.result_table import ResultTable
+from train.runs.loop import machine, versions
+from train.runs.provenance import command_line
+from train.self_play.league import LeagueTable, enter, is_agent, play_league, rate
+from train.self_play.payoffs import league_table, ratings_table
 from train.self_play.pictures import draw_league
 from train.settings.checks import check
 from train.settings.self_play import ROLES
@@ -41,8 +46,14 @@ class LeagueCommand:
     """Games of each pair, from the same starts for all: what the ratings are made of."""
     seed: int = 0
     """Of those games; none is ever trained on, whatever the seed."""
+    names: tuple[str, ...] = ()
+    """What the entries are called in tables and figures, in their order; if left out, the shortest
+    ends of their paths that tell them apart."""
     out: Path = Path("league")
-    """Folder for league.json and league.png."""
+    """Folder for league.json, league.png, the tables (table, chasers and evaders, each as .csv and
+    .tex) and methods.md."""
+    format: Formats = ()
+    """pdf, svg, or both: the figure is saved so, too, beside its .png."""
 
 
 def league(arguments: Sequence[str]) -> None:
@@ -50,56 +61,49 @@ def league(arguments: Sequence[str]) -> None:
     given = parse(LeagueCommand, arguments, "league")
     check(given.games >= 2, f"games={given.games}; at least 2")
     check(len(given.entries) > 0, "nobody to play; give folders of runs, or astar, random, optimal")
+    look = Look(given.format)
     with heard():
-        task, entries = enter(given.entries, given.maze, given.opponent_epsilon, given.greedy)
+        task, entries = enter(
+            given.entries, given.maze, given.opponent_epsilon, given.greedy, given.names
+        )
     table = play_league(task, entries, given.games, given.seed)
-    content = rate(table, given.seed)
-    given.out.mkdir(parents=True, exist_ok=True)
-    write_json(given.out / "league.json", content)
-    draw_league(given.out / "league.png", table, f"League on {task.mazes[0].name}")
-    _print(task, table, content)
-    print(f"\nfigure and table: {given.out}")
+    content = rate(table, given.seed) | {
+        "task": task.name,
+        "maze": task.mazes[0].name,
+        "max_steps": task.max_steps,
+        "seed": given.seed,
+        "greedy": given.greedy,
+        "opponent_epsilon": given.opponent_epsilon,
+        "entries": list(given.entries),
+        "command": command_line(),
+        "versions": versions(),
+        "machine": machine(),
+    }
+    out = given.out
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(out / "league.json", content)
+    draw_league(out / "league.png", table, f"League on {task.mazes[0].name}", look)
+    tables = {"table": league_table(table, content)}
+    tables |= {f"{role}s": ratings_table(role, content) for role in ROLES}
+    for stem, each in tables.items():
+        each.write(out, stem)
+    folders = [Path(name) for name in given.entries if not is_agent(name)]
+    write_text(out / METHODS, league_methods(content, folders))
+    _print(task, table, tables, content)
+    print(f"figures, tables and methods: {out}")
 
 
-def _print(task: Task, table: LeagueTable, content: dict[str, Any]) -> None:
-    console = Console(width=None if sys.stdout.isatty() else 120)
+def _print(task: Task, table: LeagueTable, tables: Mapping[str, ResultTable], content: Any) -> None:
     exact = "exact" if not table.ci95.any() else "± is the 95 % interval"
     print(
         f"steps until capture on maze {task.mazes[0].name}, at most {task.max_steps} ({exact}); "
         "chasers down, evaders across"
     )
-    grid = Table(box=None, pad_edge=False)
-    grid.add_column("")
-    for name in table.evaders:
-        grid.add_column(name, justify="right")
-    for i, name in enumerate(table.chasers):
-        cells = [
-            ("never" if never else f"{value:.2f}") + (f" ± {half:.2f}" if half else "")
-            for value, half, never in zip(
-                table.payoff[i], table.ci95[i], content["never"][i], strict=True
-            )
-        ]
-        grid.add_row(name, *cells)
-    console.print(grid)
-    mixtures = {"chaser": "chaser_mixture", "evader": "evader_mixture"}
-    for role in ROLES:
+    for each in tables.values():
+        print_table(each)
         print()
-        ratings = Table(box=None, pad_edge=False)
-        for head in (role, "Elo [95 %]", "openskill", "Nash share", "steps against Nash"):
-            ratings.add_column(head, justify="left" if head == role else "right")
-        shares = content["nash"][mixtures[role]]
-        rows = list(zip(content[f"{role}_ratings"], shares, strict=True))
-        for row, share in sorted(rows, key=lambda pair: -pair[0]["elo"]):
-            ratings.add_row(
-                row["name"],
-                f"{row['elo']:.0f} [{row['elo_low']:.0f}, {row['elo_high']:.0f}]",
-                f"{row['openskill_mu']:.1f} ± {row['openskill_sigma']:.1f}",
-                f"{100 * share:.1f} %",
-                f"{row['steps_against_nash']:.2f}",
-            )
-        console.print(ratings)
     for line in survival_lines(task, content):
-        print(f"\nwarning: {line}", file=sys.stderr)
+        print(f"warning: {line}", file=sys.stderr)
     for role in ROLES:
         if content[f"{role}_cycle"]:
             chain = " > ".join([*content[f"{role}_cycle"], content[f"{role}_cycle"][0]])

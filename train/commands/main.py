@@ -6,6 +6,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -15,24 +16,89 @@ from pursuit.parts import look_in
 from train.commands.parse import fail
 from train.runs.interruption import Diverged, Signals, Stopped
 
+
+@dataclass(frozen=True)
+class Command:
+    """A subcommand, as `pursuit --help` tells it.
+
+    Attributes:
+        does: what it does, in a line.
+        example: of its options, to be typed after its name.
+    """
+
+    does: str
+    example: str
+
+
 # A table of our own rather than tyro's subcommands: those want every form at hand, and so every
-# module, with torch, before `pursuit maze --help` can answer.
-COMMANDS = {
-    "train": "train an agent, and compare it with the exact optimum",
-    "evaluate": "evaluate a trained run again, on as many episodes as you like",
-    "sweep": "all runs of a sweep file, on this machine or on a Ray cluster",
-    "report": "figures and tables of a sweep",
-    "ablate": "curricula against each other: equal budgets, the same final difficulty",
-    "levels": "the levels that a replaying curriculum kept",
-    "self-play": "both sides learn against each other; exact exploitability",
-    "league": "runs and scripted agents against each other: payoffs, ratings, cycles",
-    "solve": "the exact game of a maze: value, mixed states, cop number, pictures",
-    "baseline": "random, scripted and optimal agents on a task",
-    "maze": "show, check or generate a maze",
-    "view": "a page that plays episodes of runs and replays, with the exact optimum laid over",
-    "render": "a replay of a run, or of the scripted agents, as GIF or MP4",
-    "bench": "how fast this machine plays and learns",
+# module, with torch, before `pursuit maze --help` can answer. A new command is a line here.
+GROUPS: dict[str, dict[str, Command]] = {
+    "Train an agent, and see how far it is from the exact optimum": {
+        "train": Command(
+            "train an agent, and compare it with the exact optimum",
+            "--task chase --role chaser --maze 5x5 --seconds 30 --out runs/first",
+        ),
+        "evaluate": Command(
+            "evaluate a trained run again, on as many episodes as you like",
+            "runs/first --episodes 10000",
+        ),
+        "baseline": Command(
+            "random, scripted and optimal agents on a task: what can be reached",
+            "--task maze --maze 5x5 --num-goals 3",
+        ),
+        "view": Command(
+            "a page that plays episodes, with the exact optimum laid over; reports",
+            "runs/first",
+        ),
+        "render": Command(
+            "a replay of a run, or of the scripted agents, as GIF or MP4",
+            "runs/first --out first.gif",
+        ),
+    },
+    "Let agents learn from each other": {
+        "self-play": Command(
+            "both sides learn against each other; exact exploitability",
+            "--maze 5x5 --seconds 60 --out runs/pair",
+        ),
+        "league": Command(
+            "runs and scripted agents against each other: payoffs, ratings, cycles",
+            "runs/pair runs/first astar random --names pair first A-star chance",
+        ),
+    },
+    "Compare, with seeds and intervals": {
+        "sweep": Command(
+            "all runs of a sweep file, on this machine or on a Ray cluster",
+            "maze_by_size --dry-run",
+        ),
+        "ablate": Command(
+            "curricula against each other: equal budgets, the same final difficulty",
+            "opponent-epsilon --dry-run",
+        ),
+        "report": Command(
+            "figures and tables of a sweep; curves of runs laid over each other",
+            "runs/first runs/second --x seconds --log --format pdf",
+        ),
+        "levels": Command(
+            "the levels that a replaying curriculum kept",
+            "runs/replayed --count 3",
+        ),
+    },
+    "Look at the game itself": {
+        "maze": Command(
+            "show, check or generate a maze",
+            "--generate prim --height 9 --loops 0.1",
+        ),
+        "solve": Command(
+            "the exact game of a maze: value, mixed states, cop number, pictures",
+            "--maze 5x5-tree",
+        ),
+        "bench": Command(
+            "how fast this machine plays and learns",
+            "--seconds 2",
+        ),
+    },
 }
+COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -87,19 +153,22 @@ def in_words(error: Exception) -> str:
 
 
 def usage() -> str:
-    """What `pursuit --help` prints."""
-    lines = [f"  {name:<10}{text}" for name, text in COMMANDS.items()]
-    return "\n".join(
-        [
-            "usage: pursuit COMMAND [options]        (pursuit COMMAND --help tells the options)",
-            "",
-            "Pursuit in mazes with reinforcement learning, beside the exact optimum.",
-            "",
-            *lines,
-            "",
-            "Try: pursuit train --task chase --role chaser --maze 5x5 --seconds 30",
-        ]
-    )
+    """What `pursuit --help` prints: the commands in groups, each with an example."""
+    lines = [
+        "usage: pursuit COMMAND [options]        (pursuit COMMAND --help tells the options)",
+        "",
+        "Pursuit in mazes with reinforcement learning, beside the exact optimum.",
+        "",
+        "New here? These three show what it is about, in a minute:",
+        "  pursuit maze 5x5",
+        "  pursuit baseline --maze 5x5",
+        "  pursuit train --maze 5x5 --seconds 30",
+    ]
+    for head, group in GROUPS.items():
+        lines += ["", f"{head}:"]
+        for name, each in group.items():
+            lines += [f"  {name:<10}{each.does}", f"  {'':<10}  pursuit {name} {each.example}"]
+    return "\n".join(lines)
 
 
 def command(name: str) -> Callable[[Sequence[str]], None]:

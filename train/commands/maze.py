@@ -14,8 +14,9 @@ from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.maze_generation import generate_maze
 from pursuit.rendering import Scene, draw_scene
 from scripted_agents.tour import expected_tour_length
-from train.commands.parse import parse
-from train.files import write_text
+from train.commands.parse import Formats, parse
+from train.figures import BLUE, FORMATS, GREEN, Look, draw_walls, pyplot, save
+from train.files import write_beside, write_text
 from train.settings.checks import check
 
 
@@ -44,7 +45,9 @@ class MazeCommand:
     out: Path | None = None
     """Write the maze to this file."""
     picture: Path | None = None
-    """Draw the maze into this .png file."""
+    """Draw the maze into this .png file, or as lines into this .pdf or .svg file."""
+    format: Formats = ()
+    """pdf, svg or png: --picture is drawn so, too."""
 
 
 def maze(arguments: Sequence[str]) -> None:
@@ -65,15 +68,49 @@ def maze(arguments: Sequence[str]) -> None:
         )
     else:
         made = load_maze(str(given.maze))
-    for path in (given.out, given.picture):
+    pictures = pictures_of(given.picture, given.format)
+    for path in (given.out, *pictures.values()):
         check(path is None or not path.exists(), f"{path}: exists already; give a new file")
     if max(made.height, made.width) <= 60:
         print(made.to_text(), end="")
     print(describe_maze(made))
     if given.out is not None:
         write_text(given.out, made.to_text())
-    if given.picture is not None:
-        Image.fromarray(draw_scene(Scene(made, (), made.goal_marks, 0, 0))).save(given.picture)
+    for form, path in pictures.items():
+        draw_maze(made, path, form)
+
+
+def pictures_of(picture: Path | None, formats: Formats) -> dict[str, Path]:
+    """The files in which a maze is drawn, by their formats.
+
+    Raises:
+        ValueError: a format that there is none of, or formats of no picture.
+    """
+    look = Look(formats)
+    check(picture is not None or not formats, "--format is of a picture; give --picture FILE too")
+    if picture is None:
+        return {}
+    check(picture.suffix[1:] in FORMATS, f"{picture}: give a .png, .pdf or .svg file")
+    names = dict.fromkeys([picture.suffix[1:], *look.formats])
+    return {name: picture.with_suffix(f".{name}") for name in names}
+
+
+def draw_maze(maze: Maze, path: Path, form: str) -> None:
+    """A maze as it is rendered (.png), or as lines (.pdf, .svg), with the marks S and G."""
+    if form == "png":
+        picture = Image.fromarray(draw_scene(Scene(maze, (), maze.goal_marks, 0, 0)))
+        write_beside(path, lambda beside: picture.save(beside, format="png"))
+        return
+    figure, axis = pyplot().subplots(figsize=(0.5 * maze.width + 0.3, 0.5 * maze.height + 0.3))
+    draw_walls(axis, maze)
+    start = () if maze.start_mark is None else (maze.start_mark,)
+    for marks, color, shape in ((start, BLUE, "o"), (maze.goal_marks, GREEN, "*")):
+        cells = list(marks)
+        axis.plot(maze.columns[cells], maze.rows[cells], shape, color=color, ms=11)
+    axis.invert_yaxis()
+    axis.set_aspect("equal")
+    axis.axis("off")
+    save(figure, path)
 
 
 def describe_maze(maze: Maze) -> str:

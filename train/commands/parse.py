@@ -16,6 +16,8 @@ from pursuit.parts import ALLOW, allow
 from train.settings.task import AnyTask, task_form
 
 Form = TypeVar("Form")
+Formats = tuple[str, ...]
+"""Of --format: formats of figures, as `train.figures.Look` takes them."""
 
 
 def fail(message: str, status: int = 2) -> NoReturn:

@@ -9,26 +9,56 @@ from typing import Annotated
 
 import tyro
 
-from train.commands.parse import heard, parse
+from train.commands.parse import Formats, heard, parse
+from train.experiments.overlay import overlay
 from train.experiments.report import report as make_report
 from train.experiments.sweep import status_of
+from train.figures import Look
+from train.runs.folder import CONFIG
 from train.settings.checks import check
 
 
 @dataclass(frozen=True)
 class ReportCommand:
-    """Collect the runs of a sweep into Parquet tables, draw its figures, write its report."""
+    """Figures and tables of a sweep or an ablation; or curves of anything laid over each other.
 
-    folder: Annotated[Path, tyro.conf.Positional]
-    """The folder of the sweep."""
+    One sweep or ablation: its runs as Parquet tables, its figures and its report, in its folder.
+    Several folders, of runs, sweeps and ablations: their learning curves over one axis, and a table
+    beside them, in --out. Every report has table.csv, table.tex and methods.md.
+    """
+
+    folders: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """Folders of runs, sweeps and ablations."""
+    x: str | None = None
+    """The axis of training time: frames or seconds; if left out, frames of curves that are laid
+    over each other, and what each figure of a sweep has."""
+    log: bool = False
+    """Make that axis logarithmic."""
+    format: Formats = ()
+    """pdf, svg, or both: figures are saved so, too, beside their .png."""
+    out: Path | None = None
+    """Where curves that are laid over each other go; comparison if left out, or the folder report
+    of a single run."""
 
 
 def report(arguments: Sequence[str]) -> None:
     """`pursuit report`."""
     given = parse(ReportCommand, arguments, "report")
-    check(given.folder.is_dir(), f"{given.folder}: no such folder")
+    check(bool(given.folders), "nothing to report; give folders of runs, sweeps or ablations")
+    for folder in given.folders:
+        check(folder.is_dir(), f"{folder}: no such folder")
+    look = Look(given.format, given.x, given.log)
+    only = given.folders[0] if len(given.folders) == 1 else None
+    sweep = only is not None and not (only / CONFIG).exists() and given.out is None
     with heard():
-        folder = make_report(given.folder)
+        if only is not None and sweep:
+            folder = make_report(only, look)
+        else:
+            beside = Path("comparison") if only is None else only / "report"
+            folder = overlay(given.folders, given.out or beside, look)
     print((folder / "report.md").read_text(encoding="utf-8"))
-    states = [status_of(path.parent) for path in given.folder.glob("runs/*/config.json")]
-    print(f"{states.count('complete')} of {len(states)} runs; figures and tables: {folder}")
+    if only is not None and sweep:
+        states = [status_of(path.parent) for path in only.glob("runs/*/config.json")]
+        print(f"{states.count('complete')} of {len(states)} runs; figures and tables: {folder}")
+    else:
+        print(f"figures and tables: {folder}")

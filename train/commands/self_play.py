@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import strftime
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
-
-from train.commands.parse import budget_of, heard, parse
+from train.commands.parse import Formats, budget_of, heard, parse
 from train.commands.progress import Alive, carry_out, leave
+from train.commands.tables import print_table
 from train.experiments.kinds import resume, start
+from train.experiments.methods import METHODS, methods
 from train.experiments.sweep_report import reduction
-from train.runs.folder import CURVE, SELF_PLAY
+from train.figures import Look
+from train.files import write_text
+from train.runs.folder import CURVE, REPORT, SELF_PLAY
 from train.runs.loop import Run
+from train.self_play.payoffs import matches_table
 from train.self_play.pictures import draw_self_play
-from train.self_play.report import REPORT, write_self_play_report
+from train.self_play.report import write_self_play_report
 from train.settings.checks import check
 from train.settings.self_play import SelfPlaySettings
 
@@ -39,6 +40,8 @@ class SelfPlayCommand:
     """Go on with the self-play in this folder instead; all other options are taken from there."""
     episodes: int = 1000
     """Episodes of the final evaluation, where it is not exact."""
+    format: Formats = ()
+    """pdf, svg, or both: the curve is saved so, too, beside its .png."""
 
 
 def self_play(arguments: Sequence[str]) -> None:
@@ -46,6 +49,7 @@ def self_play(arguments: Sequence[str]) -> None:
     default = SelfPlayCommand(SelfPlaySettings(**budget_of(arguments, 120.0)))
     given = parse(SelfPlayCommand, arguments, "self-play", default)
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
+    look = Look(given.format)
     name = f"self-play-{Path(given.settings.task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
     with heard():
         if given.resume is not None:
@@ -60,7 +64,7 @@ def self_play(arguments: Sequence[str]) -> None:
     run.trainee.tell = Alive()
     content = carry_out(run, given.episodes, "pursuit self-play")
     title = f"Self-play on {task.mazes[0].name} ({sampling})"
-    draw_self_play(run.folder / CURVE, run.metrics.rows, title)
+    draw_self_play(run.folder / CURVE, run.metrics.rows, title, look)
     write_self_play_report(run.folder, run.trainee, title, content)
     show(run, content)
     leave(run)
@@ -69,24 +73,15 @@ def self_play(arguments: Sequence[str]) -> None:
 def show(run: Run, content: dict[str, Any]) -> None:
     """Print what was found."""
     found, matches = content["evaluation"], content["matches"]
-    names = list(dict.fromkeys(row["evader"] for row in matches))
+    table = matches_table(matches)
+    table.write(run.folder)
+    write_text(run.folder / METHODS, methods([run.folder]))
     exact = not any(row["games"] for row in matches)
     print(
         f"\nsteps until capture, at most {run.trainee.task.max_steps} "
         f"({'exact' if exact else '± is the 95 % interval'}); chasers down, evaders across"
     )
-    table = Table(box=None, pad_edge=False)
-    table.add_column("")
-    for name in names:
-        table.add_column(name, justify="right")
-    for chaser in dict.fromkeys(row["chaser"] for row in matches):
-        cells = [
-            f"{row['steps']:.2f}" + (f" ± {row['ci95']:.2f}" if row["games"] else "")
-            for row in matches
-            if row["chaser"] == chaser
-        ]
-        table.add_row(chaser, *cells)
-    Console(width=None if sys.stdout.isatty() else 100).print(table)
+    print_table(table, 100)
     start, end = content.get("at_start", {}).get("nash_conv"), found.get("nash_conv")
     if start is not None and end is not None:
         less = f"{reduction(start, end):.1f} % less"
@@ -99,4 +94,4 @@ def show(run: Run, content: dict[str, Any]) -> None:
     for kind in ("exact", "approximate"):
         for name, steps in content.get(f"{kind}_best_response", {}).items():
             print(f"{kind} best response {name.replace('_', ' the ')}: {steps:.2f} steps")
-    print(f"results, curve, pool and {REPORT}: {run.folder}")
+    print(f"results, curve, table, methods, pool and {REPORT}: {run.folder}")

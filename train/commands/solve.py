@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from pursuit.maze import Maze, load_maze
 from scripted_agents import ChaseSolution, cop_number, solve_chase
-from train.commands.parse import parse
+from train.commands.parse import Formats, parse
 from train.commands.progress import Alive
-from train.figures import BLUE, ORANGE, pyplot, save
+from train.figures import BLUE, FORMATS, ORANGE, PLAIN, Look, draw_walls, pyplot, save
 from train.settings.checks import check
 
 
@@ -41,7 +41,9 @@ class SolveCommand:
     evader_cell: int | None = None
     """Where the evader stands in the left picture; likewise."""
     out: Path | None = None
-    """The picture (.png); solve-MAZE.png if left out."""
+    """The picture (.png, .pdf or .svg); solve-MAZE.png if left out."""
+    format: Formats = ()
+    """pdf, svg, or both: the picture is saved so, too."""
 
 
 def solve(arguments: Sequence[str]) -> None:
@@ -55,7 +57,8 @@ def solve(arguments: Sequence[str]) -> None:
             f"{name}={cell}; {maze.name} has the cells 0 to {maze.num_cells - 1}",
         )
     out = given.out or Path(f"solve-{Path(given.maze).stem}.png")
-    check(out.suffix == ".png", f"out={out}; give a .png file")
+    look = Look(given.format)
+    check(out.suffix[1:] in FORMATS, f"out={out}; give a .png, .pdf or .svg file")
     began = perf_counter()
     order: Any = given.move_order
     alive, solving = Alive(), f"solving {maze.name}"
@@ -84,7 +87,7 @@ def solve(arguments: Sequence[str]) -> None:
             chaser if given.chaser_cell is None else given.chaser_cell,
             evader if given.evader_cell is None else given.evader_cell,
         )
-        draw_solution(out, solution, *cells)
+        draw_solution(out, solution, *cells, look=look)
         print(f"picture: {out}")
 
 
@@ -126,7 +129,9 @@ def telling_cells(solution: ChaseSolution) -> tuple[int, int]:
     return int(np.nanstd(values, axis=1).argmax()), int(np.nanstd(values, axis=0).argmax())
 
 
-def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int) -> None:
+def draw_solution(
+    path: Path, solution: ChaseSolution, chaser: int, evader: int, look: Look = PLAIN
+) -> None:
     """Values as colours and policies as arrows over the maze; the other side stands still."""
     maze = solution.maze
     side = min(7.0, 1.5 + 0.45 * max(maze.height, maze.width))
@@ -141,7 +146,7 @@ def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int)
     for axis, values, policy, other, name in sides:
         mover = "chaser" if name == "evader" else "evader"
         image = _draw_values(axis, maze, values, other, (low, max(high, low + 1e-9)))
-        _draw_walls(axis, maze)
+        draw_walls(axis, maze)
         _draw_arrows(axis, maze, policy, other)
         color = ORANGE if name == "chaser" else BLUE
         axis.plot(maze.columns[other], maze.rows[other], "o", ms=11, color=color)
@@ -151,7 +156,7 @@ def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int)
     unit = "steps" if solution.horizon is not None else f"steps, discount {solution.discount:g}"
     figure.colorbar(image, ax=axes, shrink=0.8, label=f"value ({unit})")
     figure.suptitle(f"{maze.name}: the exact game, {solution.move_order}", fontsize=11)
-    save(figure, path)
+    save(figure, path, formats=look.formats)
 
 
 def _draw_values(
@@ -161,18 +166,6 @@ def _draw_values(
     grid[maze.rows, maze.columns] = values
     grid[maze.rows[other], maze.columns[other]] = np.nan
     return axis.imshow(grid, cmap="viridis", vmin=limits[0], vmax=limits[1], alpha=0.85)
-
-
-def _draw_walls(axis: Any, maze: Maze) -> None:
-    steps = {0: (0, -0.5), 1: (0, 0.5), 2: (0.5, 0), 3: (-0.5, 0)}
-    for cell in range(maze.num_cells):
-        x, y = maze.columns[cell], maze.rows[cell]
-        for action, (dx, dy) in steps.items():
-            if maze.neighbors[cell, action] == cell:
-                ends = (
-                    ([x - 0.5, x + 0.5], [y + dy] * 2) if dy else ([x + dx] * 2, [y - 0.5, y + 0.5])
-                )
-                axis.plot(*ends, color="#222222", lw=2.2, solid_capstyle="round")
 
 
 def _draw_arrows(axis: Any, maze: Maze, policy: NDArray[np.float64], other: int) -> None:

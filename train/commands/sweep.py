@@ -13,11 +13,13 @@ from typing import Annotated
 
 import tyro
 
-from train.commands.parse import parse
+from train.commands.parse import Formats, parse
 from train.experiments.exact import write_exact
 from train.experiments.executors import run_locally, run_on_ray
+from train.experiments.power import power_lines
 from train.experiments.report import report
 from train.experiments.sweep import Sweep, load_sweep, shipped, status_of
+from train.figures import Look
 from train.settings.checks import check
 
 DONE = ("complete", "stopped")
@@ -50,7 +52,10 @@ class SweepCommand:
     again: bool = False
     """Go on, too, with the runs that a scheduler stopped early."""
     dry_run: bool = False
-    """Check the file and list the runs: how far each is, what varies, its folder; but do none."""
+    """Check the file and list the runs: how far each is, what varies, its folder; and what so many
+    can show. But do none."""
+    format: Formats = ()
+    """pdf, svg, or both: figures are saved so, too, beside their .png."""
 
 
 def sweep(arguments: Sequence[str]) -> None:
@@ -80,6 +85,7 @@ def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
         plan.scheduler is None or given.executor == "ray",
         f"scheduler={plan.scheduler!r} needs --executor ray; or leave it out of [search]",
     )
+    look = Look(given.format)
     stem = Path(str(given.file)).stem
     out = given.out or Path("sweeps") / (f"{stem}-{given.version}" if given.version else stem)
     if given.dry_run:
@@ -109,7 +115,7 @@ def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
         raise
     print(counts(statuses.values()))
     if "complete" in statuses.values():
-        print(f"report: {report(out) / 'report.md'}")
+        print(f"report: {report(out, look) / 'report.md'}")
     left = {name: status for name, status in statuses.items() if status not in DONE}
     for name, status in left.items():
         folder = out / "runs" / name
@@ -126,12 +132,14 @@ def counts(statuses: Iterable[str]) -> str:
 
 
 def list_runs(plan: Sweep, out: Path) -> None:
-    """Print every run: how far it is, what varies, its folder."""
+    """Print every run: how far it is, what varies, its folder; and what so many can show."""
     folders = [out / "runs" / run.name for run in plan.runs]
     statuses = [status_of(folder) for folder in folders]
     for run, folder, status in zip(plan.runs, folders, statuses, strict=True):
         what = " ".join(f"{n}={v}" for n, v in (run.label | {"seed": run.settings.seed}).items())
         print(f"{status:<12}{what}  {folder}")
+    for line in power_lines(plan):
+        print(f"power: {line}")
     print(f"{len(folders)} runs into {out} ({counts(statuses) or 'none'}); nothing was done")
 
 

@@ -12,17 +12,20 @@ from typing import Any, Generic, TypeVar
 
 import tyro
 
-from train.commands.parse import budget_of, heard, named_task, parse
+from train.commands.parse import Formats, budget_of, heard, named_task, parse
 from train.commands.progress import carry_out, leave
 from train.commands.scores import print_bounds, print_floor, print_scores
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import Score
 from train.experiments.kinds import resume, start
-from train.runs.folder import CURVE, REPLAY, RUN
+from train.experiments.methods import METHODS, methods
+from train.figures import PLAIN, Look
+from train.files import write_text
+from train.runs.folder import CURVE, REPLAY, REPORT, RUN
 from train.runs.loop import Run
 from train.runs.parts import setting_of
 from train.runs.pictures import draw_learning_curve, save_replay
-from train.runs.report import REPORT, write_report
+from train.runs.report import write_report
 from train.runs.saved import load_settings
 from train.runs.single import SingleAgent
 from train.settings.algorithms import Hyperparameters
@@ -54,6 +57,8 @@ class TrainCommand(Generic[H]):
     """Go on with the run in this folder instead; all other options are taken from there."""
     episodes: int = 1000
     """Episodes of the final evaluation."""
+    format: Formats = ()
+    """pdf, svg, or both: the learning curve is saved so, too, beside its .png."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,7 @@ def train(arguments: Sequence[str]) -> None:
     form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
     given: TrainCommand[Any] = parse(form, arguments, "train", default)
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
-    settings = given.settings
+    settings, look = given.settings, Look(given.format)
     name = f"{settings.task.label}-{strftime('%Y%m%d-%H%M%S')}"
     with heard():
         if given.resume is not None:
@@ -83,7 +88,7 @@ def train(arguments: Sequence[str]) -> None:
     print(trainee.contest.line())
     if trainee.teacher is not None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
-    show(run, carry_out(run, given.episodes, "pursuit train"))
+    show(run, carry_out(run, given.episodes, "pursuit train"), look)
     leave(run)
 
 
@@ -123,7 +128,7 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
     return TrainCommand(settings, first.preset)
 
 
-def show(run: Run, content: dict[str, Any]) -> None:
+def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
     """Print and draw what was found: what stands at the end of every run, interrupted or not."""
     trainee: SingleAgent = run.trainee
     print()
@@ -141,7 +146,9 @@ def show(run: Run, content: dict[str, Any]) -> None:
         title,
         teacher.rows if teacher is not None else None,
         teacher.describes if teacher is not None else "",
+        look,
     )
+    write_text(run.folder / METHODS, methods([run.folder]))
     save_replay(run.folder / REPLAY, contest, trainee.policy)
     write_report(run.folder, load_settings(run.folder), contest, trainee.policy, content)
     evaluation = content["evaluation"]
@@ -153,4 +160,4 @@ def show(run: Run, content: dict[str, Any]) -> None:
             f"{100 * evaluation['optimality_gap']:+.2f} %"
         )
     print_floor(evaluation["objective_floor"], trainee.parts.hyper.gamma)
-    print(f"results, curve, replay and {REPORT}: {run.folder}")
+    print(f"results, curve, replay, methods and {REPORT}: {run.folder}")

@@ -17,12 +17,15 @@ from pursuit.replay import Replay
 from pursuit.viewer.data import Builder, Extras
 from train.commands.parse import heard, parse
 from train.evaluation.closeups import recorded, sides_of
+from train.experiments.kinds import open_run
 from train.pages import PLAYER_ROOM, paragraph, write_page
-from train.runs.folder import RUN, load_results, read_config
+from train.runs.folder import RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
+from train.runs.forms import read_results
 from train.runs.opponents import load_policy
 from train.runs.parts import contest_of
-from train.runs.report import REPORT, write_report
+from train.runs.report import write_report
 from train.runs.saved import load_settings
+from train.self_play.report import write_self_play_report
 from train.settings.checks import check
 
 
@@ -30,9 +33,9 @@ from train.settings.checks import check
 class ViewCommand:
     """Write a page that plays episodes, and open it where there is a browser.
 
-    Of one run it is the report, RUN/report.html if --out is left out; of several, and of replays,
-    all their episodes, to be watched one by one or side by side: those of runs of one task begin
-    alike. The page is one file that asks nothing of anywhere.
+    Of one run, or of self-play, it is the report, RUN/report.html if --out is left out. Of several,
+    and of replays, it has all their episodes, to be watched one by one or side by side: those of
+    runs of one task begin alike. The page is one file that asks nothing of anywhere.
     """
 
     paths: Annotated[tuple[Path, ...], tyro.conf.Positional]
@@ -54,6 +57,7 @@ def view(arguments: Sequence[str]) -> None:
         check(path.exists(), f"{path}: no such file or folder")
     with heard():
         alone = len(given.paths) == 1 and given.paths[0].is_dir()
+        alone = alone and read_config(given.paths[0])[0] != SIDE
         page = report_again(given.paths[0], given.out) if alone else together(given)
     print(f"page: {page}")
     if given.open:
@@ -63,11 +67,11 @@ def view(arguments: Sequence[str]) -> None:
 def report_again(folder: Path, out: Path | None) -> Path:
     """The report of a run, of what stands in its folder now."""
     kind, _ = read_config(folder)
-    check(
-        kind == RUN,
-        f"{folder}: a run of kind {kind!r}; give {folder / 'chaser'} and {folder / 'evader'}, or "
-        f"open {folder / REPORT}",
-    )
+    if kind == SELF_PLAY:
+        results = read_results(folder / RESULTS, RUN)
+        run = open_run(folder)
+        title = f"Self-play on {results['maze']} ({results['sampling']})"
+        return write_self_play_report(folder, run.trainee, title, results, out)
     settings, results = load_settings(folder), load_results(folder)
     policy = load_policy(folder, greedy=settings.evaluate == "greedy")
     contest = contest_of(settings.task, results["evaluation"]["episodes"])

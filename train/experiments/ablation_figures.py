@@ -10,7 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train.experiments.statistics import interquartile_means
-from train.figures import GREY, PALETTE, pyplot, save, short_numbers, tidy
+from train.figures import (
+    GREY,
+    PALETTE,
+    PLAIN,
+    Look,
+    pyplot,
+    save,
+    short_numbers,
+    tidy,
+    time_axis,
+    time_head,
+    time_scale,
+)
 
 ARM_COLORS = tuple(color for color in PALETTE if color != GREY)
 
@@ -43,8 +55,14 @@ class Curve:
     seed: int
     task: str
 
+    def time(self, unit: str) -> NDArray[np.float64]:
+        """[evaluations]: frames in millions, or seconds, as axes have them."""
+        return time_scale(unit) * (self.frames if unit == "frames" else self.seconds)
 
-def draw_final(path: Path, table: list[dict[str, Any]], control: str, title: str) -> None:
+
+def draw_final(
+    path: Path, table: list[dict[str, Any]], control: str, title: str, look: Look = PLAIN
+) -> None:
     """Final gaps and probabilities of improvement with their intervals, one line an arm."""
     figure, (left, right) = pyplot().subplots(
         1, 2, figsize=(9.5, 1.3 + 0.42 * len(table)), sharey=True, layout="constrained"
@@ -74,11 +92,14 @@ def draw_final(path: Path, table: list[dict[str, Any]], control: str, title: str
     for axis in (left, right):
         tidy(axis)
     figure.suptitle(title, fontsize=11)
-    save(figure, path)
+    save(figure, path, formats=look.formats)
 
 
-def draw_arms(path: Path, arms: dict[str, list[Curve]], control: str, title: str) -> None:
+def draw_arms(
+    path: Path, arms: dict[str, list[Curve]], control: str, title: str, look: Look = PLAIN
+) -> None:
     """A panel for each arm: the control in grey, all seeds faint, what was trained on below."""
+    unit = look.x or "seconds"
     names = [name for name in arms if name != control] or [control]
     columns = min(len(names), 4)
     lines = -(-len(names) // columns)
@@ -101,9 +122,9 @@ def draw_arms(path: Path, arms: dict[str, list[Curve]], control: str, title: str
         for arm, shade, order in ((control, GREY, 1), (name, color, 2)):
             for curve in arms.get(arm, []):
                 upper.plot(
-                    curve.seconds, curve.shortfall, color=shade, lw=0.8, alpha=0.4, zorder=order
+                    curve.time(unit), curve.shortfall, color=shade, lw=0.8, alpha=0.4, zorder=order
                 )
-            places, middle = _middle(arms.get(arm, []))
+            places, middle = _middle(arms.get(arm, []), unit)
             if len(places):
                 upper.plot(places, middle, color=shade, lw=1.9, zorder=order + 2, label=arm)
         upper.set_yscale("symlog", linthresh=1.0)
@@ -112,12 +133,13 @@ def draw_arms(path: Path, arms: dict[str, list[Curve]], control: str, title: str
         upper.axhline(0, color="#333333", lw=1.0, ls=":")
         upper.set_title(name, fontsize=10)
         for curve in arms[name]:
-            lower.plot(curve.seconds, curve.lesson, color=color, lw=1.0, alpha=0.6)
+            lower.plot(curve.time(unit), curve.lesson, color=color, lw=1.0, alpha=0.6)
         if all(np.isnan(curve.lesson).all() for curve in arms[name]):
             said = "as the task" if name == control else "levels, chosen one by one"
             lower.text(0.5, 0.5, said, transform=lower.transAxes, ha="center", va="center")
             lower.set_yticks([])
         for axis in (upper, lower):
+            time_axis(axis, look.log)
             tidy(axis)
     for number in range(len(names), lines * columns):
         for half in (0, 1):
@@ -125,17 +147,19 @@ def draw_arms(path: Path, arms: dict[str, list[Curve]], control: str, title: str
     for line in range(lines):
         grid[2 * line, 0].set_ylabel("gap to the optimum (%)")
         grid[2 * line + 1, 0].set_ylabel("trained on")
-    figure.supxlabel("training time (s)", fontsize=10)
+    figure.supxlabel(time_head(unit), fontsize=10)
     figure.suptitle(f"{title}; grey: {control}", fontsize=11)
-    save(figure, path)
+    save(figure, path, formats=look.formats)
 
 
-def _middle(curves: list[Curve]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _middle(curves: list[Curve], unit: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The interquartile mean of the curves, where all of them are."""
     if not curves:
         return np.zeros(0), np.zeros(0)
-    start = max(curve.seconds[0] for curve in curves)
-    end = min(curve.seconds[-1] for curve in curves)
+    times = [curve.time(unit) for curve in curves]
+    start, end = max(time[0] for time in times), min(time[-1] for time in times)
     places = np.linspace(start, max(start, end), 80)
-    values = [np.interp(places, curve.seconds, curve.shortfall) for curve in curves]
+    values = [
+        np.interp(places, time, curve.shortfall) for time, curve in zip(times, curves, strict=True)
+    ]
     return places, interquartile_means(np.stack(values, axis=-1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 
 from train.experiments.ablation_figures import Curve, draw_arms, draw_final
 from train.experiments.forms import HINTS, read_hints
+from train.experiments.methods import METHODS_LINE, methods
+from train.experiments.power import power_line
 from train.experiments.statistics import (
     Interval,
     first_below,
@@ -21,7 +24,9 @@ from train.experiments.statistics import (
     stratified_interval,
 )
 from train.experiments.tables import collect
-from train.files import write_csv, write_text
+from train.figures import PLAIN, Look
+from train.files import write_text
+from train.result_table import Column, ResultTable
 from train.settings.checks import check
 
 THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
@@ -61,11 +66,11 @@ def curve_of(row: dict[str, Any], evaluations: list[dict[str, Any]]) -> Curve:
     )
 
 
-def ablation_report(out: Path) -> Path:
+def ablation_report(out: Path, look: Look = PLAIN) -> Path:
     """Collect the runs of an ablation, draw its figures and write its tables.
 
     Returns:
-        The folder: `report.md`, `table.csv`, `arms*.png`, `final.png`.
+        The folder: `report.md`, `methods.md`, `table.csv`, `table.tex`, `arms*.png`, `final.png`.
 
     Raises:
         ValueError: no ablation in `out`, or no arm has a complete run.
@@ -87,19 +92,27 @@ def ablation_report(out: Path) -> Path:
         row["_x"] = row[x] if x else ""
         arms.setdefault(row["variant"], []).append(curve_of(row, by_run[row["run"]]))
     arms = {name: curves for name, curves in arms.items() if curves}
-    table = [summary(name, curves, arms.get(control, [])) for name, curves in arms.items()]
+    rows = [summary(name, curves, arms.get(control, [])) for name, curves in arms.items()]
+    table = table_of(rows, control)
+    sizes = [
+        tuple(zip(map(len, strata(curves)), map(len, strata(arms[control])), strict=True))
+        for name, curves in arms.items()
+        if name != control and {c.task for c in curves} == {c.task for c in arms.get(control, [])}
+    ]
+    power = "".join(f"Here {power_line(each)}. " for each in dict.fromkeys(sizes))
     folder = out / "report"
     folder.mkdir(exist_ok=True)
     figures = ["final.png"]
-    draw_final(folder / "final.png", table, control, hints.title)
+    draw_final(folder / "final.png", rows, control, hints.title, look)
     for task in dict.fromkeys(curve.task for curves in arms.values() for curve in curves):
         name = f"arms{'-' + task if task else ''}.png".replace("/", "_")
         here = {arm: [c for c in curves if c.task == task] for arm, curves in arms.items()}
         title = hints.title + (f" ({task})" if task else "")
-        draw_arms(folder / name, {a: c for a, c in here.items() if c}, control, title)
+        draw_arms(folder / name, {a: c for a, c in here.items() if c}, control, title, look)
         figures.append(name)
-    write_csv(folder / "table.csv", table)
-    text = markdown(hints.title, table, control, complete, everything, figures)
+    table.write(folder)
+    write_text(folder / "methods.md", methods([out / "runs" / row["run"] for row in complete]))
+    text = markdown(hints.title, table, complete, everything, figures, power)
     write_text(folder / "report.md", text)
     return folder
 
@@ -162,39 +175,56 @@ def verdict(row: dict[str, Any], control: str) -> str:
     return f"{'better' if row['improvement'] > 0.5 else 'worse'} ({told})"
 
 
+def table_of(rows: list[dict[str, Any]], control: str) -> ResultTable:
+    """`summary` of every arm as people read it."""
+    columns = [
+        Column("arm", lambda row: str(row["arm"]), left=True),
+        Column("runs", lambda row: str(row["runs"])),
+        Column("final gap, % [95 %]", partial(_cell_with, "gap")),
+        Column("best to worst", partial(_cell_range, "")),
+        Column("greedy, %", partial(_cell_range, "greedy_")),
+        Column("sampled, %", partial(_cell_range, "sampled_")),
+        *(
+            Column(f"to {t:g} %: seconds, M frames (runs)", partial(_cell_time, f"{t:g}"))
+            for t in THRESHOLDS
+        ),
+        Column("optimality over training [95 %]", partial(_cell_with, "area")),
+        Column(
+            f"P(better than {control}) [95 %]",
+            lambda row: "" if row["arm"] == control else _cell_with("improvement", row),
+        ),
+        Column("verdict", lambda row: verdict(row, control), left=True),
+    ]
+    return ResultTable(rows, columns)
+
+
+def _cell_with(name: str, row: dict[str, Any]) -> str:
+    return _with(row[name], (row[f"{name}_low"], row[f"{name}_high"]))
+
+
+def _cell_range(which: str, row: dict[str, Any]) -> str:
+    ends = (row[f"{which}best"], row[f"{which}worst"])
+    return "" if np.isnan(ends[0]) else " to ".join(map(_number, ends))
+
+
+def _cell_time(threshold: str, row: dict[str, Any]) -> str:
+    count = f"({row[f'reached_{threshold}']} of {row['runs']})"
+    seconds, frames = row[f"seconds_to_{threshold}"], row[f"frames_to_{threshold}"]
+    if not np.isfinite(seconds):
+        return f"not reached {count}"
+    return f"{seconds:.0f}, {frames / 1e6:.1f} {count}"
+
+
 def markdown(
     title: str,
-    table: list[dict[str, Any]],
-    control: str,
+    table: ResultTable,
     rows: list[dict[str, Any]],
     everything: list[dict[str, Any]],
     figures: list[str],
+    power: str,
 ) -> str:
-    """The report as Markdown."""
-    heads = ["arm", "runs", "final gap, % [95 %]", "best to worst", "greedy, %", "sampled, %"]
-    heads += [f"to {t:g} %: seconds, M frames (runs)" for t in THRESHOLDS]
-    heads += ["optimality over training [95 %]", f"P(better than {control}) [95 %]", "verdict"]
-    lines = [f"# {title}", "", "| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
-    for row in table:
-        cells = [row["arm"], str(row["runs"])]
-        cells.append(_with(row["gap"], (row["gap_low"], row["gap_high"])))
-        cells.append(f"{_number(row['best'])} to {_number(row['worst'])}")
-        for kind in ("greedy", "sampled"):
-            ends = (row[f"{kind}_best"], row[f"{kind}_worst"])
-            cells.append("" if np.isnan(ends[0]) else " to ".join(map(_number, ends)))
-        for t in THRESHOLDS:
-            count = f"({row[f'reached_{t:g}']} of {row['runs']})"
-            seconds, frames = row[f"seconds_to_{t:g}"], row[f"frames_to_{t:g}"]
-            reached = np.isfinite(seconds)
-            cells.append(
-                f"{seconds:.0f}, {frames / 1e6:.1f} {count}" if reached else f"not reached {count}"
-            )
-        cells.append(_with(row["area"], (row["area_low"], row["area_high"])))
-        own = row["arm"] == control
-        interval = (row["improvement_low"], row["improvement_high"])
-        cells.append("" if own else _with(row["improvement"], interval))
-        cells.append(verdict(row, control))
-        lines.append("| " + " | ".join(cells) + " |")
+    """The report as Markdown; `power` says what so many runs can show."""
+    lines = [f"# {title}", "", table.markdown()]
     budgets = {(row["budget_seconds"], row["budget_frames"]) for row in rows}
     told = "; ".join(f"{s:g} s" if s is not None else f"{f:,} frames" for s, f in budgets)
     seeds = sorted({row["seed"] for row in rows})
@@ -215,9 +245,11 @@ def markdown(
         "counts as infinitely late, not as missing. Optimality is optimum / steps (for evaders "
         "steps / optimum), averaged over training time; 1 is perfect. P is the probability that "
         "a run of the arm ends nearer to the optimum than one of the control (Mann and Whitney); "
-        "p is that of an exact permutation test of P against 0.5, two-sided; a verdict is given "
-        "only below 0.05, which three seeds against three can never reach (0.1 at best). With few "
-        "seeds intervals are hardly more than the range of the runs.",
+        "p is that of a permutation test of P against 0.5, two-sided; a verdict is given only "
+        f"below 0.05. {power}With few seeds intervals are hardly more than "
+        "the range of the runs.",
+        "",
+        METHODS_LINE,
     ]
     missing = [row for row in everything if row["status"] != "complete"]
     if missing:

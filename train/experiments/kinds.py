@@ -14,6 +14,7 @@ from train.runs.folder import (
     CONFIG,
     CURVE,
     REPLAY,
+    REPORT,
     RESULTS,
     RUN,
     SELF_PLAY,
@@ -61,14 +62,16 @@ class Kind:
 
 
 KINDS = {
-    RUN: Kind(settings_of, from_plain, parts_of, make_run, "pursuit train", (CURVE, REPLAY)),
+    RUN: Kind(
+        settings_of, from_plain, parts_of, make_run, "pursuit train", (CURVE, REPLAY, REPORT)
+    ),
     SELF_PLAY: Kind(
         self_play_settings_of,
         self_play_from_plain,
         self_play_parts,
         make_self_play,
         "pursuit self-play",
-        (CURVE,),
+        (CURVE, REPORT),
     ),
 }
 

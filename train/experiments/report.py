@@ -6,17 +6,22 @@ from pathlib import Path
 
 from train.experiments.ablation_report import ablation_report
 from train.experiments.forms import read_hints
+from train.experiments.page import page_of
 from train.experiments.sweep_report import sweep_report
+from train.figures import PLAIN, Look
 
 
-def report(out: Path) -> Path:
+def report(out: Path, look: Look = PLAIN) -> Path:
     """Collect the runs in `out`, draw their figures and write their tables.
 
     Returns:
-        The folder: `report.md`, `table.csv`, and the figures as .png.
+        The folder: `report.md` and the same as a page, `report.html`; `methods.md`, `table.csv`,
+        `table.tex`, and the figures.
 
     Raises:
         ValueError: neither a sweep nor an ablation in `out`, or none of its runs has results.
     """
     ablation = read_hints(out).control is not None
-    return ablation_report(out) if ablation else sweep_report(out)
+    folder = ablation_report(out, look) if ablation else sweep_report(out, look)
+    page_of(folder / "report.md")
+    return folder

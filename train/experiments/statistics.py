@@ -9,7 +9,7 @@ tasks.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import comb
+from math import comb, prod
 from typing import Any
 
 import numpy as np
@@ -132,6 +132,28 @@ def permutation_p(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[flo
         lambda size, pool=pool: rng.permuted(np.broadcast_to(pool, size), axis=-1) for pool in pools
     ]
     return float(monte_carlo_test(pools, anew, apart_in, **how).pvalue)
+
+
+def least_p(sizes: Sequence[tuple[int, int]]) -> float:
+    """The least p that `permutation_p` can give for so many runs, whatever they end with.
+
+    All of ours below all of theirs in every task is one split of the runs, the reverse another, and
+    p is the share of the splits that are as far from 0.5: 2 over their number. Where splits are
+    drawn instead of counted (`PERMUTATIONS`), the one that was found counts too.
+
+    Args:
+        sizes: the runs of ours and theirs, for each task; at least one each.
+    """
+    splits = prod(comb(ours + theirs, ours) for ours, theirs in sizes)
+    least = 2.0 / splits
+    exact = len(sizes) == 1 and splits <= PERMUTATIONS
+    return least if exact else max(least, 1.0 / (PERMUTATIONS + 1))
+
+
+def is_range(runs: int) -> bool:
+    """Whether the 95 % bootstrap interval of the mean of this many values is from the least to the
+    greatest: where more than 2.5 % of all ways to draw them draw one of them alone."""
+    return runs > 0 and float(runs) ** -runs > 0.025
 
 
 def first_below(places: ArrayLike, values: ArrayLike, threshold: float) -> float:

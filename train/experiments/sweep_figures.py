@@ -11,22 +11,36 @@ from numpy.typing import NDArray
 
 from train.experiments.measures import GAP, measure_of, size_of
 from train.experiments.statistics import bootstrap_interval
-from train.figures import pyplot, save, short_numbers, tidy
+from train.figures import (
+    PLAIN,
+    Look,
+    pyplot,
+    save,
+    short_numbers,
+    tidy,
+    time_axis,
+    time_head,
+    time_scale,
+)
 
 GRID = 60
 """Points of a curve."""
 
 
 def bands(
-    curves: list[tuple[NDArray[Any], NDArray[Any]]],
+    curves: list[tuple[NDArray[Any], NDArray[Any]]], log: bool = False
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Curves over a common axis: points, mean, and the lower and upper end of the interval.
 
-    The axis ends where the first curve ends; between evaluations a curve is a straight line.
+    The axis ends where the first curve ends; between evaluations a curve is a straight line. The
+    points lie evenly on the axis, which is logarithmic if `log`; that has no place for 0.
     """
+    if log:
+        kept = [(points > 0, points, values) for points, values in curves]
+        curves = [(points[above], values[above]) for above, points, values in kept if above.any()]
     start = max(float(points[0]) for points, _ in curves)
     end = min(float(points[-1]) for points, _ in curves)
-    points = np.linspace(start, max(end, start), GRID)
+    points = (np.geomspace if log else np.linspace)(start, max(end, start), GRID)
     values = np.stack([np.interp(points, *curve) for curve in curves])
     ends = np.array([bootstrap_interval(column) for column in values.T])
     return points, values.mean(axis=0), ends[:, 0], ends[:, 1]
@@ -40,6 +54,7 @@ def draw_curves(
     x: str | None,
     colors: dict[str, str],
     title: str,
+    look: Look = PLAIN,
 ) -> None:
     """The measure over seconds or frames: a panel for each x, a colour for each group."""
     measure = measure_of(rows)
@@ -53,7 +68,7 @@ def draw_curves(
         squeeze=False,
         layout="constrained",
     )
-    scale = 1e-6 if unit == "frames" else 1.0
+    scale = time_scale(unit)
     for axis in axes.flat[len(panels) :]:
         axis.set_visible(False)
     for axis, panel in zip(axes.flat, panels, strict=False):
@@ -68,7 +83,7 @@ def draw_curves(
                 if row["_group"] == name and row["run"] in by_run
             ]
             if curves:
-                points, mean, low, high = bands(curves)
+                points, mean, low, high = bands(curves, look.log)
                 axis.plot(points, mean, color=color, lw=1.6, label=name)
                 axis.fill_between(points, low, high, color=color, alpha=0.18, lw=0)
         for column, word, style in (
@@ -87,10 +102,11 @@ def draw_curves(
             axis.set_ylim(bottom=0)
         if x:
             axis.set_title(f"{x.replace('_', ' ')} {panel}", fontsize=10)
+        time_axis(axis, look.log)
         tidy(axis)
     for axis in axes[:, 0]:
         axis.set_ylabel(measure.curve_axis)
-    figure.supxlabel("training time (s)" if unit == "seconds" else "frames (millions)", fontsize=10)
+    figure.supxlabel(time_head(unit), fontsize=10)
     figure.suptitle(title, fontsize=11)
     handles: dict[str, Any] = {}
     for axis in axes.flat:
@@ -99,11 +115,16 @@ def draw_curves(
     figure.legend(
         handles.values(), handles.keys(), loc="outside right upper", frameon=False, fontsize=9
     )
-    save(figure, path)
+    save(figure, path, formats=look.formats)
 
 
 def draw_final(
-    path: Path, rows: list[dict[str, Any]], x: str, colors: dict[str, str], title: str
+    path: Path,
+    rows: list[dict[str, Any]],
+    x: str,
+    colors: dict[str, str],
+    title: str,
+    look: Look = PLAIN,
 ) -> None:
     """The final measure against x, with intervals."""
     measure = measure_of(rows)
@@ -149,4 +170,4 @@ def draw_final(
     if side_by_side:
         axis.legend(frameon=False, fontsize=9)
     tidy(axis)
-    save(figure, path)
+    save(figure, path, formats=look.formats)

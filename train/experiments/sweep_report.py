@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from train.experiments.forms import read_hints
+from train.experiments.forms import Hints, read_hints
 from train.experiments.measures import GAP, STEPS, measure_of, size_of
+from train.experiments.methods import METHODS_LINE, methods
 from train.experiments.statistics import bootstrap_interval, interquartile_mean
 from train.experiments.sweep_figures import draw_curves, draw_final
 from train.experiments.tables import collect
-from train.figures import PALETTE
-from train.files import write_csv, write_text
+from train.figures import PALETTE, PLAIN, Look
+from train.files import write_text
+from train.result_table import Column, ResultTable
 from train.settings.checks import check
 
 REFERENCES = {
@@ -27,11 +31,11 @@ REFERENCES = {
 """What stands beside the measure in tables, where the runs have it: means over seeds."""
 
 
-def sweep_report(out: Path) -> Path:
+def sweep_report(out: Path, look: Look = PLAIN) -> Path:
     """Collect the runs of a sweep, draw its figures and write its tables.
 
     Returns:
-        The folder: `report.md`, `table.csv`, and the figures as .png.
+        The folder: `report.md`, `methods.md`, `table.csv`, `table.tex`, and the figures.
 
     Raises:
         ValueError: no sweep in `out`, or none of its runs has results.
@@ -40,11 +44,7 @@ def sweep_report(out: Path) -> Path:
     runs, curves = collect(out)
     rows = [row for row in runs.to_dicts() if row["status"] == "complete"]
     check(bool(rows), f"{out}: no run is complete yet; `pursuit sweep` goes on with it")
-    x = hints.x if hints.x in runs.columns else None
-    group = [name for name in hints.group if name in runs.columns]
-    for row in rows:
-        row["_group"] = ", ".join(_word(name, row[name]) for name in group or ["algorithm"])
-        row["_x"] = row[x] if x else ""
+    x = put_groups(rows, hints, runs.columns)
     groups = list(dict.fromkeys(row["_group"] for row in rows))
     colors = {name: PALETTE[number % len(PALETTE)] for number, name in enumerate(groups)}
     by_run: dict[str, list[dict[str, Any]]] = {}
@@ -54,17 +54,32 @@ def sweep_report(out: Path) -> Path:
     folder.mkdir(exist_ok=True)
     title = hints.title
     figures = []
-    for unit in ("seconds", "frames"):
+    for unit in ("seconds", "frames") if look.x is None else (look.x,):
         name = f"learning_curves_{unit}.png"
-        draw_curves(folder / name, rows, by_run, unit, x, colors, title)
+        draw_curves(folder / name, rows, by_run, unit, x, colors, title, look)
         figures.append(name)
     if x and len({row["_x"] for row in rows}) > 1:
-        draw_final(folder / "final.png", rows, x, colors, title)
+        draw_final(folder / "final.png", rows, x, colors, title, look)
         figures.insert(0, "final.png")
-    table = summary(rows, x)
-    write_csv(folder / "table.csv", table)
+    table = table_of(rows, summary(rows, x), x)
+    table.write(folder)
+    write_text(folder / "methods.md", methods([out / "runs" / row["run"] for row in rows]))
     write_text(folder / "report.md", markdown(title, rows, table, figures, runs.to_dicts()))
     return folder
+
+
+def put_groups(rows: list[dict[str, Any]], hints: Hints, columns: Collection[str]) -> str | None:
+    """Say in every row which curve it belongs to ("_group"), and where on the axis ("_x").
+
+    Returns:
+        The column on the axis, if there is one.
+    """
+    x = hints.x if hints.x in columns else None
+    group = [name for name in hints.group if name in columns]
+    for row in rows:
+        row["_group"] = ", ".join(_word(name, row[name]) for name in group or ["algorithm"])
+        row["_x"] = row[x] if x else ""
+    return x
 
 
 def _word(name: str, value: Any) -> str:
@@ -112,43 +127,55 @@ def summary(rows: list[dict[str, Any]], x: str | None) -> list[dict[str, Any]]:
     return table
 
 
+HEADS = {
+    "floor": "floor of the objective, %",
+    "success": "success, %",
+    "less": "less than at the start, %",
+    "least": "of the worst seed, %",
+}
+
+
+def table_of(rows: list[dict[str, Any]], table: list[dict[str, Any]], x: str | None) -> ResultTable:
+    """`summary` of runs as people read it."""
+    measure = measure_of(rows)
+    unit = measure.name
+    heads = HEADS | {unit: f"{measure.head} [95 %]", f"{unit}_iqm": "interquartile mean"}
+    hidden = (f"{unit}_low", f"{unit}_high", "frames")
+    columns = []
+    for name in (name for name in table[0] if name not in hidden):
+        if name == unit:
+            show = partial(_with_interval, name)
+        elif name in ("success", "seconds"):
+            show = partial(_rounded, name, "{:.0f}")
+        else:  # a setting is told as it was set
+            show = partial(_rounded, name, "{:g}" if name == x or name == "group" else "{:.2f}")
+        columns.append(Column(heads.get(name, name.replace("_", " ")), show, name in (x, "group")))
+    return ResultTable(table, columns)
+
+
+def _rounded(name: str, form: str, row: dict[str, Any]) -> str:
+    value = row[name]
+    return form.format(value).replace("-0.00", "0.00") if isinstance(value, float) else str(value)
+
+
+def _with_interval(name: str, row: dict[str, Any]) -> str:
+    text = f"{row[name]:.2f}"
+    if not np.isnan(row[f"{name}_low"]):
+        text += f" [{row[f'{name}_low']:.2f}, {row[f'{name}_high']:.2f}]"
+    return text.replace("-0.00", "0.00")
+
+
 def markdown(
     title: str,
     rows: list[dict[str, Any]],
-    table: list[dict[str, Any]],
+    table: ResultTable,
     figures: list[str],
     everything: list[dict[str, Any]],
 ) -> str:
     """The report as Markdown."""
     measure = measure_of(rows)
     unit = measure.name
-    names = [n for n in table[0] if n not in (f"{unit}_low", f"{unit}_high", "frames")]
-    heads = {
-        unit: f"{measure.head} [95 %]",
-        f"{unit}_iqm": "interquartile mean",
-        "floor": "floor of the objective, %",
-        "success": "success, %",
-        "less": "less than at the start, %",
-        "least": "of the worst seed, %",
-    }
-    lines = [f"# {title}", ""]
-    lines.append("| " + " | ".join(heads.get(n, n.replace("_", " ")) for n in names) + " |")
-    lines.append("|" + "---|" * len(names))
-    for line in table:
-        cells = []
-        for name in names:
-            value = line[name]
-            text = f"{value:.2f}" if isinstance(value, float) else str(value)
-            if isinstance(value, float) and name == names[0]:  # a setting: told as it was set
-                text = f"{value:g}"
-            text = text.replace("-0.00", "0.00")
-            if name in ("success", "seconds"):
-                text = f"{value:.0f}"
-            if name == unit and not np.isnan(line[f"{unit}_low"]):
-                ends = f" [{line[f'{unit}_low']:.2f}, {line[f'{unit}_high']:.2f}]"
-                text += ends.replace("-0.00", "0.00")
-            cells.append(text)
-        lines.append("| " + " | ".join(cells) + " |")
+    lines = [f"# {title}", "", table.markdown()]
     machines = sorted({f"{row['machine']}" for row in rows})
     seeds = sorted({row["seed"] for row in rows})
     lines += [
@@ -168,7 +195,7 @@ def markdown(
             "NashConv is exact, of the two policies as they are at that moment; 0 is an "
             "equilibrium. Against A*: expected steps until capture."
         )
-    if "floor" in table[0]:
+    if "floor" in table.rows[0]:
         lines.append(
             "The floor of the objective is the gap of the policy that is best by the discounted "
             "rewards: exact, over all starts."
@@ -177,5 +204,5 @@ def markdown(
     if missing:
         lines += ["", f"Not complete: {len(missing)} runs.", ""]
         lines += [f"- {r['run']}: {r['status']} {r['error'] or ''}".rstrip() for r in missing]
-    lines += [""] + [f"![{name}]({name})\n" for name in figures]
+    lines += ["", METHODS_LINE, ""] + [f"![{name}]({name})\n" for name in figures]
     return "\n".join(lines)

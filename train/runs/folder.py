@@ -1,7 +1,7 @@
 """The folder of a run, of whatever kind.
 
 `config.json`, `metrics.csv`, `results.json`, `checkpoint.pt`, `learning_curve.png`, `replay.gif`,
-TensorBoard events; `.lock` while a process works on it.
+`replays.json`, `report.html`, TensorBoard events; `.lock` while a process works on it.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ CONFIG, METRICS, RESULTS, CHECKPOINT = (
     "checkpoint.pt",
 )
 CURVE, REPLAY = "learning_curve.png", "replay.gif"
+REPORT, REPLAYS = "report.html", "replays.json"
 FORMAT = 5
 """Of `config.json` and `checkpoint.pt`; raised whenever older ones can no longer be read."""
 

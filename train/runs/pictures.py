@@ -16,11 +16,16 @@ from train.figures import (
     GREY,
     ORANGE,
     PINK,
+    PLAIN,
+    Look,
     plain_numbers,
     pyplot,
     save,
     short_numbers,
     tidy,
+    time_axis,
+    time_head,
+    time_scale,
 )
 
 DASHES: tuple[Any, ...] = ("--", "-.", ":", (0, (6, 2)), (0, (3, 1, 1, 1, 1, 1)))
@@ -35,18 +40,21 @@ def draw_learning_curve(
     title: str,
     lessons: list[dict[str, Any]] | None = None,
     taught: str = "",
+    look: Look = PLAIN,
 ) -> None:
     """Mean steps over frames with the baselines as lines; the gap and the curriculum below.
 
     Args:
-        path: a .png file, written atomically.
+        path: of the figure, written atomically.
         rows: of `metrics.csv`.
         scores: of `results.json`.
         title: of the figure.
         lessons: of `curriculum.csv`; none where there is no curriculum.
         taught: what those lessons are.
+        look: how it is drawn; over frames if it does not say.
     """
-    frames = np.array([row["frames"] for row in rows]) / 1e6
+    unit = look.x or "frames"
+    times = np.array([row[unit] for row in rows]) * time_scale(unit)
     steps = np.array([row["mean_steps"] for row in rows])
     by_name = {score["name"]: score for score in scores}
     has_gap = "optimal" in by_name and any("optimality_gap" in row for row in rows)
@@ -61,7 +69,7 @@ def draw_learning_curve(
         layout="constrained",
     )
     upper = axes[0, 0]
-    upper.plot(frames, steps, "o-", color=COLORS["learned"], ms=3.5, lw=1.8, label="learned")
+    upper.plot(times, steps, "o-", color=COLORS["learned"], ms=3.5, lw=1.8, label="learned")
     dashes = itertools.cycle(DASHES)
     for name, score in by_name.items():
         if name.startswith("learned"):
@@ -78,7 +86,7 @@ def draw_learning_curve(
     if has_gap:
         lower = axes[1, 0]
         gap = 100 * np.array([row.get("optimality_gap", np.nan) for row in rows])
-        lower.plot(frames, gap, "o-", color=COLORS["learned"], ms=3.5, lw=1.8)
+        lower.plot(times, gap, "o-", color=COLORS["learned"], ms=3.5, lw=1.8)
         lower.axhline(0, color=COLORS["optimal"], lw=1.4, ls="--")
         lower.set_yscale("symlog", linthresh=1.0)
         low, high = min(np.nanmin(gap), 0.0), max(np.nanmax(gap), 0.0)
@@ -86,16 +94,20 @@ def draw_learning_curve(
         short_numbers(lower.yaxis)
         lower.set_ylabel("gap to the optimum (%)")
     if lessons:
-        draw_lessons(axes[-1, 0], lessons, frames[-1], taught)
-    axes[-1, 0].set_xlabel("frames (millions)")
+        draw_lessons(axes[-1, 0], lessons, float(times[-1]), taught, unit)
+    axes[-1, 0].set_xlabel(time_head(unit))
     for axis in axes[:, 0]:
+        time_axis(axis, look.log)
         tidy(axis)
-    save(figure, path, 150)
+    save(figure, path, 150, look.formats)
 
 
-def draw_lessons(axis: Any, lessons: list[dict[str, Any]], end: float, taught: str) -> None:
-    """What the curriculum gave: the mean as a step line, the range as a band; to `end` million."""
-    places = np.array([*(row["frames"] / 1e6 for row in lessons), end])
+def draw_lessons(
+    axis: Any, lessons: list[dict[str, Any]], end: float, taught: str, unit: str = "frames"
+) -> None:
+    """What the curriculum gave: the mean as a step line, the range as a band; up to `end`, which is
+    in millions of frames or in seconds."""
+    places = np.array([*(row[unit] * time_scale(unit) for row in lessons), end])
     mean, low, high = (
         np.array([row[name] for row in [*lessons, lessons[-1]]]) for name in ("mean", "low", "high")
     )

@@ -12,10 +12,9 @@ from pursuit.viewer.data import Builder, Extras
 from train.evaluation.closeups import Losses, losses_of, recorded, sides_of
 from train.files import read_json
 from train.pages import PLAYER_ROOM, details, pairs, paragraph, picture, section, table, write_page
-from train.runs.folder import CONFIG, CURVE
+from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
 from train.settings.run import TrainSettings
 
-REPORT, REPLAYS = "report.html", "replays.json"
 WORST = 5
 """Starts that are shown, of those that lose most."""
 

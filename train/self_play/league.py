@@ -27,6 +27,7 @@ from train.runs.folder import CONFIG, SELF_PLAY, load_config
 from train.runs.opponents import check_fits, load_policy
 from train.runs.saved import load_settings
 from train.runs.tasks import task_of
+from train.self_play.names import entry_names
 from train.self_play.ratings import (
     best_response_cycle,
     elo_ratings,
@@ -69,7 +70,11 @@ class LeagueTable:
 
 
 def enter(
-    names: Sequence[str], maze: str, opponent_epsilon: float = 0.0, greedy: bool = False
+    names: Sequence[str],
+    maze: str,
+    opponent_epsilon: float = 0.0,
+    greedy: bool = False,
+    called: Sequence[str] = (),
 ) -> tuple[Task, list[Entry]]:
     """The task of the league, and whoever takes part.
 
@@ -78,14 +83,15 @@ def enter(
         maze: where scripted agents play if there is no run.
         opponent_epsilon: share of random moves of astar.
         greedy: learned policies take their most probable action instead of drawing.
+        called: what they are called in tables, one for each; as `entry_names` says if left out.
 
     Raises:
         ValueError: an entry that is no run, of another game, given twice, or a role without entry.
     """
+    title = dict(zip(names, entry_names(names, is_agent, called), strict=True))
     runs: list[tuple[str, Path]] = []
     for name in names:
-        check(list(names).count(name) == 1, f"two entries are called {name!r}; give it once")
-        if name in SCRIPTED or is_own_policy(name):
+        if is_agent(name):
             continue
         folder = Path(name)
         check(
@@ -116,23 +122,28 @@ def enter(
         sampled = not greedy and algorithm_entry(settings.algorithm).learns_distribution
         policy: Any = load_policy(folder, greedy=not sampled)
         check_fits(policy, role, task, name)
-        entries.append(Entry(name, role, policy))
+        entries.append(Entry(title[name], role, policy))
     for name in names:
         if name in SCRIPTED:
             rest: Any = (opponent_epsilon if name == "astar" else 0.0, task.move_order)
             for role in ROLES:
                 if name == "optimal":
                     check_optimal(task, role)
-                entries.append(Entry(name, role, scripted_policy(name, role, *rest)))
+                entries.append(Entry(title[name], role, scripted_policy(name, role, *rest)))
         elif is_own_policy(name):
             for role in own_roles(name, task):
-                entries.append(Entry(name, role, own_policy(name, task, role)))
+                entries.append(Entry(title[name], role, own_policy(name, task, role)))
     for role in ROLES:
         check(
             any(entry.role == role for entry in entries),
             f"no {role} among the entries; add astar, say, or a run of one",
         )
     return task, entries
+
+
+def is_agent(name: str) -> bool:
+    """Whether an entry names an agent, scripted or a user's own, and not a folder."""
+    return name in SCRIPTED or is_own_policy(name)
 
 
 def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> LeagueTable:

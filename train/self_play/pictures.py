@@ -2,19 +2,39 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import numpy as np
 
-from train.figures import BLACK, BLUE, ORANGE, plain_numbers, pyplot, save, tidy
+from train.figures import (
+    BLACK,
+    BLUE,
+    ORANGE,
+    PLAIN,
+    Look,
+    plain_numbers,
+    pyplot,
+    save,
+    tidy,
+    time_axis,
+    time_head,
+    time_scale,
+)
 from train.self_play.league import LeagueTable
 
+LABEL_WIDTH = 24
+"""Letters in a line of a label."""
 COLORS = {"nash_conv": BLACK, "chaser": ORANGE, "evader": BLUE}
 
 
-def draw_self_play(path: Path, rows: list[dict[str, float]], title: str) -> None:
-    """Exploitability over time, and both sides against the scripted agents below."""
-    seconds = np.array([row["seconds"] for row in rows])
+def draw_self_play(
+    path: Path, rows: list[dict[str, float]], title: str, look: Look = PLAIN
+) -> None:
+    """Exploitability over time (seconds if `look` does not say), and both sides against the
+    scripted agents below."""
+    unit = look.x or "seconds"
+    times = np.array([row[unit] for row in rows]) * time_scale(unit)
     exact = "nash_conv" in rows[0]
     figure, axes = pyplot().subplots(
         2 if exact else 1,
@@ -37,7 +57,7 @@ def draw_self_play(path: Path, rows: list[dict[str, float]], title: str) -> None
             color = COLORS[name.split("_exp")[0]]
             width = 2.2 if name == "nash_conv" else 1.3
             style = "-" if name == "nash_conv" else "--"
-            upper.plot(seconds, values, style, color=color, lw=width, label=label)
+            upper.plot(times, values, style, color=color, lw=width, label=label)
         upper.set_ylim(bottom=-0.03 * max(row["nash_conv"] for row in rows))  # 0 can be seen
         upper.set_ylabel("exploitability, exact\n(discounted steps)")
         upper.legend(frameon=False, fontsize=9)
@@ -50,23 +70,24 @@ def draw_self_play(path: Path, rows: list[dict[str, float]], title: str) -> None
             if column in rows[0]:
                 values = [row[column] for row in rows]
                 label = f"{role} against {shown[name]}"
-                lower.plot(seconds, values, style, color=COLORS[role], lw=1.5, label=label)
+                lower.plot(times, values, style, color=COLORS[role], lw=1.5, label=label)
     lower.set_yscale("log")
     plain_numbers(lower.yaxis)
     lower.set_ylabel("steps until capture (log)")
     lower.legend(frameon=False, fontsize=8, ncol=2)
-    lower.set_xlabel("training time (s)")
+    lower.set_xlabel(time_head(unit))
     axes[0, 0].set_title(title, fontsize=11, loc="left", wrap=True)
     for axis in axes[:, 0]:
+        time_axis(axis, look.log)
         tidy(axis)
-    save(figure, path, 150)
+    save(figure, path, 150, look.formats)
 
 
-def draw_league(path: Path, table: LeagueTable, title: str) -> None:
+def draw_league(path: Path, table: LeagueTable, title: str, look: Look = PLAIN) -> None:
     """The payoff matrix as a heat map."""
     chasers, evaders = table.payoff.shape
     figure, axis = pyplot().subplots(
-        figsize=(3.2 + 0.85 * evaders, 1.8 + 0.55 * chasers), layout="constrained"
+        figsize=(3.6 + 0.85 * evaders, 1.8 + 0.55 * chasers), layout="constrained"
     )
     image = axis.imshow(table.payoff, cmap="viridis", aspect="auto")
     low, high = table.payoff.min(), table.payoff.max()
@@ -78,16 +99,17 @@ def draw_league(path: Path, table: LeagueTable, title: str) -> None:
                 j, i, f"{value:.1f}", ha="center", va="center", fontsize=9,
                 color="white" if dark else "black",
             )  # fmt: skip
-    axis.set_yticks(range(chasers), [_short(name) for name in table.chasers])
+    axis.set_yticks(range(chasers), [_broken(name) for name in table.chasers])
     axis.set_xticks(
-        range(evaders), [_short(name) for name in table.evaders], rotation=30, ha="right"
+        range(evaders), [_broken(name) for name in table.evaders], rotation=30, ha="right"
     )
     axis.set_ylabel("chaser")
     axis.set_xlabel("evader")
     figure.colorbar(image, label="steps until capture")
     axis.set_title(title, fontsize=11)
-    save(figure, path)
+    save(figure, path, formats=look.formats)
 
 
-def _short(name: str) -> str:
-    return name if len(name) <= 24 else "…" + name[-23:]
+def _broken(name: str) -> str:
+    """A name in lines that a label has room for; nothing of it is left out."""
+    return textwrap.fill(name, LABEL_WIDTH)

@@ -20,13 +20,13 @@ from train.evaluation.closeups import MOST_OVERLAY_CELLS
 from train.evaluation.games import is_exact, table_in
 from train.files import read_json
 from train.pages import PLAYER_ROOM, details, pairs, paragraph, picture, section, table, write_page
-from train.runs.folder import CONFIG, CURVE
+from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
 from train.self_play.league import Entry, LeagueTable, cycle_of, play_league
 from train.self_play.pictures import draw_league
 from train.settings.checks import EVALUATION_SEED
 from train.settings.self_play import ROLES
 
-REPORT, REPLAYS, PAYOFF = "report.html", "replays.json", "payoff.png"
+PAYOFF = "payoff.png"
 EPISODES = 4
 """Shown of the two sides."""
 SNAPSHOTS = 5
@@ -36,7 +36,7 @@ GAMES = 20
 
 
 def write_self_play_report(
-    folder: Path, trainee: Any, title: str, results: Mapping[str, Any]
+    folder: Path, trainee: Any, title: str, results: Mapping[str, Any], path: Path | None = None
 ) -> Path:
     """Write `report.html`, `replays.json` and `payoff.png` into the folder of self-play.
 
@@ -45,6 +45,7 @@ def write_self_play_report(
         trainee: the two sides, as they are now.
         title: of the page.
         results: what `results.json` holds.
+        path: of the page, if it is to be elsewhere; then no replays are written.
 
     Raises:
         OSError: they cannot be written.
@@ -52,7 +53,8 @@ def write_self_play_report(
     task = trainee.task
     pair = {role: trainee.policy(role) for role in ROLES}
     replay = recorded_pair(task, pair, EPISODES)
-    replay.save(folder / REPLAYS)
+    if path is None:
+        replay.save(folder / REPLAYS)
     builder = Builder()
     sides = sides_of_pair(task, pair)
     names = [episode.label for episode in replay.episodes]
@@ -74,7 +76,7 @@ def write_self_play_report(
         ),
         section("How it was made", made(folder, results)),
     ]
-    path = folder / REPORT
+    path = path or folder / REPORT
     write_page(path, title, parts, builder.data(title))
     return path
 

@@ -1,0 +1,279 @@
+"""What goes into papers: tables, figures, methods, names and power; the page as it stands."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import json
+import re
+import shlex
+import shutil
+import subprocess
+from collections.abc import Iterator
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from train.commands.main import COMMANDS, GROUPS, main
+from train.experiments.ablation import load_ablation
+from train.experiments.methods import methods
+from train.experiments.power import power_line, power_lines
+from train.experiments.statistics import is_range, least_p, permutation_p
+from train.experiments.sweep import load_sweep
+from train.experiments.sweep_figures import bands
+from train.figures import Look, pyplot, save
+from train.result_table import Column, ResultTable, in_tex, words
+from train.self_play.names import entry_names
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "for_a_paper.md"
+HOSTILE = "a_b & 50 % of $x^2$ {~} #1 \\input{/etc/passwd} [-3, -0.5] | <b> ± --x\nnext"
+
+
+@pytest.fixture(scope="module")
+def paper(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, dict[str, str]]]:
+    """Where the page's commands ran, one after the other, and what each printed."""
+    folder, printed = tmp_path_factory.mktemp("paper"), {}
+    text = PAGE.read_text(encoding="utf-8")
+    commands = [line for block in re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
+                for line in block.splitlines()]  # fmt: skip
+    with contextlib.chdir(folder):
+        for line in commands:
+            said = io.StringIO()
+            with contextlib.redirect_stdout(said):
+                main(shlex.split(line)[1:])
+            printed[line] = said.getvalue()
+        yield folder, printed
+
+
+def test_the_commands_of_the_page_write_what_it_says(paper: tuple[Path, dict[str, str]]) -> None:
+    folder, printed = paper
+    for name in ("runs/ppo/learning_curve.pdf", "game.pdf", "comparison/curves.pdf"):
+        assert (folder / name).read_bytes()[:5] == b"%PDF-", name
+    for name in ("runs/ppo/learning_curve.svg", "maze.svg"):
+        assert "<svg" in (folder / name).read_text(encoding="utf-8"), name
+    assert (folder / "league" / "league.pdf").exists() and not (folder / "maze.png").exists()
+    told = re.findall(r"```text\n(.*?)\n```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert told[0] in printed["pursuit ablate adaptive --dry-run"]
+
+
+def test_the_python_of_the_page_runs(
+    paper: tuple[Path, dict[str, str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for block in re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL):
+        exec(compile(block, str(PAGE), "exec"), {})
+    assert "2 agents (chaser) were trained by PPO or A2C" in capsys.readouterr().out
+
+
+def test_one_table_three_forms(paper: tuple[Path, dict[str, str]]) -> None:
+    """Report, CSV and TeX say the same of the same rows."""
+    out = paper[0] / "comparison"
+    rows = list(csv.DictReader((out / "table.csv").open()))
+    report = (out / "report.md").read_text()
+    cells = [line.strip("| ").split(" | ") for line in report.splitlines() if line[:2] == "| "]
+    tex = (out / "table.tex").read_text().split("\\midrule\n")[1].split("\\bottomrule")[0]
+    for row, shown, line in zip(rows, cells[1:], tex.splitlines(), strict=True):
+        assert row["group"] == shown[0] and f"{float(row['gap']):.2f}" in shown[6]
+        assert line == " & ".join(map(in_tex, shown)) + " \\\\"
+    final = json.loads((paper[0] / "runs/ppo/results.json").read_text())["evaluation"]
+    assert float(rows[0]["gap"]) == pytest.approx(100 * final["optimality_gap"])
+
+
+def test_methods_say_what_the_files_say(paper: tuple[Path, dict[str, str]]) -> None:
+    folder = paper[0] / "runs/ppo"
+    text = (folder / "methods.md").read_text()
+    assert text == methods([folder])
+    config, results = (
+        json.loads((folder / f"{n}.json").read_text()) for n in ("config", "results")
+    )
+    facts = [results["versions"]["torch"], results["machine"]["processor"], "seed 0", "maze 3x3"]
+    facts += ["A* with 20 % random moves", f"{results['frames']:,} frames", "greedy policy"]
+    facts += [f"| num_games | {config['hyper']['num_games']} | 1024 |", "| threads | 1 | 0 |"]
+    for fact in facts:
+        assert fact in text, fact
+    assert "learning_rate" not in text  # as it is by default
+    league = (paper[0] / "league/methods.md").read_text()
+    assert "2 agents (chaser)" in league and "20 games of each pair" in league
+
+
+def test_a_league_calls_its_entries_as_asked(paper: tuple[Path, dict[str, str]]) -> None:
+    content = json.loads((paper[0] / "league/league.json").read_text())
+    assert content["chasers"] == ["PPO", "A2C", "A star", "chance"]
+    rows = list(csv.DictReader((paper[0] / "league/table.csv").open()))
+    assert [row["chaser"] for row in rows] == content["chasers"]
+    assert float(rows[0]["against A star"]) == content["payoff"][0][0]
+    assert "A2C" in (paper[0] / "league/chasers.tex").read_text()
+
+
+def test_names_are_the_shortest_that_tell_apart(tmp_path: Path) -> None:
+    runs = ["a/one", "b/one", "b/two", "c/b/two", "x/astar", "pair", "pair/chaser", "z/pair"]
+    for run in runs:
+        (tmp_path / run).mkdir(parents=True, exist_ok=True)
+    (tmp_path / "pair" / "config.json").touch()
+    entries = [*(str(tmp_path / run) for run in runs), "astar"]
+    is_agent = ["astar", "random"].__contains__
+    top = tmp_path.name
+    assert entry_names(entries, is_agent) == [
+        *("a/one", "b/one", f"{top}/b/two", "c/b/two", "x/astar"),
+        *(f"{top}/pair", f"{top}/pair/chaser", "z/pair", "astar"),
+    ]
+    assert entry_names(entries[:3], is_agent, ["1", "2", "3"]) == ["1", "2", "3"]
+    for chosen, message in ((["1"], "1 names for 3"), (["1", "1", "2"], "called '1'")):
+        with pytest.raises(ValueError, match=message):
+            entry_names(entries[:3], is_agent, chosen)
+    with pytest.raises(ValueError, match="give it once"):
+        entry_names([entries[0], f"{entries[0]}/../one"], is_agent)
+
+
+# -- tables ----------------------------------------------------------------------------------------
+
+
+def test_hostile_names_are_escaped_everywhere(tmp_path: Path) -> None:
+    table = ResultTable(
+        [{"name": HOSTILE, "x": -0.5}], [words("name"), Column("x | y", lambda r: f"{r['x']}")]
+    )
+    assert all(line.replace("\\|", "").count("|") == 3 for line in table.markdown().splitlines())
+    table.write(tmp_path)
+    assert next(csv.DictReader((tmp_path / "table.csv").open(newline="")))["name"] == HOSTILE
+    tex = in_tex(HOSTILE)
+    for active in ("&", "%", "#", "_"):  # escaped, every time
+        assert len(re.findall(re.escape(active), tex)) == tex.count("\\" + active) > 0
+    assert "\\input" not in tex and "\n" not in tex and "--" not in tex
+    assert "[$-$3, $-$0.5]".replace("[", "{[}").replace("]", "{]}") in tex
+    for left, right in ("{}",):
+        bare = tex.replace("\\{", "").replace("\\}", "")
+        assert bare.count(left) == bare.count(right)
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex here")
+def test_latex_takes_the_tables(tmp_path: Path, paper: tuple[Path, dict[str, str]]) -> None:
+    table = ResultTable([{"name": HOSTILE}], [words("name")])
+    table.write(tmp_path, "hostile")
+    tables = [tmp_path / "hostile.tex", *paper[0].glob("*/*.tex")]
+    inputs = "\n\n".join(f"\\input{{{path}}}" for path in tables)
+    (tmp_path / "paper.tex").write_text(
+        "\\documentclass{article}\\usepackage{booktabs}\\begin{document}\n"
+        f"{inputs}\n\\end{{document}}\n"
+    )
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:]
+
+
+# -- power -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sizes", [(2, 2), (3, 3), (2, 4), (4, 4), (3, 5)])
+def test_the_least_p_is_that_of_all_ways_to_split_the_runs(sizes: tuple[int, int]) -> None:
+    ours, theirs = sizes
+    values = range(ours + theirs)
+    found = [
+        permutation_p([list(part)], [[v for v in values if v not in part]])
+        for part in combinations(values, ours)
+    ]
+    assert least_p([sizes]) == pytest.approx(min(found))
+
+
+def test_the_least_p_of_several_tasks_and_of_splits_that_are_drawn() -> None:
+    apart = [[1.0, 2.0, 3.0]] * 2, [[4.0, 5.0, 6.0]] * 2
+    assert least_p([(3, 3)] * 2) == 2 / 400 == pytest.approx(permutation_p(*apart), rel=0.3)
+    assert least_p([(20, 20)]) == pytest.approx(1 / 20_001)
+
+
+def test_what_so_few_can_show_is_said(tmp_path: Path) -> None:
+    assert power_lines(load_ablation("adaptive", "short")) == [power_line([(3, 3)])]
+    assert "cannot show p < 0.05" in power_line([(3, 3)]) and "is 0.10" in power_line([(3, 3)])
+    assert "5 against 5 can show" in power_line([(5, 5)])
+    assert "in each of 2 tasks can show" in power_line([(3, 3)] * 2)
+    for seeds, words_ in (
+        ("[0]", "of a single seed there is no interval"),
+        ("[0, 1, 2]", "over 3 seeds, which are no more than the range of the runs"),
+        ("[0, 1, 2, 3, 4]", "over 5 seeds. A permutation test of 5 against 5 could show"),
+    ):
+        file = tmp_path / "s.toml"
+        file.write_text(
+            f'seeds = {seeds}\nsettings = {{maze = "3x3", frames = 9}}\ngrid = {{gamma = [0.9, 1]}}'
+        )
+        assert words_ in power_lines(load_sweep(str(file)))[0]
+    from train.experiments.statistics import bootstrap_interval
+
+    for runs in range(2, 7):
+        values = np.random.default_rng(runs).normal(size=runs).tolist()
+        ends = bootstrap_interval(values)
+        assert (ends == pytest.approx((min(values), max(values)))) == is_range(runs)
+
+
+# -- figures ---------------------------------------------------------------------------------------
+
+
+def test_figures_are_the_same_bytes_in_every_format(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        figure, axis = pyplot().subplots()
+        axis.plot([1, 2], [3, 4], label="curve")
+        axis.legend()
+        save(figure, tmp_path / folder / "f.png", formats=("pdf", "svg"))
+    for name in ("f.png", "f.pdf", "f.svg"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    assert ">curve</text>" in (tmp_path / "a" / "f.svg").read_text()
+    assert Image.open(tmp_path / "a" / "f.png").size[0] > 500
+    for bad in ({"formats": ("gif",)}, {"x": "hours"}):
+        with pytest.raises(ValueError, match="unknown"):
+            Look(**bad)  # type: ignore[arg-type]
+
+
+def test_a_logarithmic_axis_begins_above_nothing() -> None:
+    curve = (np.array([0.0, 1.0, 10.0, 100.0]), np.array([9.0, 3.0, 2.0, 1.0]))
+    points, mean, *_ = bands([curve, curve], log=True)
+    assert points[0] == 1.0 and mean[0] == 3.0 and mean[-1] == 1.0
+    assert np.allclose(np.diff(np.log(points)), np.log(100) / (len(points) - 1))
+    assert bands([curve])[0][0] == 0.0
+
+
+# -- the command line ------------------------------------------------------------------------------
+
+
+class Parsed(Exception):
+    """The options are sound."""
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_example_of_the_help_is_understood(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module = __import__(f"train.commands.{name.replace('-', '_')}", fromlist=["parse"])
+    parse = module.parse
+
+    def parsed(*arguments: Any) -> None:
+        parse(*arguments)
+        raise Parsed
+
+    monkeypatch.setattr(module, "parse", parsed)
+    with pytest.raises(Parsed):
+        main([name, *shlex.split(COMMANDS[name].example)])
+    main(["--help"])
+    said = capsys.readouterr().out
+    assert f"pursuit {name} {COMMANDS[name].example}" in said and COMMANDS[name].does in said
+    assert all(f"{group}:" in said for group in GROUPS) and max(map(len, said.splitlines())) <= 100
+
+
+def test_the_citation_is_one() -> None:
+    yaml = pytest.importorskip("yaml")
+    content = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "message", "title", "authors"} <= set(content)  # what CFF 1.2 requires
+    assert content["type"] == "software" and all("name" in author for author in content["authors"])
+    project = (ROOT / "pyproject.toml").read_text()
+    assert f'version = "{content["version"]}"' in project
+    assert f'license = "{content["license"]}"' in project
+
+
+def test_the_changelog_keeps_its_form() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    kinds = {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
+    assert re.search(r"^## \[Unreleased\]", text, re.MULTILINE) and "Keep a Changelog" in text
+    assert set(re.findall(r"^### (.+)$", text, re.MULTILINE)) <= kinds

@@ -1,0 +1,400 @@
+"""The methods paragraph of runs: what was done with what, every fact from `config.json` and
+`results.json`, so that a paper says what ran and not what somebody remembers of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from pursuit.parts import is_reference
+from scripted_agents.environments import SCRIPTED
+from train.experiments.forms import read_label
+from train.experiments.sweep import MEASURED, flat_plain
+from train.files import read_json
+from train.result_table import Column, ResultTable, Row, words
+from train.runs.folder import CONFIG, RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
+from train.runs.parts import setting_of
+from train.runs.provenance import COMMAND
+from train.settings.algorithms import HYPERPARAMETERS
+from train.settings.presets import hyperparameters, lessons_for
+from train.settings.run import TrainSettings
+from train.settings.self_play import SelfPlaySettings
+from train.settings.task import task_form, who_learns
+
+METHODS = "methods.md"
+METHODS_LINE = f"How these runs were made: [{METHODS}]({METHODS})."
+TOLD = (
+    *("task", "role", "maze", "algorithm", "evaluate", "seed", "variant", "kind"),
+    *MEASURED.values(),
+)
+"""Settings that stand in the paragraph, and so in no table."""
+NONE, MISSING = "none", "–"
+"""What stands for no value, and for a setting that a run has not."""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What the files of a run say.
+
+    Attributes:
+        name: of its folder.
+        kind: of run.
+        settings: by name, without levels; mazes by their names.
+        defaults: the same, as they would be if nobody had set them.
+        results: `results.json`, checked; empty where there is none yet.
+        command: that began it.
+    """
+
+    name: str
+    kind: str
+    settings: Row
+    defaults: Row
+    results: dict[str, Any]
+    command: str
+
+
+def facts_of(folder: Path) -> Facts:
+    """The facts of a run of whatever kind.
+
+    Raises:
+        ValueError: no run there, or a damaged one.
+    """
+    kind, plain = read_config(folder)
+    results = load_results(folder) if (folder / RESULTS).exists() else {}
+    label = read_label(folder)
+    settings, defaults = flat_plain(plain), flat_plain(defaults_of(kind, plain))
+    if "maze" in settings:
+        settings["maze"] = results.get("maze") or label.get("maze") or _named(settings["maze"])
+    if settings.get("curriculum_mazes"):
+        given = label.get("curriculum_mazes", settings["curriculum_mazes"])
+        settings["curriculum_mazes"] = _named(given)
+    settings |= {n: label[n] for n in ("opponent", "chaser", "evader", "variant") if n in label}
+    if kind == RUN and "role" in settings:
+        settings["role"] = who_learns(settings["task"], settings["role"])
+    command = read_json(folder / CONFIG).get(COMMAND, "")
+    return Facts(folder.name, kind, settings, defaults, results, str(command))
+
+
+def _named(maze: Any) -> str:
+    """A maze by its name; one that is known by its text alone is said to be."""
+    return "given as text in config.json" if "\n" in str(maze) else str(maze)
+
+
+def defaults_of(kind: str, plain: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings that a run of this task, algorithm and curriculum has where nobody sets any.
+
+    Nothing of a user's is imported for it: the settings of a user's own algorithm or curriculum
+    have no defaults here.
+    """
+    if kind == SELF_PLAY:
+        return asdict(SelfPlaySettings(frames=1))
+    form = task_form(plain["task"]["task"])
+    task = form(**{n: v for n, v in plain["task"].items() if not is_reference(v)})
+    algorithm, curriculum = plain["algorithm"], plain["curriculum"]
+    hyper: dict[str, Any] = {}
+    lessons: dict[str, Any] = {}
+    usual = NONE
+    if algorithm in HYPERPARAMETERS:
+        setting = setting_of(task)
+        hyper = asdict(hyperparameters(algorithm, setting))
+        usual = lessons_for(algorithm, setting)[0]
+        if not is_reference(curriculum):
+            lessons = asdict(lessons_for(algorithm, setting, curriculum=curriculum)[1])
+            if curriculum == usual:
+                lessons = asdict(lessons_for(algorithm, setting)[1])
+    own = asdict(TrainSettings(form(), frames=1))
+    own |= {"task": asdict(form()), "hyper": hyper, "lessons": lessons}
+    return own | {"algorithm": algorithm, "curriculum": usual}
+
+
+def methods(folders: Sequence[Path]) -> str:
+    """What was done, as Markdown, ready for a paper's section on methods.
+
+    Args:
+        folders: of the runs, at least one.
+
+    Raises:
+        ValueError: a folder that holds no run, or a damaged one.
+    """
+    lines = ["# Methods", ""]
+    facts = [facts_of(folder) for folder in folders]
+    for kind in dict.fromkeys(run.kind for run in facts):
+        lines += _of_one_kind([run for run in facts if run.kind == kind])
+    return "\n".join([*lines, *_commands(run.command for run in facts)])
+
+
+def _of_one_kind(runs: Sequence[Facts]) -> list[str]:
+    """The paragraph of runs of one kind, and the tables that it needs."""
+    varying = _varying(runs)
+    lines = [" ".join(_sentences(runs)), ""]
+    shared = [
+        name
+        for name in _names(runs)
+        if name not in (*varying, *TOLD) and all(name in run.settings for run in runs)
+    ]
+    rows = [
+        {"setting": name, "value": _text(runs[0].settings[name]), "default": told}
+        for name in shared
+        if (told := _default(runs, name)) != _text(runs[0].settings[name])
+    ]
+    if rows:
+        lines += [f"Settings of {_all(runs)} that differ from the defaults:", ""]
+        lines += [_settings_table(rows).markdown(), ""]
+    else:
+        lines += [f"Otherwise the settings of {_all(runs)} are the defaults.", ""]
+    if varying:
+        lines += ["What they differ in:", "", _differences(runs, varying).markdown(), ""]
+    return lines
+
+
+def league_methods(content: Mapping[str, Any], folders: Sequence[Path]) -> str:
+    """What was done in a league, and how the runs in it were made.
+
+    Args:
+        content: of `league.json`.
+        folders: of its runs; one role of self-play counts as the run that it was trained in.
+
+    Raises:
+        ValueError: a folder that holds no run, or a damaged one.
+    """
+    how = "most probable" if content["greedy"] else "drawn"
+    exact = not any(half for row in content["ci95"] for half in row)
+    told = (
+        f"{len(content['chasers'])} chasers met {len(content['evaders'])} evaders in the task "
+        f"{content['task']} on maze {content['maze']}, at most {content['max_steps']} steps a "
+        f"game; learned policies take {how} actions, and A* makes "
+        f"{100 * content['opponent_epsilon']:g} % random moves. "
+        f"Payoffs are mean steps until capture, "
+        + ("exact over all starts" if exact else "exact over all starts where ± is missing, else ")
+        + ("" if exact else f"of {content['games']} games with their 95 % intervals")
+        + f". Ratings are of {content['games']} games of each pair, from starts that are the same "
+        f"for all and that nothing was trained with (seed {content['seed']}): Elo by maximum "
+        "likelihood (Bradley and Terry) with bootstrap intervals, openskill's Plackett-Luce model, "
+        "and Nash averaging (Balduzzi et al., 2018). " + where_it_ran([content])
+    )
+    runs = dict.fromkeys(_run_of(folder) for folder in folders)
+    text = "\n".join(["# Methods", "", told, "", *_commands([str(content["command"])])])
+    return text if not runs else text + "\n" + methods(list(runs)).replace("# Methods", "## Runs")
+
+
+def _run_of(folder: Path) -> Path:
+    """The run that a folder belongs to: its own, or of one role of self-play the one above."""
+    return folder.parent if read_config(folder)[0] == SIDE else folder
+
+
+def _names(runs: Sequence[Facts]) -> list[str]:
+    return list(dict.fromkeys(name for run in runs for name in run.settings))
+
+
+def _varying(runs: Sequence[Facts]) -> list[str]:
+    """The settings that are not alike in all runs, seeds apart.
+
+    One that only some of them have (a clip of PPO's beside A2C) counts where it is not the default.
+    """
+    found = []
+    for name in _names(runs):
+        have = [run for run in runs if name in run.settings]
+        values = {_text(run.settings[name]) for run in have}
+        usual = all(_text(run.settings[name]) == _default([run], name) for run in have)
+        differs = len(values) > 1 or (len(have) < len(runs) and not usual)
+        if differs and name not in ("seed", "variant"):
+            found.append(name)
+    return found
+
+
+def _default(runs: Sequence[Facts], name: str) -> str:
+    """What a setting is by default; all that it is, where that depends on the run."""
+    return " or ".join(dict.fromkeys(_text(run.defaults.get(name)) for run in runs))
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return NONE
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, list | tuple):
+        return " ".join(map(str, value)) or NONE
+    return str(value)
+
+
+def _settings_table(rows: list[Row]) -> ResultTable:
+    return ResultTable(rows, [words("setting"), words("value"), words("default")])
+
+
+def _differences(runs: Sequence[Facts], varying: Sequence[str]) -> ResultTable:
+    """A row for everything that was done with several seeds."""
+    rows: dict[str, Row] = {}
+    named = any(run.settings.get("variant") for run in runs)
+    for run in runs:
+        row: Row = {"name": run.settings.get("variant") or ""} if named else {}
+        row |= {name: _text(run.settings.get(name, MISSING)) for name in varying}
+        seeds = rows.setdefault(str(row), row | {"seeds": []})["seeds"]
+        seeds.append(run.settings["seed"])
+    heads = [*(["name"] if named else []), *varying]
+    columns = [words(name) for name in heads]
+    columns.append(Column("seeds", lambda row: ", ".join(map(str, sorted(row["seeds"])))))
+    return ResultTable(list(rows.values()), columns)
+
+
+def _sentences(runs: Sequence[Facts]) -> list[str]:
+    """The paragraph."""
+
+    def each(value: Callable[[Facts], Any]) -> str:
+        return " or ".join(dict.fromkeys(_text(value(run)) for run in runs))
+
+    def setting(name: str) -> str:
+        return each(lambda run: run.settings.get(name))
+
+    pairs = runs[0].kind == SELF_PLAY
+    said = [_who(runs, setting)]
+    place = f"on maze {setting('maze')}" if "maze" in runs[0].settings else ""
+    joints = f"with {setting('joints')} joints" if "joints" in runs[0].settings else ""
+    where = " ".join(part for part in (f"the task {setting('task')}", place, joints) if part)
+    subject = "It plays" if len(runs) == 1 and not pairs else "They play"
+    said.append(f"{subject} {where}, at most {setting('max_steps')} steps an episode.")
+    if pairs:
+        said.append(
+            f"Both sides learn against snapshots of each other, drawn by the scheme "
+            f"{setting('sampling')}."
+        )
+    elif "opponent_epsilon" in runs[0].settings and setting("task") != "maze":
+        said.append(f"All other seats are played by {each(_opponent)}.")
+    said.append(f"{_budget(runs)}; {_seeds(runs)}.")
+    done = [run for run in runs if run.results]
+    if done:
+        said += _measured(done)
+    return said
+
+
+def _who(runs: Sequence[Facts], setting: Callable[[str], str]) -> str:
+    number = len(runs)
+    if runs[0].kind == SELF_PLAY:
+        sides = [
+            f"{role}s by {_learner(setting(f'{role}_algorithm'))}" for role in ("chaser", "evader")
+        ]
+        what = "A pair of sides was" if number == 1 else f"{number} pairs of sides were"
+        return f"{what} trained in self-play: {', '.join(sides)}."
+    role = setting("role") if "role" in runs[0].settings else "arm"
+    what = f"One agent ({role}) was" if number == 1 else f"{number} agents ({role}) were"
+    curriculum = setting("curriculum")
+    taught = "without a curriculum" if curriculum == NONE else f"with the curriculum {curriculum}"
+    learners = " or ".join(map(_learner, setting("algorithm").split(" or ")))
+    return f"{what} trained by {learners}, {taught}."
+
+
+def _learner(name: str) -> str:
+    """A learner as papers write it."""
+    return name.replace("_", " ") if "_" in name or ":" in name else name.upper()
+
+
+def _opponent(run: Facts) -> str:
+    """Who plays the seats in which nobody learns."""
+    chance = f"{100 * run.settings['opponent_epsilon']:g} % random moves"
+    name = run.settings["opponent"]
+    if name in (None, "astar"):
+        return f"A* with {chance}"
+    if name in SCRIPTED:
+        return str(name)
+    how = run.settings["opponent_policy"]
+    return f"{name} (its {how} policy where it was learned; A* with {chance} beside it)"
+
+
+def _budget(runs: Sequence[Facts]) -> str:
+    told = []
+    for name, unit in (("budget_seconds", "s"), ("budget_frames", "frames")):
+        values = dict.fromkeys(run.settings[name] for run in runs)
+        told += [f"{value:,g} {unit}" if unit == "s" else f"{value:,} {unit}" for value in values
+                 if value is not None]  # fmt: skip
+    text = f"The budget of a run is {' or '.join(told)} of training"
+    done = [run.results for run in runs if run.results]
+    if done:
+        text += f"; it took {_span([r['frames'] for r in done], 'frames', ',')} and "
+        text += _span([round(r["seconds"], 1) for r in done], "s")
+    return text
+
+
+def _span(values: Sequence[float], unit: str, form: str = "g") -> str:
+    low, high = min(values), max(values)
+    if low == high:
+        return f"{low:{form}} {unit}"
+    return f"{low:{form}} to {high:{form}} {unit}"
+
+
+def _seeds(runs: Sequence[Facts]) -> str:
+    seeds = sorted({run.settings["seed"] for run in runs})
+    return f"seed{'s' if len(seeds) > 1 else ''} {', '.join(map(str, seeds))}"
+
+
+def _measured(done: Sequence[Facts]) -> list[str]:
+    """How it was evaluated, by what, and where it ran."""
+    said = []
+    if done[0].kind == RUN:
+        kinds = " or ".join(sorted({str(run.settings["evaluate"]) for run in done}))
+        exact = {bool(run.results["evaluation"]["exact"]) for run in done}
+        played = {run.results["evaluation"]["episodes"] for run in done}
+        how = "exactly, over all starts" if exact == {True} else (
+            f"on {_span(sorted(played), 'episodes', ',')} whose starts nothing was trained with"
+        )  # fmt: skip
+        if len(exact) == 2:
+            how += " where no exact evaluation is known"
+        said.append(f"The {kinds} policy is evaluated {how}.")
+        known = [run.results["evaluation"]["optimal_steps"] is not None for run in done]
+        if all(known):
+            said.append("Its gap is to the exact optimum of the same task and starts.")
+    columns = {(run.results["objective"]["column"], run.results["objective"]["unit"])
+               for run in done}  # fmt: skip
+    judged = " or ".join(
+        name if name.replace("_", " ").endswith(unit) else f"{name} ({unit})"
+        for name, unit in sorted(columns)
+    )
+    said.append(f"Runs are judged by {judged.replace('_', ' ')}.")
+    cut = [run.name for run in done if run.results["interrupted"]]
+    if cut:
+        said.append(f"Interrupted before their budget was spent: {', '.join(cut)}.")
+    said.append(where_it_ran([run.results for run in done]))
+    return said
+
+
+def where_it_ran(results: Sequence[Mapping[str, Any]]) -> str:
+    """One sentence on the versions and the machines in results."""
+    versions = list(dict.fromkeys(_versions(each["versions"]) for each in results))
+    machines = list(dict.fromkeys(_machine(each["machine"]) for each in results))
+    return f"Software: {'; or '.join(versions)}. Machine: {'; or '.join(machines)}."
+
+
+def _versions(found: Mapping[str, Any]) -> str:
+    parts = [f"{name} {value}" for name, value in found.items() if value and name != "commit"]
+    if found.get("commit"):
+        commit = str(found["commit"])
+        parts[0] += f" (commit {commit[:12]}{', changed since' if commit[-1] == '+' else ''})"
+    return ", ".join(parts)
+
+
+def _machine(found: Mapping[str, Any]) -> str:
+    parts = [str(found["processor"])]
+    if "cores" in found:
+        parts.append(f"{found['cores']} cores")
+    if "threads" in found:
+        parts.append(f"torch with {found['threads']} thread(s)")
+    return ", ".join(parts)
+
+
+def _commands(given: Iterable[str]) -> list[str]:
+    commands = list(dict.fromkeys(_as_typed(command) for command in given if command))
+    if not commands:
+        return []
+    return [f"Command{'s' if len(commands) > 1 else ''}:", "", "```", *commands, "```", ""]
+
+
+def _as_typed(command: str) -> str:
+    """A command without the folder that `pursuit` is installed in."""
+    first, space, rest = command.partition(" ")
+    path = Path(first)
+    ours = path.name == "pursuit" or path.parts[-3:] == ("train", "commands", "main.py")
+    return f"pursuit{space}{rest}" if ours else command
+
+
+def _all(runs: Sequence[Facts]) -> str:
+    return "the run" if len(runs) == 1 else f"all {len(runs)} runs"

@@ -1,0 +1,69 @@
+"""What the entries of a league are called: names that are short, and that no two share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from train.runs.folder import CONFIG
+from train.settings.checks import check
+
+
+def entry_names(
+    entries: Sequence[str], is_agent: Callable[[str], bool], chosen: Sequence[str] = ()
+) -> list[str]:
+    """A name for each entry: the chosen ones, or the shortest that tell them apart.
+
+    Agents are called by their own names. A folder is called by the end of its path: by as many of
+    its last parts as no other folder ends with, and no agent is called. A role's folder in a run of
+    self-play is called after the run: `chaser` alone says nothing.
+
+    Args:
+        entries: names of agents and paths of folders.
+        is_agent: whether an entry is the name of an agent.
+        chosen: a name for each entry in their order, or none at all.
+
+    Raises:
+        ValueError: the same entry twice, or chosen names that are not one for each, all different.
+    """
+    paths = {entry: Path(entry).resolve() for entry in entries if not is_agent(entry)}
+    for number, entry in enumerate(entries):
+        same = [e for e in entries[:number] if e == entry or paths.get(e, e) == paths.get(entry)]
+        check(not same, f"two entries are called {entry!r}; give it once")
+    if chosen:
+        check(
+            len(chosen) == len(entries),
+            f"{len(chosen)} names for {len(entries)} entries; give one for each, in their order",
+        )
+        for name in chosen:
+            check(bool(name.strip()), "an empty name; give a text")
+            check(list(chosen).count(name) == 1, f"two entries would be called {name!r}")
+        return list(chosen)
+    agents = {entry for entry in entries if entry not in paths}
+    return [
+        _name_of(paths[entry], [p for e, p in paths.items() if e != entry], agents)
+        if entry in paths
+        else entry
+        for entry in entries
+    ]
+
+
+def _name_of(path: Path, others: Sequence[Path], agents: set[str]) -> str:
+    """The name of a folder; one role's begins with the name of the run that it is part of."""
+    run = path.parent
+    if (run / CONFIG).exists():
+        return (
+            f"{_end_of(run, [p for p in others if run not in (p, p.parent)], agents)}/{path.name}"
+        )
+    return _end_of(path, [p for p in others if p.parent != path], agents)
+
+
+def _end_of(path: Path, others: Sequence[Path], agents: set[str]) -> str:
+    """The shortest end of a path that no other one ends with and that is no agent's name."""
+    parts = path.parts
+    for length in range(1, len(parts)):
+        end = parts[-length:]
+        name = "/".join(end)
+        if name not in agents and all(other.parts[-length:] != end for other in others):
+            return name
+    return str(path)

@@ -1,0 +1,80 @@
+"""Everybody against everybody as a table: steps until capture, chasers down, evaders across."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from train.result_table import Column, ResultTable, Row, words
+from train.self_play.league import LeagueTable
+
+
+def payoff_table(
+    chasers: Sequence[str],
+    evaders: Sequence[str],
+    steps: Sequence[Sequence[float]],
+    ci95: Sequence[Sequence[float]],
+    never: Sequence[Sequence[bool]] | None = None,
+) -> ResultTable:
+    """A row for each chaser: "against NAME" and "against NAME ci95" for every evader.
+
+    Args:
+        chasers, evaders: their names, all different in each.
+        steps: [chasers][evaders], until capture or the end.
+        ci95: likewise, the half widths of their intervals; 0 where the steps are exact.
+        never: likewise, whether the evader lives through every game.
+    """
+    rows = []
+    for i, chaser in enumerate(chasers):
+        row: Row = {"chaser": chaser}
+        for j, evader in enumerate(evaders):
+            row[f"against {evader}"] = float(steps[i][j])
+            row[f"against {evader} ci95"] = float(ci95[i][j])
+            if never is not None:
+                row[f"against {evader} never caught"] = bool(never[i][j])
+        rows.append(row)
+    cells = [Column(evader, partial(_cell, f"against {evader}")) for evader in evaders]
+    return ResultTable(rows, [words("chaser \\ evader", "chaser"), *cells])
+
+
+def _cell(name: str, row: Row) -> str:
+    half = row[f"{name} ci95"]
+    value = "never" if row.get(f"{name} never caught") else f"{row[name]:.2f}"
+    return value + (f" ± {half:.2f}" if half else "")
+
+
+def league_table(table: LeagueTable, content: Mapping[str, Any]) -> ResultTable:
+    """The payoffs of a league, of which `content` says who is never caught."""
+    return payoff_table(
+        table.chasers, table.evaders, table.payoff.tolist(), table.ci95.tolist(), content["never"]
+    )
+
+
+def matches_table(matches: Sequence[Mapping[str, Any]]) -> ResultTable:
+    """The "matches" of the results of self-play."""
+    chasers = list(dict.fromkeys(str(row["chaser"]) for row in matches))
+    evaders = list(dict.fromkeys(str(row["evader"]) for row in matches))
+    by_pair = {(row["chaser"], row["evader"]): row for row in matches}
+
+    def grid(name: str) -> list[list[float]]:
+        return [[by_pair[chaser, evader][name] for evader in evaders] for chaser in chasers]
+
+    return payoff_table(chasers, evaders, grid("steps"), grid("ci95"))
+
+
+def ratings_table(role: str, content: Mapping[str, Any]) -> ResultTable:
+    """The ratings of one role of a league, the best by Elo first."""
+    shares = content["nash"][f"{role}_mixture"]
+    rows = [
+        {**row, "nash_share": share}
+        for row, share in zip(content[f"{role}_ratings"], shares, strict=True)
+    ]
+    columns = [
+        words(role, "name"),
+        Column("Elo [95 %]", lambda r: f"{r['elo']:.0f} [{r['elo_low']:.0f}, {r['elo_high']:.0f}]"),
+        Column("openskill", lambda r: f"{r['openskill_mu']:.1f} ± {r['openskill_sigma']:.1f}"),
+        Column("Nash share", lambda r: f"{100 * r['nash_share']:.1f} %"),
+        Column("steps against Nash", lambda r: f"{r['steps_against_nash']:.2f}"),
+    ]
+    return ResultTable(sorted(rows, key=lambda row: -row["elo"]), columns)
