@@ -83,6 +83,12 @@ def written(page: str, folder: Path) -> None:
         (folder / name).write_text(text, encoding="utf-8")
 
 
+ELSEWHERE = {
+    "docs/for_a_paper.md": "test_for_a_paper.py",  # of runs that its commands make
+    "docs/other_libraries.md": "test_other_libraries.py",  # each example by itself
+}
+"""Pages whose Python runs in a test of their own."""
+
 PROMISES: dict[str, Callable[[dict[str, Any], Path], bool]] = {
     # The best response caught the evader that it was solved for.
     "docs/simulator.md": lambda names, _: names["simulator"].episode_lengths.mean() < 40,
@@ -103,7 +109,15 @@ PROMISES: dict[str, Callable[[dict[str, Any], Path], bool]] = {
 # -- examples --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("page", with_slow([p for p in PAGES if blocks(p, "python")]))
+@pytest.mark.parametrize("page", sorted(set(ELSEWHERE) & set(PAGES)))
+def test_a_page_with_a_test_of_its_own_has_one(page: str) -> None:
+    test = (ROOT / "tests" / ELSEWHERE[page]).read_text(encoding="utf-8")
+    assert Path(page).name in test and "```python" in test
+
+
+@pytest.mark.parametrize(
+    "page", with_slow([p for p in PAGES if blocks(p, "python") and p not in ELSEWHERE])
+)
 def test_the_python_of_a_page_runs_in_order(page: str, folder: Path) -> None:
     written(page, folder)
     names: dict[str, Any] = {"__name__": page}
