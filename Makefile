@@ -5,7 +5,7 @@ BIN := .venv/bin
 TRAINS := .venv/.trains
 SETUP := .venv/.complete
 
-.PHONY: setup train test test-all lint bench campaign clean
+.PHONY: setup train test test-all lint docs bench campaign clean
 
 train: $(TRAINS)
 	$(BIN)/pursuit train --task chase --role chaser --maze 5x5 --seconds 30
@@ -21,6 +21,15 @@ lint: $(SETUP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# Every example of the pages and every notebook runs; links, anchors and names are strict; the site is
+# opened in a browser where there is one.
+docs: $(SETUP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(BIN)/python -m pytest -m "slow or not slow" tests/test_docs.py tests/test_notebooks.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	$(BIN)/python -m pytest -m "slow or not slow" tests/test_site.py
+	@echo "open build/docs/index.html"
 
 bench: $(SETUP)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[bench]'

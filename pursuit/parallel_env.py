@@ -16,6 +16,7 @@ from pettingzoo.utils import wrappers
 from pursuit.declared import truth
 from pursuit.masks import ACTION_MASK, action_masks, masked_space, warn_of_masks
 from pursuit.maze_arrays import lay_out
+from pursuit.policy import Policy
 from pursuit.rendering import AgentMark, Scene, Window, draw_scene, scene_to_text
 from pursuit.seeds import some_seed
 from pursuit.simulator import Simulator
@@ -178,6 +179,29 @@ class PursuitParallelEnv(ParallelEnv[str, Any, int]):
             self.render()
         return observations, rewards, terminations, truncations, infos
 
+    def act(self, policies: Mapping[str, Policy]) -> dict[str, int]:
+        """What policies do now: an action for every playing agent that has one, as `step` takes it.
+
+        Scripted, exact and learned policies alike; they see the whole game and choose their own
+        encoding, whatever this environment's is. Agents without a policy are left out: yours.
+
+        Args:
+            policies: by agent name, or by role for all agents of that role; a name goes first.
+
+        Raises:
+            ValueError: before the first reset, a policy for an agent that does not exist, or one
+                without a method `act`.
+        """
+        if not self._seeded:
+            raise ValueError("act before reset; call reset() first")
+        check_policies(self.task, policies)
+        chosen: dict[str, int] = {}
+        for agent in self.agents:
+            policy = policies.get(agent, policies.get(agent.split("_")[0]))
+            if policy is not None:
+                chosen[agent] = int(policy.act(self.simulator.view(agent))[0])
+        return chosen
+
     def _explain(self, actions: Mapping[str, int]) -> str:
         for agent in self.agents:
             if agent not in actions:
@@ -236,6 +260,21 @@ class PursuitParallelEnv(ParallelEnv[str, Any, int]):
         if self._window is not None:
             self._window.close()
             self._window = None
+
+
+def check_policies(task: Task, policies: Mapping[str, Policy]) -> None:
+    """ValueError unless `policies` are policies by agents or roles of `task`."""
+    if not isinstance(policies, Mapping):
+        raise ValueError(f"policies={policies!r}; give a dict, policies by agent or role")
+    known = {*task.agent_names, *task.seat_roles}
+    for name, policy in policies.items():
+        if name not in known:
+            raise ValueError(
+                f"a policy for {name!r}; this task has {', '.join(task.agent_names)} (or give a "
+                f"role: {', '.join(sorted(set(task.seat_roles)))})"
+            )
+        if not callable(getattr(policy, "act", None)):
+            raise ValueError(f"the policy of {name} is {policy!r}; a policy has a method `act`")
 
 
 def begin(simulator: Simulator, seed: int | None, options: Mapping[str, Any] | None) -> None:

@@ -120,7 +120,18 @@ def single_agent_arguments(
     opponent: Policy | str | None = None,
     **settings: Any,
 ) -> dict[str, Any]:
-    """The task, agent and policies of a single-agent environment of the named task."""
+    """The task, agent and policies of a single-agent environment of the named task.
+
+    Args:
+        task_name: "chase", "maze", "race" or "heist".
+        agent: yours, by name or role.
+        maze: as in `pursuit.Task`.
+        opponent_epsilon: share of random moves of the scripted agents in the other seats.
+        opponent: fills the seats of all other roles instead: a `Policy`, "astar", "random" or
+            "optimal", or a policy of your own as "package.module:Name". A* (of runners the nearest
+            goal) where it is None.
+        **settings: those of `pursuit.Task`.
+    """
     task = make_task(task_name, maze=maze, **settings)
     given = None if isinstance(opponent, str) else opponent
     policies = default_policies(task, opponent_epsilon, given, agent)
@@ -182,7 +193,8 @@ def make_vector_env(
 ) -> SingleAgentVectorEnv:
     """`make_env` for `num_envs` games in lockstep.
 
-    `max_episode_steps` cuts episodes off earlier than the task does, as Gymnasium's TimeLimit.
+    Args:
+        max_episode_steps: cuts episodes off earlier than the task does, as Gymnasium's TimeLimit.
     """
     arguments = single_agent_arguments(task, agent, **settings)
     arguments["task"] = limited(arguments["task"], max_episode_steps)

@@ -103,5 +103,5 @@ def test_the_core_asks_for_what_the_default_installation_does_and_for_less() -> 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     whole = requirements(project["dependencies"])
     core = requirements((ROOT / "requirements-core.txt").read_text(encoding="utf-8").splitlines())
-    assert core.items() <= whole.items() and len(core) == 7
+    assert core.items() <= whole.items() and len(core) == 8
     assert not {*core} & {*BLOCKED} and "supersuit" in whole

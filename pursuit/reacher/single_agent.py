@@ -266,7 +266,8 @@ def reacher_vector_env(
 ) -> ReacherVectorEnv:
     """`pursuit/Reacher-v0`, vectorised over the `ReacherSimulator`.
 
-    `max_episode_steps` cuts episodes off earlier than the task does, as Gymnasium's TimeLimit.
+    Args:
+        max_episode_steps: cuts episodes off earlier than the task does, as Gymnasium's TimeLimit.
     """
     task = limited(make_reacher_task(**settings), max_episode_steps)
     return ReacherVectorEnv(task, num_envs, observation, render_mode, seed, autoreset_mode)

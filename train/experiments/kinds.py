@@ -79,6 +79,14 @@ KINDS = {
 def start(kind: str, settings: Any, path: Path) -> Run:
     """A new run in a new folder, held: its settings are on disk before anything is learned.
 
+    Args:
+        kind: "single", one agent that learns, or "self-play".
+        settings: `TrainSettings` of the one, `SelfPlaySettings` of the other.
+        path: of the folder.
+
+    Returns:
+        The run: `train()` learns, `results()` evaluates and writes `results.json`.
+
     Raises:
         ValueError: settings that cannot run here (no folder is made then), or a folder that holds
             something, or that another process has begun to fill.

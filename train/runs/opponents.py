@@ -24,12 +24,17 @@ from train.settings.checks import check
 from train.settings.task import in_maze
 
 
-def load_policy(folder: Path, greedy: bool = True) -> Any:
-    """The policy of a run, from its last checkpoint, on the CPU.
+def load_policy(folder: Path | str, greedy: bool = True) -> Any:
+    """The policy of a run, from its last checkpoint, on the CPU: a `Policy` of its role.
+
+    Args:
+        folder: of the run; of self-play its `chaser` or `evader`.
+        greedy: take the most probable action; False draws, as it was learned.
 
     Raises:
         ValueError: no run, a damaged one, or one without the distribution asked for.
     """
+    folder = Path(folder)
     settings, state = load_settings(folder), load_checkpoint(folder)
     algorithm = entry(settings.algorithm)
     check(

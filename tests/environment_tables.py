@@ -1,0 +1,234 @@
+"""The tables of the environments' pages, made of the code: signatures, docstrings, spaces, rewards.
+
+    python tests/environment_tables.py      # writes them anew into docs/
+
+A page holds a table between `<!-- table: NAME -->` and `<!-- end -->`; tests/test_docs.py compares.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import MISSING, fields
+from inspect import Parameter, signature
+from pathlib import Path
+from typing import Any
+
+import docstring_parser
+import gymnasium
+
+import pursuit
+from pursuit.observations import ENCODINGS, Encoder
+from pursuit.parallel_env import PursuitParallelEnv
+from pursuit.reacher import observations as arm_observations
+from pursuit.reacher import single_agent as arm_single
+from pursuit.reacher.parallel_env import ReacherParallelEnv
+from pursuit.rewards import REWARD_SCHEMES, Rewards
+from pursuit.single_agent import SingleAgentVectorEnv
+from scripted_agents import environments
+
+ROOT = Path(__file__).parents[1]
+PLACE = re.compile(r"(<!-- table: ([\w -]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+GYMNASIUM = {"chase": ("Chaser", "Evader"), "maze": ("Maze",), "reacher": ("Reacher",)}
+
+
+def pages() -> list[str]:
+    """The pages that hold tables."""
+    found = [*(ROOT / "docs" / "environments").glob("*.md"), ROOT / "docs" / "reacher.md"]
+    return sorted(str(page.relative_to(ROOT)) for page in found)
+
+
+def renewed(text: str) -> str:
+    """A page's text with its tables as they are now."""
+
+    def table(place: re.Match[str]) -> str:
+        kind, _, name = place[2].partition(" ")
+        return f"{place[1]}\n{TABLES[kind](name)}\n\n{place[3]}"
+
+    return PLACE.sub(table, text)
+
+
+def rows(head: tuple[str, ...], body: list[tuple[str, ...]]) -> str:
+    """A table in Markdown."""
+    lines = [head, ("---",) * len(head), *body]
+    return "\n".join(
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines
+    )
+
+
+def module_of(name: str) -> Any:
+    """The PettingZoo module of a task."""
+    return getattr(pursuit, f"{name}_v0")
+
+
+# -- arguments -------------------------------------------------------------------------------------
+
+
+def described(*sources: Any) -> dict[str, str]:
+    """What docstrings say of arguments, by name; the first that says something counts."""
+    found: dict[str, str] = {}
+    for source in sources:
+        for parameter in docstring_parser.parse(
+            source.__doc__ or "", docstring_parser.DocstringStyle.GOOGLE
+        ).params:
+            for name in re.split(r",\s*", parameter.arg_name):
+                found.setdefault(name, " ".join((parameter.description or "").split()))
+    return found
+
+
+def own_parameters(*functions: Callable[..., Any]) -> dict[str, Any]:
+    """The arguments of functions that have a default, with it."""
+    found: dict[str, Any] = {}
+    for function in functions:
+        for name, parameter in signature(function).parameters.items():
+            if parameter.default is not Parameter.empty:
+                found.setdefault(name, parameter.default)
+    return found
+
+
+def settings_of(task: Any) -> dict[str, Any]:
+    """The settings of a task, as they stand by default."""
+    return {field.name: getattr(task, field.name) for field in fields(task) if field.name != "name"}
+
+
+def plain(value: Any) -> str:
+    """A default as one would write it."""
+    if isinstance(value, Rewards):
+        given = [f for f in fields(value) if getattr(value, f.name) != _default(f)]
+        return f"Rewards({', '.join(f'{f.name}={getattr(value, f.name)!r}' for f in given)})"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{plain(key)}: {plain(part)}" for key, part in value.items()) + "}"
+    return repr(value).replace("'", '"')
+
+
+def _default(field: Any) -> Any:
+    return None if field.default is MISSING else field.default
+
+
+def argument_rows(given: dict[str, Any], texts: dict[str, str]) -> str:
+    """Every argument with its default and what its docstring says."""
+    silent = [name for name in given if not texts.get(name)]
+    assert not silent, f"no docstring describes {silent}; add them to an `Args:` section"
+    return rows(
+        ("argument", "default", "meaning"),
+        [(f"`{name}`", f"`{plain(value)}`", texts[name]) for name, value in given.items()],
+    )
+
+
+def arguments(name: str) -> str:
+    """Of `parallel_env`."""
+    if name == "reacher":
+        task, sources = pursuit.ReacherTask(), (ReacherParallelEnv, pursuit.ReacherTask)
+    else:
+        task, sources = pursuit.make_task(name), (PursuitParallelEnv, pursuit.Task)
+    own = own_parameters(module_of(name).parallel_env)
+    return argument_rows({**own, **settings_of(task)}, described(*sources))
+
+
+def gymnasium_arguments(name: str) -> str:
+    """Those that Gymnasium's environments have besides the task's."""
+    if name == "reacher":
+        made = (arm_single.reacher_env, arm_single.reacher_vector_env)
+        sources: tuple[Any, ...] = (arm_single.ReacherEnv, arm_single.ReacherVectorEnv)
+    else:
+        made = (
+            environments.make_env,
+            environments.single_agent_arguments,
+            environments.make_vector_env,
+        )
+        sources = (environments.single_agent_arguments, environments.make_env, SingleAgentVectorEnv)
+    return argument_rows(own_parameters(*made), described(*sources, *made))
+
+
+# -- spaces and rewards ----------------------------------------------------------------------------
+
+
+def facts(name: str) -> str:
+    """Ids, agents and spaces, of the environment as it is by default."""
+    env = module_of(name).parallel_env()
+    ids = ", ".join(f'`gymnasium.make("pursuit/{i}-v0")`' for i in GYMNASIUM.get(name, ()))
+    agent = env.possible_agents[0]
+    return rows(
+        ("", "by default"),
+        [
+            ("PettingZoo", f"`from pursuit import {name}_v0`; id `pursuit/{name}-v0`"),
+            ("Gymnasium", ids or f'`scripted_agents.environments.make_env("{name}", agent)`'),
+            ("Agents", ", ".join(f"`{agent}`" for agent in env.possible_agents)),
+            ("Actions", f"`{space(env.action_space(agent))}`"),
+            (
+                "Observation",
+                f'`observation="{env.observation}"`: `{space(env.observation_space(agent))}`',
+            ),
+            ("State", f"`{space(env.state_space)}`"),
+            ("Ends", f"truncated after {env.task.max_steps} steps"),
+        ],
+    )
+
+
+def space(given: gymnasium.Space[Any]) -> str:
+    """A space in a few words: bounds that differ by entry are a range."""
+    if isinstance(given, gymnasium.spaces.Box):
+        low, high = given.low.min(), given.high.max()
+        return f"Box({low:g}, {high:g}, {tuple(map(int, given.shape))}, {given.dtype})"
+    return str(given)
+
+
+def observations(name: str) -> str:
+    """Every encoding, its space by default, and what it is."""
+    if name == "reacher":
+        texts = dict(ARM_TEXTS)
+        found = [
+            (each, arm_observations.space_of(pursuit.ReacherTask(), each))
+            for each in arm_observations.ENCODINGS
+        ]
+    else:
+        texts = dict(_bullets(Encoder.__doc__ or ""))
+        found = [(each, Encoder(pursuit.make_task(name), each).space) for each in ENCODINGS]
+    body = [(f'`"{each}"`', f"`{space(box)}`", texts[each]) for each, box in found]
+    return rows(("encoding", "space by default", "what it is"), body)
+
+
+ARM_TEXTS = {
+    "positions": "1 where the tip is in reach, else 0; x and y of the base and of the end of every "
+    "link, relative to the target",
+    "positions_angles": "the same, and the angles after that",
+}
+
+
+def _bullets(text: str) -> Iterator[tuple[str, str]]:
+    for bullet in re.findall(r"- (\".*?)(?=\n\s*- \"|\n\n)", text, re.DOTALL):
+        name, _, said = bullet.partition(":")
+        yield name.strip('"'), " ".join(said.split())
+
+
+def rewards(name: str) -> str:
+    """What the roles of a task are paid, by scheme."""
+    task = pursuit.make_task(name)
+    body = []
+    for role in dict.fromkeys(task.seat_roles):
+        schemes = {scheme: by_role[role] for scheme, by_role in REWARD_SCHEMES.items()}
+        if not isinstance(task.rewards, str):
+            schemes = {f"{name}'s own (default)": task.role_rewards[role], **schemes}
+        for scheme, paid in schemes.items():
+            mark = " (default)" if scheme == task.rewards else ""
+            numbers = [
+                f"{getattr(paid, f.name):g}" for f in fields(paid) if f.name != "on_completion"
+            ]
+            when = "only when it ends the game" if paid.on_completion else "at once"
+            body.append((role, scheme + mark, *numbers, when))
+    return rows(("role", "scheme", "step", "capture", "goal", "distance", "events pay"), body)
+
+
+TABLES: dict[str, Callable[[str], str]] = {
+    "facts": facts,
+    "arguments": arguments,
+    "gymnasium": gymnasium_arguments,
+    "observations": observations,
+    "rewards": rewards,
+}
+
+
+if __name__ == "__main__":
+    for page in pages():
+        path = ROOT / page
+        path.write_text(renewed(path.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,259 @@
+"""The pages: their Python runs, their commands parse, their tables are those of the code.
+
+The Python blocks of a page run in order, in one namespace, in a folder of their own. A block that
+begins with `# NAME.py` is that file instead, which the blocks and commands of the page may import;
+further blocks of the same name are added to it. A page whose examples take long says so in a
+comment, `<!-- slow: why -->`, and is left to `make test-all` and `make docs`.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import environment_tables
+import pytest
+
+from pursuit import parts
+from pursuit.rewards import REWARDS
+from train.commands.main import COMMANDS, command, main
+from train.experiments.ablation import load_ablation
+from train.experiments.sweep import load_sweep
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+WRITTEN = ("experiments", "ablations", "self_play")
+"""Folders of reports, which are written by commands."""
+PAGES = {
+    str(page.relative_to(ROOT)): page.read_text(encoding="utf-8")
+    for page in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))
+    if page.relative_to(ROOT).parts[1:2] not in [(folder,) for folder in WRITTEN]
+}
+OPTIONAL = {"stable_baselines3", "sb3_contrib", "supersuit", "ray", "mujoco", "pygame", "imageio",
+            "benchmarl", "agilerl", "tianshou"}  # fmt: skip
+FENCE = re.compile(r"^```([\w-]*)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+FILE = re.compile(r"# (\w+\.py)\n")
+
+
+def with_slow(pages: list[str]) -> list[Any]:
+    """Parameters of a test, those of slow pages marked."""
+    return [
+        pytest.param(name, marks=pytest.mark.slow if "<!-- slow:" in PAGES[name] else ())
+        for name in pages
+    ]
+
+
+def blocks(page: str, *languages: str) -> list[str]:
+    return [code for language, code in FENCE.findall(PAGES[page]) if language in languages]
+
+
+def files_of(page: str) -> dict[str, str]:
+    """The files that a page writes, by name."""
+    found: dict[str, list[str]] = {}
+    for code in blocks(page, "python"):
+        if named := FILE.match(code):
+            found.setdefault(named[1], []).append(code)
+    return {name: "\n\n".join(parts) for name, parts in found.items()}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Where a page's examples run; what they register and allow is forgotten afterwards."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(parts, "_allowed", set())
+    monkeypatch.setattr(parts, "_resolved", set())
+    monkeypatch.setattr(parts, "_folders", [])
+    modules, rewards = set(sys.modules), set(REWARDS.names())
+    yield tmp_path
+    for name in set(sys.modules) - modules:
+        if (tmp_path / f"{name}.py").exists():
+            del sys.modules[name]
+    for name in set(REWARDS.names()) - rewards:
+        REWARDS.remove(name)
+
+
+def written(page: str, folder: Path) -> None:
+    for name, text in files_of(page).items():
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+ELSEWHERE = {
+    "docs/for_a_paper.md": "test_for_a_paper.py",  # of runs that its commands make
+    "docs/other_libraries.md": "test_other_libraries.py",  # each example by itself
+}
+"""Pages whose Python runs in a test of their own."""
+
+PROMISES: dict[str, Callable[[dict[str, Any], Path], bool]] = {
+    # The best response caught the evader that it was solved for.
+    "docs/simulator.md": lambda names, _: names["simulator"].episode_lengths.mean() < 40,
+    "docs/reacher.md": lambda names, folder: (
+        names["observed"].shape == (4096, 7)
+        and (folder / "arm.gif").is_file()
+        and names["rollout"]["next", "observation"].shape == (16, 50, 7)
+        and names["lower"] == names["upper"]
+    ),
+    "docs/viewer.md": lambda names, _: (
+        len(names["replay"].episodes) == 3 and "my games" in names["html"]
+    ),
+    "docs/own_parts.md": lambda names, _: parts.allowed() == ("my_parts",),
+}
+"""What a page's examples come to, beyond running, from the names that they leave behind."""
+
+
+# -- examples --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", sorted(set(ELSEWHERE) & set(PAGES)))
+def test_a_page_with_a_test_of_its_own_has_one(page: str) -> None:
+    test = (ROOT / "tests" / ELSEWHERE[page]).read_text(encoding="utf-8")
+    assert Path(page).name in test and "```python" in test
+
+
+@pytest.mark.parametrize(
+    "page", with_slow([p for p in PAGES if blocks(p, "python") and p not in ELSEWHERE])
+)
+def test_the_python_of_a_page_runs_in_order(page: str, folder: Path) -> None:
+    written(page, folder)
+    names: dict[str, Any] = {"__name__": page}
+    for number, code in enumerate(blocks(page, "python")):
+        if FILE.match(code):
+            continue
+        try:
+            exec(compile(code, f"{page}, Python block {number}", "exec"), names)
+        except ModuleNotFoundError as missing:
+            if missing.name and missing.name.partition(".")[0] in OPTIONAL:
+                pytest.skip(f"{missing.name} is not installed")
+            raise
+    if page in PROMISES:
+        assert PROMISES[page](names, folder)
+
+
+@pytest.mark.slow
+def test_the_commands_of_own_parts_run_in_order(folder: Path) -> None:
+    page = "docs/own_parts.md"
+    written(page, folder)
+    commands = [words for words in commands_of(page) if words[0] == "pursuit"]
+    assert len(commands) >= 12
+    for words in commands:
+        main(words[1:])
+        if "--allow" in words:  # each is a process of its own
+            parts._allowed.clear()
+
+
+# -- commands --------------------------------------------------------------------------------------
+
+
+def commands_of(page: str) -> list[list[str]]:
+    """The words of every command in blocks without a language."""
+    lines = "\n".join(blocks(page, "", "sh", "bash", "console")).replace("\\\n", " ").split("\n")
+    return [
+        words for line in lines if (words := shlex.split(line.removeprefix("$ "), comments=True))
+    ]
+
+
+def commands_in_text(page: str) -> list[list[str]]:
+    """The words of every `pursuit ...` in the text."""
+    text = FENCE.sub("", PAGES[page])
+    return [shlex.split(" ".join(said.split())) for said in re.findall(r"`(pursuit [^`]+)`", text)]
+
+
+def is_a_name(words: list[str]) -> bool:
+    """Whether words name a command, with placeholders or without options, rather than give one."""
+    return len(words) == 2 or any(re.fullmatch(r"[A-Z|.]{2,}", word) for word in words[1:])
+
+
+class Parsed(BaseException):
+    """The options were taken; nothing is to be done."""
+
+
+def parses(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parse a command as the real one does, and stop there."""
+    if words[:2] == ["python", "-m"]:
+        module: Any = import_module(words[2])
+        run, arguments = module.main, words[3:]
+    else:
+        assert words[1] in COMMANDS, f"no such command: {' '.join(words)}"
+        run, arguments = command(words[1]), words[2:]
+        module = sys.modules[run.__module__]
+    real = module.parse
+
+    def stop(*given: Any, **named: Any) -> Any:
+        real(*given, **named)
+        raise Parsed
+
+    monkeypatch.setattr(module, "parse", stop)
+    try:
+        run(arguments)
+    except Parsed:
+        return
+    except SystemExit as end:  # --help, or an error, which stands in the captured output
+        assert not end.code and "--help" in words, " ".join(words)
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if commands_of(p) or commands_in_text(p)])
+def test_the_commands_of_a_page_parse(page: str, folder: Path) -> None:
+    written(page, folder)
+    targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    for words in [*commands_of(page), *commands_in_text(page)]:
+        for cut in ("|", "&&", ";", ">"):
+            words = words[: words.index(cut)] if cut in words else words
+        ours = words[0] == "pursuit" or (words[:2] == ["python", "-m"] and "train." in words[2])
+        if words[0] == "make":
+            assert words[1] in targets, words
+        elif words[0] == "python" and words[1] != "-m":
+            assert (ROOT / words[1]).is_file(), words
+        elif words[0] == "pursuit" and is_a_name(words):
+            known = words[1] in COMMANDS or words[1].startswith("-") or words[1].isupper()
+            assert known, f"no such command: {' '.join(words)}"
+        elif ours:
+            with pytest.MonkeyPatch.context() as own:
+                parses(words, own)
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if "title = " in "".join(blocks(p, "toml"))])
+def test_the_sweep_files_of_a_page_load(page: str, folder: Path) -> None:
+    for number, text in enumerate(blocks(page, "toml")):
+        if "title = " in text:
+            file = folder / f"{number}.toml"
+            file.write_text(text, encoding="utf-8")
+            load: Any = load_ablation if "control = " in text else load_sweep
+            assert load(str(file), "short").runs
+
+
+# -- what the pages say of the code ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", environment_tables.pages())
+def test_the_tables_of_an_environment_are_those_of_the_code(page: str) -> None:
+    """Where this fails: `python tests/environment_tables.py` writes them anew; read the change."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    assert environment_tables.renewed(text) == text
+
+
+def test_every_report_is_named() -> None:
+    text = PAGES["docs/reports.md"]
+    for folder in WRITTEN:
+        for report in sorted((DOCS / folder).rglob("*.md")):
+            assert f"({report.relative_to(DOCS)})" in text, f"{report}: not in docs/reports.md"
+
+
+@pytest.mark.parametrize("package", ["pursuit", "scripted_agents", "curricula", "train"])
+def test_every_public_name_is_in_the_reference(package: str) -> None:
+    named = re.findall(r"^::: (\S+)$", PAGES[f"docs/api/{package}.md"], re.MULTILINE)
+    missing = set(import_module(package).__all__) - {name.split(".")[-1] for name in named}
+    assert not missing
+    for name in named:
+        module, _, last = name.rpartition(".")
+        assert hasattr(import_module(module), last), name
+
+
+def test_the_pictures_of_the_pages_exist() -> None:
+    for page, text in PAGES.items():
+        for path in re.findall(r'src="([^"]+)"|!\[[^\]]*\]\(([^)\s]+)', text):
+            assert ((ROOT / page).parent / (path[0] or path[1])).is_file(), (page, path)

@@ -1,0 +1,6 @@
+"""The names of the package: for type checkers, and for `__init__.py`, which imports them lazily."""
+
+from .experiments.kinds import open_run as open_run
+from .experiments.kinds import start as start
+from .runs.by_name import settings_of as settings_of
+from .runs.opponents import load_policy as load_policy
