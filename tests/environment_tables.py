@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, fields
+from enum import Enum
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import Any
@@ -98,7 +99,7 @@ def plain(value: Any) -> str:
         return f"Rewards({', '.join(f'{f.name}={getattr(value, f.name)!r}' for f in given)})"
     if isinstance(value, dict):
         return "{" + ", ".join(f"{plain(key)}: {plain(part)}" for key, part in value.items()) + "}"
-    return repr(value).replace("'", '"')
+    return str(value) if isinstance(value, Enum) else repr(value).replace("'", '"')
 
 
 def _default(field: Any) -> Any:
