@@ -150,8 +150,9 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
     )
     write_text(run.folder / METHODS, methods([run.folder]))
     save_replay(run.folder / REPLAY, contest, trainee.policy)
-    write_report(run.folder, load_settings(run.folder), contest, trainee.policy, content)
     evaluation = content["evaluation"]
+    judged = trainee.parts.contest(evaluation["episodes"])
+    write_report(run.folder, load_settings(run.folder), judged, trainee.policy, content)
     if evaluation["optimality_gap"] is not None:
         how = "exactly" if evaluation["exact"] else "on the same starts"
         print(

@@ -82,10 +82,9 @@ def shown_games(contest: Any, losses: Losses) -> tuple[dict[str, int], list[str]
     for game in games.values():
         told = f"episode {game} of the evaluation"
         if losses.optimal is not None:
-            told += (
-                f": {losses.lengths[game]:.2f} steps expected of it, optimum "
-                f"{losses.optimal[game]:.2f}"
-            )
+            steps, optimum = losses.lengths[game], losses.optimal[game]
+            expected = "" if steps == int(steps) else " expected"
+            told += f": {steps:.4g} steps{expected}, optimum {optimum:.4g}"
         notes.append(told)
     return games, notes
 
