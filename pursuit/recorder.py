@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,9 @@ from pursuit.declared import whole
 from pursuit.replay import Episode, Replay, digest_of
 from pursuit.replay_worlds import State, own_rewards, world_for
 
+LISTENED = ("step", "reset", "place", "set_state")
+"""The methods of a simulator that a recorder puts itself in front of."""
+
 
 class Recorder:
     """Records the episodes of an environment from now on.
@@ -19,8 +23,11 @@ class Recorder:
     It listens at the simulator that every environment of ours stands on, so it takes any of them:
     PettingZoo's (parallel or turn-based), Gymnasium's (single or vectorised, within wrappers),
     Stable-Baselines3's, TorchRL's, and a simulator itself. Use the environment as ever, or the
-    recorder in its place: whatever it does not know itself it passes on. An episode is kept once it
-    has ended, with the actions of all seats.
+    recorder in its place: what it does not know it passes on (wrappers go inside it).
+
+    An episode is kept once it has ended, with the actions of all seats; one that was broken off, by
+    a wrapper's time limit or because one's own evader is caught while others play on, once the
+    environment is reset.
 
     Args:
         env: an environment of ours.
@@ -41,13 +48,13 @@ class Recorder:
         self.episodes: list[Episode] = []
         self.seed: int | None = simulator.last_seed
         self._tracks: list[_Track | None] = [None] * self._games
-        self._methods = {
-            name: getattr(simulator, name) for name in ("step", "reset", "place", "set_state")
-        }
-        simulator.step = self._step
-        for name in ("reset", "place", "set_state"):
-            setattr(simulator, name, self._restarting(name))
-        self._begin_all()
+        self._moved: dict[int, tuple[_Track, Episode | None]] = {}
+        self._former: dict[int, tuple[_Track, Episode | None]] = {}
+        self._methods = {name: getattr(simulator, name) for name in LISTENED}
+        self._own = {name: self._restarting(name) for name in LISTENED[1:]} | {"step": self._step}
+        for name, method in self._own.items():
+            setattr(simulator, name, method)
+        self._go_on()
 
     def __getattr__(self, name: str) -> Any:
         """What is the environment's."""
@@ -66,31 +73,66 @@ class Recorder:
         return self.replay.save(path)
 
     def stop(self) -> Replay:
-        """Leave the environment alone again; what was recorded."""
-        for name in self._methods:
-            vars(self._simulator).pop(name, None)
+        """Listen no more; what was recorded. Recorders of one environment stop in any order."""
+        self._tracks, self._games = [], 0
+        kept = vars(self._simulator)
+        if kept.get("step") is self._own["step"]:
+            for name, method in self._methods.items():
+                if getattr(method, "__self__", None) is self._simulator:
+                    kept.pop(name)
+                else:
+                    kept[name] = method
         return self.replay
 
     def _repr_html_(self) -> str:
         return self.replay._repr_html_()
 
-    def _begin_all(self) -> None:
-        simulator = self._simulator
+    def _go_on(self) -> None:
+        """After games were put somewhere: those that stand where they were recorded go on.
+
+        Vectorised environments step games that wait, and begin all anew to put some back: a game
+        that stands where it stood before the last step, or before it was begun anew, goes on.
+        """
+        simulator, former = self._simulator, self._former
+        self._former = {}
         for game in range(self._games):
-            if simulator.steps[game] == 0 and not simulator.ended[game]:
-                self._tracks[game] = _Track(self._world, simulator, game)
-            else:  # in the middle of an episode
-                self._tracks[game] = None
+            track, steps = self._tracks[game], int(simulator.steps[game])
+            before = self._moved.get(game)
+            if before is not None and before[0].stands_before_last(steps):
+                track = self._back(*before)
+                track.undo()
+            elif game in former and former[game][0].stands(steps):
+                track = self._back(*former[game])
+            elif track is not None and not track.stands(steps):
+                self._former[game] = track, self._leave(track)
+                track = None
+            if track is None and steps == 0 and not simulator.ended[game]:
+                track = _Track(self._world, simulator, game)
+            self._tracks[game] = track
+        self._moved = {}
+
+    def _back(self, track: _Track, episode: Episode | None) -> _Track:
+        """A track that goes on after all; what was kept of it is not."""
+        if episode is not None:
+            self.episodes = [each for each in self.episodes if each is not episode]
+        return track
+
+    def _leave(self, track: _Track) -> Episode | None:
+        """Keep an episode that was broken off, by a wrapper's time limit, say, as it is."""
+        if not track.actions:
+            return None
+        episode = track.episode(False, False)
+        self._keep(episode)
+        return episode
+
+    def _keep(self, episode: Episode) -> None:
+        self.episodes.append(episode)
+        del self.episodes[: -self._most]
 
     def _restarting(self, name: str) -> Any:
         def restart(*arguments: Any, **settings: Any) -> None:
-            steps, tracks = self._simulator.steps[: self._games].copy(), self._tracks[:]
             self._methods[name](*arguments, **settings)
-            self._begin_all()
-            if name == "reset":  # games that were not reset go on
-                for game, (before, track) in enumerate(zip(steps, tracks, strict=True)):
-                    if before and self._simulator.steps[game] == before:
-                        self._tracks[game] = track
+            self._go_on()
             if self._simulator.last_seed is not None:
                 self.seed = self._simulator.last_seed
 
@@ -100,18 +142,19 @@ class Recorder:
         simulator = self._simulator
         over = np.zeros(self._games, bool) if simulator.auto_restart else simulator.ended
         self._methods["step"](actions)
-        taken = np.asarray(actions)
-        ended = simulator.ended
+        taken, ended = np.asarray(actions), simulator.ended
+        self._moved, self._former = {}, {}
         for game, track in enumerate(self._tracks):
             if track is None or over[game]:
                 continue
-            final = bool(ended[game]) and simulator.auto_restart
-            track.add(taken[game], final)
+            track.add(taken[game], bool(ended[game]) and simulator.auto_restart)
+            episode = None
             if ended[game]:
                 ways = bool(simulator.terminated[game]), bool(simulator.truncated[game])
-                self.episodes.append(track.episode(*ways))
-                del self.episodes[: -self._most]
+                episode = track.episode(*ways)
+                self._keep(episode)
                 self._tracks[game] = None
+            self._moved[game] = track, episode
         if simulator.auto_restart:
             for restarted in np.flatnonzero(ended[: self._games]).tolist():
                 self._tracks[restarted] = _Track(self._world, simulator, restarted)
@@ -133,6 +176,29 @@ class _Track:
         self.rewards.append(self.world.rewards(self.simulator, self.game))
         self.states.append(self.world.state(self.simulator, self.game, final))
 
+    def undo(self) -> None:
+        """Forget the last step."""
+        for kept in (self.actions, self.rewards, self.states):
+            kept.pop()
+
+    def stands(self, steps: int) -> bool:
+        """Whether the game is where it was recorded last, after so many steps."""
+        return self._at(len(self.actions), steps)
+
+    def stands_before_last(self, steps: int) -> bool:
+        """Whether it is where it was one step before."""
+        return self._at(len(self.actions) - 1, steps)
+
+    def _at(self, number: int, steps: int) -> bool:
+        if number != steps or number < 0:
+            return False
+        now = self.world.state(self.simulator, self.game)
+        return all(
+            np.array_equal(now[name], kept)
+            for name, kept in self.states[number].items()
+            if name != "events"
+        )
+
     def episode(self, terminated: bool, truncated: bool) -> Episode:
         """What was played."""
         kind: Any = np.float64 if self.world.name == "arm" else np.uint8
@@ -146,22 +212,29 @@ class _Track:
         )
 
 
+INNER = ("env", "aec_env", "par_env", "envs", "venv", "games")
+"""What wrappers call what is in them."""
+
+
 def simulator_of(env: Any) -> Any:
     """The simulator that an environment of ours stands on; ValueError where there is none."""
-    seen: set[int] = set()
-    inner = env
-    while inner is not None and id(inner) not in seen:
-        seen.add(id(inner))
-        if hasattr(inner, "auto_restart") and hasattr(inner, "get_state"):
-            return inner
-        own = vars(inner).get("simulator") if hasattr(inner, "__dict__") else None
+    for layer in _layers(env):
+        if hasattr(layer, "auto_restart") and hasattr(layer, "get_state"):
+            return layer
+        own = vars(layer).get("simulator")
         if own is not None:
             return own
-        inner = next(
-            (vars(inner)[name] for name in ("env", "aec_env", "par_env", "envs", "venv", "games")
-             if hasattr(inner, "__dict__") and vars(inner).get(name) is not None),
-            None,
-        )  # fmt: skip
     raise ValueError(
-        f"env={env!r}; give an environment of pursuit, or a Simulator: this one has none inside"
+        f"env={env!r}; give an environment of pursuit, or a Simulator: this one has none inside, "
+        "or several (of a batch of single environments record each)"
     )
+
+
+def _layers(env: Any) -> Iterator[Any]:
+    """An environment and what it wraps, from outside to inside."""
+    seen: set[int] = set()
+    layer = env
+    while layer is not None and id(layer) not in seen and hasattr(layer, "__dict__"):
+        seen.add(id(layer))
+        yield layer
+        layer = next((vars(layer)[n] for n in INNER if vars(layer).get(n) is not None), None)

@@ -175,8 +175,7 @@ class Replay:
         Raises:
             OSError: it cannot be written.
         """
-        path = Path(path)
-        path = path if path.suffix else path.with_suffix(".json")
+        path = with_suffix(path)
         text = msgspec.json.format(msgspec.json.encode(_file_of(self)), indent=0)
         partial = path.with_name(f".{path.name}.{os.getpid()}")
         try:
@@ -199,8 +198,14 @@ class Replay:
             raise ValueError(f"{path}: larger than {MOST_BYTES // 2**20} MiB; no replay of ours is")
         try:
             return _replay_of(msgspec.json.decode(path.read_bytes(), type=_File))
-        except (msgspec.MsgspecError, ValueError, TypeError, UnicodeDecodeError) as error:
+        except (msgspec.MsgspecError, ValueError, TypeError, RecursionError) as error:
             raise ValueError(f"{path}: no replay that can be played: {error}") from None
+
+
+def with_suffix(path: str | Path) -> Path:
+    """The path of a replay: `.json` is added where there is no suffix."""
+    path = Path(path)
+    return path if path.suffix else path.with_suffix(".json")
 
 
 def versions() -> dict[str, str]:
@@ -231,7 +236,13 @@ def joined(replays: Sequence[Replay], title: str = "") -> Replay:
         raise ValueError("replays of different tasks; join those of one")
     episodes = tuple(episode for replay in replays for episode in replay.episodes)
     own = any(replay.own_rewards for replay in replays)
-    return Replay(first.task, episodes, title, first.seed, first.players, own_rewards=own)
+
+    def shared(name: str, otherwise: Any) -> Any:
+        values = [getattr(replay, name) for replay in replays]
+        return values[0] if all(value == values[0] for value in values) else otherwise
+
+    seed, players, made = shared("seed", None), shared("players", {}), shared("versions", {})
+    return Replay(first.task, episodes, title, seed, players, made, own)
 
 
 # -- the files -------------------------------------------------------------------------------------

@@ -48,9 +48,11 @@ def left_alone(simulator: Any, games: NDArray[np.bool_]) -> Iterator[None]:
         yield
         return
     state, seed = simulator.get_state(games), simulator.last_seed
-    yield
-    simulator.set_state(state, games)
-    simulator.last_seed = seed
+    try:
+        yield
+    finally:
+        simulator.set_state(state, games)
+        simulator.last_seed = seed
 
 
 class LockstepVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):

@@ -15,6 +15,8 @@ import pursuit
 from pursuit import Recorder, Replay, chase_v0, heist_v0, reacher_v0
 from pursuit.replay import joined
 from pursuit.task import HEIST_REWARDS
+from pursuit.viewer.data import Builder
+from scripted_agents import AStarChaser, AStarEvader
 
 
 def random_episode(env: Any, seed: int, steps: int = 1000) -> list[Any]:
@@ -109,18 +111,56 @@ def test_what_is_recorded_changes_nothing_and_can_be_left() -> None:
     assert len(recorder.episodes) == kept
 
 
-def test_episodes_that_are_broken_off_are_not_kept() -> None:
+def test_episodes_that_are_broken_off_are_kept_as_they_are() -> None:
     simulator = pursuit.Simulator(pursuit.make_task("chase"), 2, auto_restart=False)
     simulator.step([[0, 0], [1, 1]])
-    recorder = Recorder(simulator)  # in the middle of two episodes
+    recorder = Recorder(simulator)  # in the middle of two episodes, which are not recorded
     simulator.place([[0, 24], [0, 24]])
-    simulator.step([[4 - 1, 0], [0, 0]])
+    simulator.step([[3, 0], [0, 0]])
     simulator.reset(games=[1])
+    assert [(e.length, e.terminated, e.truncated) for e in recorder.episodes] == [(1, False, False)]
     while not simulator.ended.all():
         simulator.step(np.random.default_rng(int(simulator.steps[0])).integers(4, size=(2, 2)))
-    assert len(recorder.episodes) == 2 and recorder.replay.check() == []
+    assert len(recorder.episodes) == 3 and recorder.replay.check() == []
     starts = [episode.start["positions"] for episode in recorder.episodes]
-    assert starts.count([0, 24]) == 1
+    assert starts.count([0, 24]) == 2
+    limited = Recorder(gymnasium.make("pursuit/Maze-v0", maze="9x9", max_episode_steps=10))
+    for seed in range(4):
+        random_episode(limited, seed)
+    assert [episode.length for episode in limited.episodes] == [10, 10, 10]  # the last one runs on
+    assert limited.replay.check() == []
+    task = pursuit.make_task("chase", maze="4x4", num_evaders=2)
+    policies = {"chaser": AStarChaser(), "evader": AStarEvader()}
+    caught = Recorder(pursuit.SingleAgentEnv(task, "evader_0", policies))
+    for seed in range(11):
+        random_episode(caught, seed)
+    assert len(caught.episodes) >= 10 and caught.replay.check() == []
+    first, second = Recorder(caught.env), Recorder(caught.env)
+    first.stop()
+    for seed in range(3):
+        random_episode(second, seed)
+    assert not first.episodes and len(second.stop().episodes) >= 2
+
+
+@pytest.mark.parametrize("mode", ["SAME_STEP", "NEXT_STEP", "DISABLED"])
+@pytest.mark.parametrize("name", ["Chaser", "Reacher"])
+def test_every_episode_of_a_batch_is_kept_whatever_restarts_it(name: str, mode: str) -> None:
+    settings: dict[str, Any] = {"max_steps": 15}
+    settings |= {"maze": "3x3"} if name == "Chaser" else {"joints": 1, "start": "random"}
+    envs = gymnasium.make_vec(f"pursuit/{name}-v0", num_envs=5, autoreset_mode=mode, **settings)
+    recorder = Recorder(envs)
+    envs.reset(seed=2)
+    envs.action_space.seed(3)
+    lengths = []
+    for _ in range(120):
+        _, _, terminated, truncated, infos = envs.step(envs.action_space.sample())
+        over = terminated | truncated
+        if over.any():
+            lengths += infos["episode_length"][over].tolist()
+            if mode == "DISABLED":
+                envs.reset(options={"reset_mask": over})
+    kept = [episode.length for episode in recorder.episodes]
+    assert len(lengths) > 30 and kept == lengths and recorder.replay.check() == []
 
 
 def test_ten_thousand_steps_are_less_than_a_megabyte(tmp_path: Path) -> None:
@@ -235,3 +275,23 @@ def test_rewards_of_every_kind_come_back(tmp_path: Path) -> None:
         recorder.step(np.random.default_rng(step).integers(4, size=(1, 2)))
     replay = Replay.load(recorder.save(tmp_path / "own.json"))
     assert replay.own_rewards and (replay.episodes[0].rewards == 7.0).all() and replay.check() == []
+
+
+def test_a_page_shows_what_was_paid_by_rewards_that_it_cannot_know(tmp_path: Path) -> None:
+    def paid(before: Any, actions: Any, after: Any) -> Any:
+        return np.full(actions.shape, 7.0)
+
+    task = pursuit.make_task("chase", maze="3x3", rewards=paid, max_steps=5)
+    recorder = Recorder(pursuit.Simulator(task))
+    for step in range(20):
+        recorder.step(np.random.default_rng(step).integers(4, size=(1, 2)))
+    builder = Builder()
+    builder.add(Replay.load(recorder.save(tmp_path / "own.json")))
+    assert all(reward == 7 for item in builder.items for row in item["rewards"] for reward in row)
+
+
+def test_a_file_that_is_nested_too_deeply_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "deep.json"
+    path.write_text("[" * 100_000)
+    with pytest.raises(ValueError, match="no replay that can be played"):
+        Replay.load(path)

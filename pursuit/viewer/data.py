@@ -86,6 +86,9 @@ class Builder:
         numbers = list(range(first, len(self.overlays)))
         for number, episode in enumerate(replay.episodes):
             played = replay.play(number)
+            paid = played.rewards
+            if replay.own_rewards:  # what a function paid is known from the record only
+                paid = episode.rewards[: len(played.rewards)]
             title = " ".join(filter(None, (replay.title, episode.label)))
             name = extras.names[number] if number < len(extras.names) else title
             item = {
@@ -95,7 +98,7 @@ class Builder:
                 "terminated": episode.terminated,
                 "truncated": episode.truncated,
                 "players": [replay.players.get(agent, "") for agent in replay.agents],
-                "rewards": [_plain(column) for column in played.rewards.T],
+                "rewards": [_plain(column) for column in paid.T],
                 "overlays": numbers,
             }
             if played.differences:
@@ -237,6 +240,8 @@ def replay_page(replays: Mapping[str, Any] | Sequence[Any], title: str = "") -> 
 
 
 def _plain(numbers: NDArray[Any]) -> list[float]:
+    if not np.isfinite(numbers).all():
+        raise ValueError("a number that is not finite, paid or observed; a page shows finite ones")
     return [int(n) if n == int(n) else round(float(n), 5) for n in numbers.tolist()]
 
 

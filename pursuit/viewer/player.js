@@ -223,6 +223,7 @@ class Player {
     this.playing = on;
     this.buttons.play.textContent = on ? "pause" : "play";
     this.buttons.play.setAttribute("aria-label", on ? "pause (space)" : "play (space)");
+    cancelAnimationFrame(this.ticking);
     if (on) {
       let last = null, owed = 0;
       const tick = (now) => {
@@ -234,9 +235,9 @@ class Player {
           owed -= steps;
           this.go(this.step + steps);
         }
-        requestAnimationFrame(tick);
+        this.ticking = requestAnimationFrame(tick);
       };
-      requestAnimationFrame(tick);
+      this.ticking = requestAnimationFrame(tick);
     }
     this.show();
   }

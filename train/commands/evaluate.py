@@ -9,6 +9,7 @@ from typing import Annotated
 
 import tyro
 
+from pursuit.replay import with_suffix
 from train.algorithms.registry import entry
 from train.commands.parse import heard, parse
 from train.commands.scores import print_bounds, print_floor, print_scores
@@ -50,7 +51,8 @@ def evaluate(arguments: Sequence[str]) -> None:
     given = parse(EvaluateCommand, arguments, "evaluate")
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     check(given.run.is_dir(), f"{given.run}: no such folder")
-    for path in filter(None, (given.out, given.replays)):
+    replays = None if given.replays is None else with_suffix(given.replays)
+    for path in filter(None, (given.out, replays)):
         check(not path.exists(), f"{path}: exists already")
     check(given.replay_episodes >= 1, f"replay_episodes={given.replay_episodes}; at least 1")
     with heard():
@@ -71,10 +73,10 @@ def evaluate(arguments: Sequence[str]) -> None:
         print_bounds(contest)
     floor = objective_floor(contest, settings.hyper.gamma)
     print_floor(floor, settings.hyper.gamma)
-    if given.replays is not None:
+    if replays is not None:
         shown = load_policy(given.run, greedy=settings.evaluate == "greedy")
         games = {f"episode {number + 1}": number for number in range(given.replay_episodes)}
-        path = recorded(contest, shown, games, settings.algorithm).save(given.replays)
+        path = recorded(contest, shown, games, settings.algorithm).save(replays)
         print(f"replays: {path}; watch them with: pursuit view {path}")
     if given.out is not None:
         same = ("algorithm", "curriculum", "seed")

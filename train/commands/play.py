@@ -55,12 +55,15 @@ class PlayCommand:
 def play(arguments: Sequence[str]) -> None:
     """`pursuit play`."""
     task = named_task(arguments)
-    run = game_of_run(option("against", arguments)) if isinstance(task, TaskSettings) else None
+    against = option("against", arguments)
+    run = game_of_run(against) if against and isinstance(task, TaskSettings) else None
     given = parse(PlayCommand, arguments, "play", PlayCommand(run or task))
     check(0 <= given.port < 2**16, f"port={given.port}; 0 for any that is free, to 65535")
     task = settings_of(given, bool(option("opponent-epsilon", arguments)))
-    keeper = None if given.out is None else Keeper(given.out, given.name, task)
     session = session_for(given, task)
+    if given.terminal:
+        check_terminal()
+    keeper = None if given.out is None else Keeper(given.out, given.name, task)
     print(session.title())
     if given.terminal:
         in_terminal(session, keeper)
@@ -79,9 +82,10 @@ def option(name: str, arguments: Sequence[str]) -> str:
     for argument in arguments:
         if before == f"--{name}":
             return argument
-        if argument.startswith(f"--{name}="):
-            return argument.partition("=")[2]
-        before = argument
+        told, _, value = argument.partition("=")
+        before = told.replace("_", "-")
+        if value and before == f"--{name}":
+            return value
     return ""
 
 
@@ -138,12 +142,16 @@ def on_page(session: Session, port: int, browser: bool, keeper: Keeper | None) -
                 print(file=sys.stderr)  # after the terminal's ^C
 
 
-def in_terminal(session: Session, keeper: Keeper | None) -> None:
-    """Play here until the person has enough."""
+def check_terminal() -> None:
+    """ValueError where this is none."""
     check(
         sys.stdin.isatty() and sys.stdout.isatty(),
         "--terminal needs a terminal: input and output are not redirected; leave it out for a page",
     )
+
+
+def in_terminal(session: Session, keeper: Keeper | None) -> None:
+    """Play here until the person has enough."""
     try:
         play_in_terminal(session, None if keeper is None else keeper.keep)
     except KeyboardInterrupt as stop:

@@ -14,7 +14,7 @@ from pursuit.replay import Replay
 from pursuit.viewer.data import Builder, Extras
 from train.commands.parse import heard, parse
 from train.evaluation.closeups import recorded, sides_of
-from train.experiments.kinds import open_run
+from train.experiments.kinds import KINDS, open_run
 from train.pages import PLAYER_ROOM, paragraph, write_page
 from train.play.browser import open_page
 from train.runs.folder import RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
@@ -42,8 +42,8 @@ class ViewCommand:
     """The page; replay.html if left out and no run's report is asked for."""
     episodes: int = 4
     """Episodes of each run, where several things are shown."""
-    open: bool = True
-    """Open the page in a browser, where there is one."""
+    no_open: bool = False
+    """Only write the page, and open no browser."""
 
 
 def view(arguments: Sequence[str]) -> None:
@@ -58,13 +58,17 @@ def view(arguments: Sequence[str]) -> None:
         alone = alone and read_config(given.paths[0])[0] != SIDE
         page = report_again(given.paths[0], given.out) if alone else together(given)
     print(f"page: {page}")
-    if given.open:
+    if not given.no_open:
         open_page(page.resolve().as_uri())
 
 
 def report_again(folder: Path, out: Path | None) -> Path:
     """The report of a run, of what stands in its folder now."""
     kind, _ = read_config(folder)
+    check(
+        (folder / RESULTS).exists(),
+        f"{folder}: no results yet; go on with it: {KINDS[kind].again} --resume {folder}",
+    )
     if kind == SELF_PLAY:
         results = read_results(folder / RESULTS, RUN)
         run = open_run(folder)
@@ -94,7 +98,8 @@ def together(given: ViewCommand) -> Path:
 
 def add_run(builder: Builder, folder: Path, episodes: int) -> None:
     """The first episodes of the evaluation of a run."""
-    settings, policy = load_settings(folder), load_policy(folder)
+    settings = load_settings(folder)
+    policy = load_policy(folder, greedy=settings.evaluate == "greedy")
     contest: Any = contest_of(settings.task, max(episodes, 2))
     names = [f"{folder.name}, episode {number + 1}" for number in range(episodes)]
     replay = recorded(contest, policy, {n: i for i, n in enumerate(names)}, settings.algorithm)

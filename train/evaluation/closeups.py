@@ -33,11 +33,13 @@ class Losses:
         lengths: [episodes], expected ones where they are known.
         optimal: [episodes], the optimum of each start; None where it is not known.
         less_is_better: whether few steps are good.
+        returns: [episodes], what each paid; given where steps do not say how good it was.
     """
 
     lengths: NDArray[np.float64]
     optimal: NDArray[np.float64] | None
     less_is_better: bool
+    returns: NDArray[np.float64] | None = None
 
     @property
     def lost(self) -> NDArray[np.float64]:
@@ -48,11 +50,12 @@ class Losses:
 
     def notable(self) -> dict[str, int]:
         """The episodes worth a look by what they are: best, median and worst."""
-        order = np.argsort(self.lost, kind="stable")
+        badness = self.lost if self.returns is None else -self.returns
+        order = np.argsort(badness, kind="stable").tolist()
         return {
-            "best": int(order[0]),
-            "median": int(order[len(order) // 2]),
-            "worst": int(order[-1]),
+            "best": order[0],
+            "median": order[len(order) // 2],
+            "worst": order[-1],
         }
 
     def worst(self, count: int) -> list[int]:
@@ -70,7 +73,11 @@ class Losses:
 
 def losses_of(contest: Contest, policy: Any) -> Losses:
     """Where a policy loses steps in a contest."""
-    return Losses(contest.lengths(policy), contest.optimal_lengths(), contest.less_is_better)
+    returns = None
+    if isinstance(contest, GameContest) and contest.task.num_goals and contest.task.num_agents > 1:
+        returns = contest.returns(policy)  # a short race may be lost, and a heist end by a capture
+    lengths, optimal = contest.lengths(policy), contest.optimal_lengths()
+    return Losses(lengths, optimal, contest.less_is_better, returns)
 
 
 def recorded(contest: Any, policy: Any, games: Mapping[str, int], player: str) -> Replay:

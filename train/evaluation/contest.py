@@ -177,10 +177,21 @@ class GameContest:
 
     def play(self, policy: Policy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Play every start to its end: episode lengths [episodes], and who won [episodes]."""
+        return self._played(policy, self.starts())
+
+    def returns(self, policy: Policy) -> NDArray[np.float64]:
+        """[episodes], what the agent is paid from every start."""
+        simulator = self.starts()
+        self._played(policy, simulator)
+        return simulator.returns[:, self.task.seat(self.agent)].copy()
+
+    def _played(
+        self, policy: Policy, simulator: Simulator
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         seat, policies = fill_seats(self.task, self.agent, self.opponents)
         policies[seat] = policy
         return play_out(
-            self.starts(),
+            simulator,
             policies,
             lambda games: games.terminated | games.truncated | (games.active[:, seat] == 0),
             lambda games: won_by(games, seat),

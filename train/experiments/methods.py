@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from pursuit.parts import is_reference
 from scripted_agents.environments import SCRIPTED
 from train.experiments.forms import read_label
 from train.experiments.sweep import MEASURED, flat_plain
+from train.experiments.where_and_how import commands_told, where_it_ran
 from train.files import read_json
 from train.result_table import Column, ResultTable, Row, words
 from train.runs.folder import CONFIG, RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
@@ -120,9 +121,14 @@ def methods(folders: Sequence[Path]) -> str:
     """
     lines = ["# Methods", ""]
     facts = [facts_of(folder) for folder in folders]
-    for kind in dict.fromkeys(run.kind for run in facts):
-        lines += _of_one_kind([run for run in facts if run.kind == kind])
-    return "\n".join([*lines, *_commands(run.command for run in facts)])
+    for form in dict.fromkeys(map(_form_of, facts)):
+        lines += _of_one_kind([run for run in facts if _form_of(run) == form])
+    return "\n".join([*lines, *commands_told(run.command for run in facts)])
+
+
+def _form_of(run: Facts) -> tuple[str, bool]:
+    """What runs must share to be told of together: their kind, and whether an arm learns."""
+    return run.kind, "joints" in run.settings
 
 
 def _of_one_kind(runs: Sequence[Facts]) -> list[str]:
@@ -175,7 +181,7 @@ def league_methods(content: Mapping[str, Any], folders: Sequence[Path]) -> str:
         "and Nash averaging (Balduzzi et al., 2018). " + where_it_ran([content])
     )
     runs = dict.fromkeys(_run_of(folder) for folder in folders)
-    text = "\n".join(["# Methods", "", told, "", *_commands([str(content["command"])])])
+    text = "\n".join(["# Methods", "", told, "", *commands_told([str(content["command"])])])
     return text if not runs else text + "\n" + methods(list(runs)).replace("# Methods", "## Runs")
 
 
@@ -260,7 +266,10 @@ def _sentences(runs: Sequence[Facts]) -> list[str]:
             f"{setting('sampling')}."
         )
     elif "opponent_epsilon" in runs[0].settings and setting("task") != "maze":
-        said.append(f"All other seats are played by {each(_opponent)}.")
+        seats = each(_opponent)
+        if setting("task") == "race" and setting("opponent") in (NONE, "astar"):
+            seats = seats.replace("A*", "nearest-goal runners")
+        said.append(f"All other seats are played by {seats}.")
     said.append(f"{_budget(runs)}; {_seeds(runs)}.")
     done = [run for run in runs if run.results]
     if done:
@@ -272,7 +281,7 @@ def _who(runs: Sequence[Facts], setting: Callable[[str], str]) -> str:
     number = len(runs)
     if runs[0].kind == SELF_PLAY:
         sides = [
-            f"{role}s by {_learner(setting(f'{role}_algorithm'))}" for role in ("chaser", "evader")
+            f"{role}s by {_learners(setting(f'{role}_algorithm'))}" for role in ("chaser", "evader")
         ]
         what = "A pair of sides was" if number == 1 else f"{number} pairs of sides were"
         return f"{what} trained in self-play: {', '.join(sides)}."
@@ -280,8 +289,11 @@ def _who(runs: Sequence[Facts], setting: Callable[[str], str]) -> str:
     what = f"One agent ({role}) was" if number == 1 else f"{number} agents ({role}) were"
     curriculum = setting("curriculum")
     taught = "without a curriculum" if curriculum == NONE else f"with the curriculum {curriculum}"
-    learners = " or ".join(map(_learner, setting("algorithm").split(" or ")))
-    return f"{what} trained by {learners}, {taught}."
+    return f"{what} trained by {_learners(setting('algorithm'))}, {taught}."
+
+
+def _learners(names: str) -> str:
+    return " or ".join(map(_learner, names.split(" or ")))
 
 
 def _learner(name: str) -> str:
@@ -296,7 +308,7 @@ def _opponent(run: Facts) -> str:
     if name in (None, "astar"):
         return f"A* with {chance}"
     if name in SCRIPTED:
-        return str(name)
+        return str(name) if name == "random" else f"{name} with {chance}"
     how = run.settings["opponent_policy"]
     return f"{name} (its {how} policy where it was learned; A* with {chance} beside it)"
 
@@ -305,8 +317,8 @@ def _budget(runs: Sequence[Facts]) -> str:
     told = []
     for name, unit in (("budget_seconds", "s"), ("budget_frames", "frames")):
         values = dict.fromkeys(run.settings[name] for run in runs)
-        told += [f"{value:,g} {unit}" if unit == "s" else f"{value:,} {unit}" for value in values
-                 if value is not None]  # fmt: skip
+        given = [value for value in values if value is not None]
+        told += [f"{value:,}".removesuffix(".0") + f" {unit}" for value in given]
     text = f"The budget of a run is {' or '.join(told)} of training"
     done = [run.results for run in runs if run.results]
     if done:
@@ -342,7 +354,9 @@ def _measured(done: Sequence[Facts]) -> list[str]:
         said.append(f"The {kinds} policy is evaluated {how}.")
         known = [run.results["evaluation"]["optimal_steps"] is not None for run in done]
         if all(known):
-            said.append("Its gap is to the exact optimum of the same task and starts.")
+            bound = {run.results.get("least", {}).get("share_exact", 1.0) == 1.0 for run in done}
+            optimum = "the exact optimum" if bound == {True} else "a lower bound of the optimum"
+            said.append(f"Its gap is to {optimum} of the same task and starts.")
     columns = {(run.results["objective"]["column"], run.results["objective"]["unit"])
                for run in done}  # fmt: skip
     judged = " or ".join(
@@ -355,45 +369,6 @@ def _measured(done: Sequence[Facts]) -> list[str]:
         said.append(f"Interrupted before their budget was spent: {', '.join(cut)}.")
     said.append(where_it_ran([run.results for run in done]))
     return said
-
-
-def where_it_ran(results: Sequence[Mapping[str, Any]]) -> str:
-    """One sentence on the versions and the machines in results."""
-    versions = list(dict.fromkeys(_versions(each["versions"]) for each in results))
-    machines = list(dict.fromkeys(_machine(each["machine"]) for each in results))
-    return f"Software: {'; or '.join(versions)}. Machine: {'; or '.join(machines)}."
-
-
-def _versions(found: Mapping[str, Any]) -> str:
-    parts = [f"{name} {value}" for name, value in found.items() if value and name != "commit"]
-    if found.get("commit"):
-        commit = str(found["commit"])
-        parts[0] += f" (commit {commit[:12]}{', changed since' if commit[-1] == '+' else ''})"
-    return ", ".join(parts)
-
-
-def _machine(found: Mapping[str, Any]) -> str:
-    parts = [str(found["processor"])]
-    if "cores" in found:
-        parts.append(f"{found['cores']} cores")
-    if "threads" in found:
-        parts.append(f"torch with {found['threads']} thread(s)")
-    return ", ".join(parts)
-
-
-def _commands(given: Iterable[str]) -> list[str]:
-    commands = list(dict.fromkeys(_as_typed(command) for command in given if command))
-    if not commands:
-        return []
-    return [f"Command{'s' if len(commands) > 1 else ''}:", "", "```", *commands, "```", ""]
-
-
-def _as_typed(command: str) -> str:
-    """A command without the folder that `pursuit` is installed in."""
-    first, space, rest = command.partition(" ")
-    path = Path(first)
-    ours = path.name == "pursuit" or path.parts[-3:] == ("train", "commands", "main.py")
-    return f"pursuit{space}{rest}" if ours else command
 
 
 def _all(runs: Sequence[Facts]) -> str:

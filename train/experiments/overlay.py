@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,8 @@ import numpy as np
 from train.experiments.forms import read_hints
 from train.experiments.measures import GAP, Measure, measure_of
 from train.experiments.methods import METHODS, METHODS_LINE, methods
+from train.experiments.page import page_of
+from train.experiments.statistics import is_range
 from train.experiments.sweep_figures import bands
 from train.experiments.sweep_report import put_groups, summary, table_of
 from train.experiments.tables import collect, row_of
@@ -90,10 +93,24 @@ def overlay(folders: Sequence[Path], out: Path, look: Look = PLAIN) -> Path:
     title = f"Learning curves of {', '.join(names)}"
     files = ", ".join(f"[{name}]({name})" for name in names_of("curves.png", look))
     lines = [f"# {title}", "", table.markdown(), ""]
-    lines += ["A curve is the mean over seeds, its band the 95 % bootstrap interval.", ""]
+    lines += [told_bands(rows), ""]
     lines += [METHODS_LINE, "", "![curves.png](curves.png)", "", f"Figure: {files}", ""]
     write_text(out / "report.md", "\n".join(lines))
+    page_of(out / "report.md")
     return out
+
+
+def told_bands(rows: Rows) -> str:
+    """What the bands of the curves are."""
+    runs = Counter(row["_group"] for row in rows)
+    most, least = max(runs.values()), min(runs.values())
+    if most == 1:
+        return "A curve is a single run: how others would end, nothing here tells."
+    told = "A curve is the mean over runs as far as the shortest of them goes, its band "
+    if is_range(most):
+        return told + "their range."
+    told += "the 95 % bootstrap interval of that mean"
+    return told + (", or the range where there are few runs." if is_range(least) else ".")
 
 
 def _curves_of(folder: Path) -> list[tuple[dict[str, Any], Path]]:

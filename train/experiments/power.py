@@ -51,8 +51,11 @@ def power_line(sizes: Sequence[tuple[int, int]]) -> str:
         sizes: the runs of both, for each task.
     """
     told = " and ".join(dict.fromkeys(f"{ours} against {theirs}" for ours, theirs in sizes))
+    if min(min(pair) for pair in sizes) == 0:
+        return f"{told}: nothing is compared where there is no run"
     if len(sizes) > 1:
-        told += f" in each of {len(sizes)} tasks"
+        same = len(set(sizes)) == 1
+        told += f" in {'each of ' if same else ''}{len(sizes)} tasks"
     least = least_p(sizes)
     test = "the least p of the permutation test (of Mann and Whitney's U)"
     if least < LEVEL:

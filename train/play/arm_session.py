@@ -35,11 +35,12 @@ class ArmSession:
         self.own = "arm"
         self.seed = whole("seed", seed, 0, 2**64 - 1)
         self.outcomes: list[Outcome] = []
+        self.outcome: Outcome | None = None
         self.begin(0)
 
     def begin(self, game: int) -> None:
         """Begin the game of this number."""
-        self.game = game
+        self.game, self.outcome = game, None
         self.simulator = ReacherSimulator(self.task, 1, self.seed, game, auto_restart=False)
         kept = world_for(self.task)
         self.start = kept.start(self.simulator, 0)
@@ -72,7 +73,8 @@ class ArmSession:
         self.rewards.append([float(self.simulator.rewards[0])])
         self.states.append(world_for(self.task).state(self.simulator, 0))
         if self.over:
-            self.outcomes.append(self._outcome())
+            self.outcome = self._outcome()
+            self.outcomes.append(self.outcome)
 
     def next_game(self) -> None:
         """As `Session`."""
@@ -99,7 +101,9 @@ class ArmSession:
         """Bounds of the least steps from a start; the upper one is None with discrete actions."""
         task = self.task
         bounds = least_steps(angles, target, task.max_turn, task.tolerance)
-        least, most = (float(max(steps, 1) + task.hold - 1) for steps in bounds)
+        least, most = (
+            float(min(max(steps, 1) + task.hold - 1, task.max_steps)) for steps in bounds
+        )
         return least, None if task.discrete_actions else most
 
     def title(self) -> str:

@@ -173,7 +173,7 @@ class PlayServer:
         """The session at this moment, as the page takes it; with the board where it is `whole`."""
         session = self.session
         over = session.over
-        outcome = session.outcomes[-1] if over else None
+        outcome = session.outcome if over else None
         state: dict[str, Any] = {
             "game": session.game,
             "step": session.step,

@@ -32,6 +32,7 @@ class Session(Protocol):
         game: the number of the one that is played; the first is 0.
         seed: of all games; game `game` of it is the one of that number in a batch.
         outcomes: of the games that are over.
+        outcome: of this game, once it is.
         own: the person's agent.
         task: a `pursuit.Task` or a `pursuit.ReacherTask`.
         simulator: the game that is played; it stays as it ended.
@@ -44,6 +45,7 @@ class Session(Protocol):
     game: int
     seed: int
     outcomes: list[Outcome]
+    outcome: Outcome | None
     own: str
     task: Any
     simulator: Any
@@ -117,11 +119,12 @@ class MazeSession:
         self.own = self.task.agent_names[self.seat]
         self.seed = whole("seed", seed, 0, 2**64 - 1)
         self.outcomes: list[Outcome] = []
+        self.outcome: Outcome | None = None
         self.begin(0)
 
     def begin(self, game: int) -> None:
         """Begin the game of this number."""
-        self.game = game
+        self.game, self.outcome = game, None
         self.simulator = Simulator(self.task, 1, self.seed, game, auto_restart=False)
         kept = world_for(self.task)
         self.start = kept.start(self.simulator, 0)
@@ -156,7 +159,8 @@ class MazeSession:
         self.states.append(world_for(self.task).state(simulator, 0))
         self._collected += (simulator.events[0] & COLLECTED) != 0
         if self.over:
-            self.outcomes.append(self._outcome())
+            self.outcome = self._outcome()
+            self.outcomes.append(self.outcome)
 
     def next_game(self) -> None:
         """As `Session`."""
@@ -216,7 +220,8 @@ class MazeSession:
             if len(set(there)) > MAX_EXACT_GOALS:
                 return None
             maze = task.mazes[int(self.simulator.maze_index[0])]
-            return float(tour_lengths(maze, np.array(positions), np.array([there]))[0])
+            tour = float(tour_lengths(maze, np.array(positions), np.array([there]))[0])
+            return min(tour, float(task.max_steps))
         return None if self.values is None else float(self.values[tuple(positions)])
 
     def title(self) -> str:

@@ -81,6 +81,8 @@ def shown_games(contest: Any, losses: Losses) -> tuple[dict[str, int], list[str]
     notes = []
     for game in games.values():
         told = f"episode {game} of the evaluation"
+        if losses.returns is not None:
+            told += f", reward {losses.returns[game]:.4g}"
         if losses.optimal is not None:
             steps, optimum = losses.lengths[game], losses.optimal[game]
             expected = "" if steps == int(steps) else " expected"
@@ -104,8 +106,10 @@ def summary(results: Mapping[str, Any]) -> str:
     found = results["evaluation"]
     told = f"Learned: {found['mean_steps']:.3f} steps"
     if found["optimality_gap"] is not None:
+        exact = results.get("least", {}).get("share_exact", 1.0) == 1.0
+        optimum = "optimum" if exact else "lower bound of the optimum"
         told += (
-            f"; optimum {found['optimal_steps']:.3f}; gap {100 * found['optimality_gap']:+.2f} %"
+            f"; {optimum} {found['optimal_steps']:.3f}; gap {100 * found['optimality_gap']:+.2f} %"
         )
     floor = found.get("objective_floor")
     if floor is not None:

@@ -33,7 +33,8 @@ def entry_names(
     if chosen:
         check(
             len(chosen) == len(entries),
-            f"{len(chosen)} names for {len(entries)} entries; give one for each, in their order",
+            f"{len(chosen)} names for {len(entries)} entries; give one for each, in their "
+            "order (people keep the names under which they played)",
         )
         for name in chosen:
             check(bool(name.strip()), "an empty name; give a text")
@@ -50,12 +51,15 @@ def entry_names(
 
 def _name_of(path: Path, others: Sequence[Path], agents: set[str]) -> str:
     """The name of a folder; one role's begins with the name of the run that it is part of."""
-    run = path.parent
-    if (run / CONFIG).exists():
-        return (
-            f"{_end_of(run, [p for p in others if run not in (p, p.parent)], agents)}/{path.name}"
-        )
-    return _end_of(path, [p for p in others if p.parent != path], agents)
+    run = _run_of(path)
+    rest = [other for other in map(_run_of, others) if other != run]
+    name = _end_of(run, rest, agents)
+    return name if run == path else f"{name}/{path.name}"
+
+
+def _run_of(path: Path) -> Path:
+    """The folder of the run that a folder is, or is one role of."""
+    return path.parent if (path.parent / CONFIG).exists() else path
 
 
 def _end_of(path: Path, others: Sequence[Path], agents: set[str]) -> str:

@@ -60,7 +60,9 @@ def write_self_play_report(
     names = [episode.label for episode in replay.episodes]
     builder.add(replay, Extras(names=names, sides=sides))
     league = snapshots_league(trainee, task, pair)
-    draw_league(folder / PAYOFF, league, "steps until capture: snapshots against each other")
+    path = path or folder / REPORT
+    payoff = path.with_name(PAYOFF)
+    draw_league(payoff, league, "steps until capture: snapshots against each other")
     parts = [
         paragraph(
             f"{folder.name}: {results['algorithm']}, opponents {results['sampling']}", "faint"
@@ -71,12 +73,11 @@ def write_self_play_report(
         section("Matches at the end", match_table(results)),
         section(
             "Snapshots against each other",
-            picture(folder / PAYOFF, "payoff matrix of snapshots"),
+            picture(payoff, "payoff matrix of snapshots"),
             cycle_in_words(league),
         ),
         section("How it was made", made(folder, results)),
     ]
-    path = path or folder / REPORT
     write_page(path, title, parts, builder.data(title))
     return path
 

@@ -1,0 +1,47 @@
+"""Where runs ran and by what command, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+
+def where_it_ran(results: Sequence[Mapping[str, Any]]) -> str:
+    """One sentence on the versions and the machines in results."""
+    versions = list(dict.fromkeys(_versions(each["versions"]) for each in results))
+    machines = list(dict.fromkeys(_machine(each["machine"]) for each in results))
+    return f"Software: {'; or '.join(versions)}. Machine: {'; or '.join(machines)}."
+
+
+def _versions(found: Mapping[str, Any]) -> str:
+    parts = [f"{name} {value}" for name, value in found.items() if value and name != "commit"]
+    if found.get("commit"):
+        commit = str(found["commit"])
+        parts[0] += f" (commit {commit[:12]}{', changed since' if commit[-1] == '+' else ''})"
+    return ", ".join(parts)
+
+
+def _machine(found: Mapping[str, Any]) -> str:
+    parts = [str(found["processor"])]
+    if "cores" in found:
+        parts.append(f"{found['cores']} cores")
+    if "threads" in found:
+        parts.append(f"torch with {found['threads']} thread(s)")
+    return ", ".join(parts)
+
+
+def commands_told(given: Iterable[str]) -> list[str]:
+    """Commands as lines of Markdown, each once."""
+    commands = list(dict.fromkeys(_as_typed(command) for command in given if command))
+    if not commands:
+        return []
+    return [f"Command{'s' if len(commands) > 1 else ''}:", "", "```", *commands, "```", ""]
+
+
+def _as_typed(command: str) -> str:
+    """A command without the folder that `pursuit` is installed in."""
+    first, space, rest = command.partition(" ")
+    path = Path(first)
+    ours = path.name == "pursuit" or path.parts[-3:] == ("train", "commands", "main.py")
+    return f"pursuit{space}{rest}" if ours else command
