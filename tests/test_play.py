@@ -353,6 +353,7 @@ def test_the_commands_of_the_page_run_as_they_stand(
 
     monkeypatch.setattr(play_command, "on_page", go_north)
     monkeypatch.setattr(play_command, "in_terminal", go_north)
+    monkeypatch.setattr(play_command, "check_terminal", lambda: None)
     lines = [line for block in blocks_of("") for line in block.splitlines()]
     assert len(lines) == 12 and all(line.startswith("pursuit ") for line in lines)
     make_run(tmp_path / "pair", frames=2000, task={"maze": "5x5"}).train()
