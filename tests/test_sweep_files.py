@@ -150,14 +150,16 @@ def test_a_dry_run_lists_the_runs_with_what_varies_and_does_nothing(
     (folder / "checkpoint.pt").write_bytes(b"")
     capsys.readouterr()
     main(["sweep", str(tmp_path / "s.toml"), "--out", str(out), "--dry-run"])
-    first, second, last, *power = capsys.readouterr().out.splitlines()
+    first, second, power, last = capsys.readouterr().out.splitlines()
     assert first.split() == ["interrupted", "max_steps=50", "seed=0", str(folder)]
     assert second.split()[:3] == ["new", "max_steps=60", "seed=0"]
     assert last == f"2 runs into {out} (1 interrupted, 1 new); nothing was done"
+    assert power.startswith("power: the report of a sweep makes no test")
     (tmp_path / "a.toml").write_text(ABLATION.replace("{rest}", ""))
     main(["ablate", str(tmp_path / "a.toml"), "--out", str(out / "none"), "--dry-run"])
-    first, second, last, *power = capsys.readouterr().out.splitlines()
+    first, second, power, last = capsys.readouterr().out.splitlines()
     assert "variant=a seed=0" in first and "gamma=0.5" in second and "2 new" in last
+    assert "1 against 1 cannot show p < 0.05" in power
 
 
 # -- what a sweep keeps ----------------------------------------------------------------------------
