@@ -84,6 +84,7 @@ def steps_of(run: Run) -> float:
 
 SLOW = {
     "plain dqn",
+    "dqn with everything",
     "reinforce without a baseline",
     "a2c without a critic",
     "a2c without generalised advantages",
