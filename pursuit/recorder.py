@@ -54,7 +54,7 @@ class Recorder:
         self._own = {name: self._restarting(name) for name in LISTENED[1:]} | {"step": self._step}
         for name, method in self._own.items():
             setattr(simulator, name, method)
-        self._go_on()
+        self._go_on(False)
 
     def __getattr__(self, name: str) -> Any:
         """What is the environment's."""
@@ -87,21 +87,22 @@ class Recorder:
     def _repr_html_(self) -> str:
         return self.replay._repr_html_()
 
-    def _go_on(self) -> None:
+    def _go_on(self, put_back: bool) -> None:
         """After games were put somewhere: those that stand where they were recorded go on.
 
-        Vectorised environments step games that wait, and begin all anew to put some back: a game
-        that stands where it stood before the last step, or before it was begun anew, goes on.
+        Vectorised environments step games that wait, and begin all anew to put some back, by
+        `set_state`: a game that then stands where it stood before the last step, or before it was
+        begun anew, goes on. A `reset` to a start like the last one begins a new episode.
         """
         simulator, former = self._simulator, self._former
         self._former = {}
         for game in range(self._games):
             track, steps = self._tracks[game], int(simulator.steps[game])
-            before = self._moved.get(game)
+            before = self._moved.get(game) if put_back else None
             if before is not None and before[0].stands_before_last(steps):
                 track = self._back(*before)
                 track.undo()
-            elif game in former and former[game][0].stands(steps):
+            elif put_back and game in former and former[game][0].stands(steps):
                 track = self._back(*former[game])
             elif track is not None and not track.stands(steps):
                 self._former[game] = track, self._leave(track)
@@ -132,7 +133,7 @@ class Recorder:
     def _restarting(self, name: str) -> Any:
         def restart(*arguments: Any, **settings: Any) -> None:
             self._methods[name](*arguments, **settings)
-            self._go_on()
+            self._go_on(name == "set_state")
             if self._simulator.last_seed is not None:
                 self.seed = self._simulator.last_seed
 

@@ -295,3 +295,16 @@ def test_a_file_that_is_nested_too_deeply_is_refused(tmp_path: Path) -> None:
     path.write_text("[" * 100_000)
     with pytest.raises(ValueError, match="no replay that can be played"):
         Replay.load(path)
+
+
+def test_an_episode_of_one_step_is_kept_where_the_next_one_begins_alike() -> None:
+    recorder = Recorder(
+        pursuit.Simulator(pursuit.make_task("chase", maze="3x3"), auto_restart=False)
+    )
+    east = pursuit.load_maze("3x3").neighbors[0, 2]
+    start = [0, int(east if east else 3)]
+    for _ in range(5):
+        recorder.place([start])
+        recorder.step([[2 if east else 1, 3 if east else 0]])  # they swap cells: it is caught
+    recorder.place([start])
+    assert [(e.length, e.terminated) for e in recorder.episodes] == [(1, True)] * 5
