@@ -11,6 +11,8 @@ from .maze import load_maze as load_maze
 from .maze_generation import generate_maze as generate_maze
 from .parts import allow as allow
 from .policy import GameView as GameView
+from .policy import Memory as Memory
+from .policy import MemoryPolicy as MemoryPolicy
 from .policy import Policy as Policy
 from .reacher.simulator import ReacherSimulator as ReacherSimulator
 from .reacher.single_agent import ReacherEnv as ReacherEnv

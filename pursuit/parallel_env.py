@@ -16,7 +16,7 @@ from pettingzoo.utils import wrappers
 from pursuit.declared import truth
 from pursuit.masks import ACTION_MASK, action_masks, masked_space, warn_of_masks
 from pursuit.maze_arrays import lay_out
-from pursuit.policy import Policy
+from pursuit.policy import Policy, play
 from pursuit.rendering import AgentMark, Scene, Window, draw_scene, scene_to_text
 from pursuit.seeds import some_seed
 from pursuit.simulator import Simulator
@@ -199,7 +199,7 @@ class PursuitParallelEnv(ParallelEnv[str, Any, int]):
         for agent in self.agents:
             policy = policies.get(agent, policies.get(agent.split("_")[0]))
             if policy is not None:
-                chosen[agent] = int(policy.act(self.simulator.view(agent))[0])
+                chosen[agent] = int(play(policy, self.simulator.view(agent))[0])
         return chosen
 
     def _explain(self, actions: Mapping[str, int]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,8 @@ class GameView:
             leaves it to the policy.
         mazes: the arrays of the mazes; kernels take `*mazes`.
         observe: `observe(encoding)` -> [num_games, ...] what the agent in this seat observes.
+        whole: of a view that `select` made, the view of all games of the batch; None otherwise.
+        chosen: [num_games], which of those games these are; None where they are all.
     """
 
     task: Task
@@ -39,6 +42,8 @@ class GameView:
     epsilon: NDArray[np.float64]
     mazes: MazeArrays
     observe: Callable[[str], NDArray[Any]]
+    whole: GameView | None = None
+    chosen: NDArray[np.intp] | None = None
 
     @property
     def num_games(self) -> int:
@@ -87,7 +92,14 @@ class GameView:
             streams=self.streams[games],
             epsilon=self.epsilon[games],
             observe=lambda encoding: self.observe(encoding)[games],
+            whole=self.whole or self,
+            chosen=games if self.chosen is None else self.chosen[games],
         )
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """[num_games], the numbers of these games in the batch: the rows of a `Memory`."""
+        return np.arange(self.num_games) if self.chosen is None else self.chosen
 
     def uniform(self) -> NDArray[np.float64]:
         """[num_games] float64 in [0, 1), from this seat's own random stream, which moves on."""
@@ -150,6 +162,66 @@ class Policy(Protocol):
         not depend on the batch that it is in.
         """
         ...
+
+
+class Memory:
+    """What a policy remembers of every game: arrays for each batch and seat that it plays in.
+
+    They are made when it first plays there and go with the batch, so that one policy may fill many
+    seats and batches. A copy of a policy begins without them.
+
+    Args:
+        make: the arrays of a view, [num_games, ...] each, by name, as nothing is remembered yet.
+    """
+
+    def __init__(self, make: Callable[[GameView], dict[str, NDArray[Any]]]) -> None:
+        self._make = make
+        self._kept: WeakKeyDictionary[GameView, dict[str, NDArray[Any]]] = WeakKeyDictionary()
+
+    def of(self, view: GameView) -> dict[str, NDArray[Any]]:
+        """The live arrays of the whole batch; those of the games of `view` are its `view.rows`."""
+        whole = view.whole or view
+        if whole not in self._kept:
+            self._kept[whole] = self._make(whole)
+        return self._kept[whole]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Memory, (self._make,)
+
+
+@runtime_checkable
+class MemoryPolicy(Protocol):
+    """A policy that remembers: it plays by what it has seen and done in the episode.
+
+    Call `play`, which begins new episodes, rather than its `act`; the `Simulator` and the
+    environments do. It acts once in every step, in all games of the view, or of a part of them.
+
+    Attributes:
+        memory: what it remembers, for whoever saves games in the middle of an episode.
+    """
+
+    memory: Memory
+
+    def begin(self, view: GameView, games: NDArray[np.intp]) -> None:
+        """Forget all of these games of `view` (numbers [n] in it): their episodes begin now."""
+        ...
+
+    def act(self, view: GameView) -> NDArray[np.int32]:
+        """[num_games] int32, as of any `Policy`."""
+        ...
+
+
+def play(policy: Policy, view: GameView) -> NDArray[np.int32]:
+    """[num_games] int32: what a policy does in every game, new episodes begun where it remembers.
+
+    An episode is new where no step of it has been taken.
+    """
+    begin = getattr(policy, "begin", None)  # the protocol's isinstance takes as long as 20 steps
+    if begin is not None:
+        fresh = np.flatnonzero(view.steps == 0)
+        if len(fresh):
+            begin(view, fresh)
+    return policy.act(view)
 
 
 @runtime_checkable

@@ -16,7 +16,7 @@ from pursuit.next_episode import slots
 from pursuit.observations import Encoder
 from pursuit.payments import step_games_of
 from pursuit.placements import place_the_unplaced
-from pursuit.policy import GameView, Policy
+from pursuit.policy import GameView, Policy, play
 from pursuit.rules import layout
 from pursuit.shares import Shares
 from pursuit.simulator_state import (
@@ -382,7 +382,7 @@ class Simulator:
             if policy is not None:
                 if not hasattr(policy, "act"):
                     raise ValueError(f"{policy!r} is no policy; it has no method `act`")
-                actions[:, seat] = policy.act(self.view(seat))
+                actions[:, seat] = play(policy, self.view(seat))
 
 
 def _copied(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.policy import GameView, Policy
+from pursuit.policy import GameView, Policy, play
 from scripted_agents import solve_matrix_game
 from train.networks.policy import NetworkPolicy
 from train.runs.folder import MISFITS
@@ -244,7 +244,7 @@ class PoolPolicy:
         """[num_games] int32; one forward pass for every distinct opponent."""
         present = np.flatnonzero(np.bincount(self.opponents))
         if len(present) == 1:
-            return self.pool.members[int(present[0])].policy.act(view)
+            return play(self.pool.members[int(present[0])].policy, view)
         actions = np.empty(view.num_games, dtype=np.int32)
         order = np.argsort(self.opponents, kind="stable")
         bounds = np.searchsorted(self.opponents[order], [*present, len(self.pool.members)])
@@ -265,7 +265,7 @@ class PoolPolicy:
                 )
             else:
                 part = view.select(games)
-                actions[games] = policy.act(part)
+                actions[games] = play(policy, part)
                 view.streams[games] = part.streams
         return actions
 
