@@ -16,7 +16,7 @@ from scripted_agents.action_values import worth_of_actions
 from scripted_agents.best_response import MoveOrder, best_response, checked_table
 from scripted_agents.evader import AStarEvader
 from scripted_agents.optimal import role_of, table_of
-from scripted_agents.sights import Eyes
+from scripted_agents.sights import Eyes, check_seat
 
 Response = Literal["most_likely", "expected"]
 
@@ -229,12 +229,4 @@ def check_duel(task: Task, what: str) -> None:
         raise ValueError(
             f"{what} in task {task.name!r} of {task.num_chasers} chaser(s), {task.num_evaders} "
             f"evader(s) and {task.num_goals} goal(s): {reason}. Take SearchingChaser"
-        )
-
-
-def check_seat(task: Task, seat: int, agent: Any) -> None:
-    """ValueError where a seat is not of an agent's role."""
-    if task.seat_roles[seat] != agent.role:
-        raise ValueError(
-            f"{agent!r} is a {agent.role}; this seat is another's: {task.seat_roles[seat]}"
         )

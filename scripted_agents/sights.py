@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pursuit.declared import truth, whole
 from pursuit.maze import MAX_TABLE_CELLS, Maze
 from pursuit.policy import GameView, Memory
+from pursuit.task import Task
 
 
 class Eyes:
@@ -56,6 +57,14 @@ class Eyes:
         if self.view_radius is None and not self.line_of_sight:
             return task_sight(view.task, view.seat, number)
         return visible_cells(maze, self.view_radius, self.line_of_sight)
+
+
+def check_seat(task: Task, seat: int, agent: Any) -> None:
+    """ValueError where a seat is not of an agent's role."""
+    if task.seat_roles[seat] != agent.role:
+        raise ValueError(
+            f"{agent!r} is a {agent.role}; this seat is another's: {task.seat_roles[seat]}"
+        )
 
 
 def task_sight(task: Any, seat: int, number: int) -> NDArray[np.bool_]:

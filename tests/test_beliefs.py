@@ -35,7 +35,7 @@ def plain_filter(
                     if task.move_order == "simultaneous":
                         caught = here == then or (here == theirs and then == before)
                     elif role == "chaser":
-                        caught = here == theirs or here == then
+                        caught = here in (theirs, then)
                     else:
                         caught = then in (before, here)
                     if not caught:
