@@ -79,8 +79,8 @@ def fewest_steps_to_find(
             own cell only: the evader must be captured.
         searchers: how many.
         start: a cell for each of them; left out they choose the best, each its own.
-        speed: of the evader: "one" cell a step, as in the game; or "unbounded": after the searchers
-            moved it runs along any path that is out of view of all.
+        speed: of the evader: "one" cell a step, as in the game; or "unbounded": it moves as in
+            the game, and then runs on along any path that is out of view of all.
         stay_action: whether both have the action to stay. Without it only a move into a wall is.
         max_states: give up beyond so many states.
 

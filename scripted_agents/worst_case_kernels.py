@@ -65,17 +65,11 @@ def contaminated_after(
 ) -> Any:
     """Where the evader may be after searchers went from `before` to `now`.
 
-    `spreading` is `spread(cells)`. Of a fast evader it is where it can run to out of view.
+    `spreading` is `spread(cells)`. A fast evader then runs on, out of view.
     """
     seen = np.uint64(0)
     for i in range(now.shape[0]):
         seen |= view[now[i]]
-    if fast:
-        after, more = np.uint64(0), cells & ~seen
-        while more:
-            after |= more
-            more = spread(more, reach) & ~seen & ~after
-        return after
     after = spreading & ~seen
     for i in range(before.shape[0]):
         # Whoever goes where a searcher comes from, while that one comes to meet it, is caught.
@@ -85,6 +79,11 @@ def contaminated_after(
                 free &= ~bit(now[j])
         if not free:
             after &= ~bit(before[i])
+    if fast:
+        more = after
+        while more:
+            more = spread(more, reach) & ~seen & ~after
+            after |= more
     return after
 
 
@@ -186,7 +185,7 @@ def expand(
             answer[0], answer[1], answer[2] = FULL, state, count
             return
         cells = sets[state]
-        spreading = cells if fast else spread(cells, reach)
+        spreading = spread(cells, reach)
         for _ in range(joint):
             for i in range(searchers):
                 now[i] = moves[before[i], digits[i]]

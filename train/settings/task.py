@@ -54,8 +54,9 @@ class TaskSettings:
     opponent_epsilon: float = 0.2
     """Share of random moves of the scripted agents in all other seats, in [0, 1]."""
     opponent: str | None = None
-    """Who plays the other side instead of A*: random, optimal (exactly), the folder of a run, a
-    saved Stable-Baselines3 model (.zip), or package.module:Name of your own. Learned ones play as
+    """Who plays the other side instead of A*: random, optimal (exactly), searching (chasers also
+    sweeping, belief; all three see what the task lets them), the folder of a run, a saved
+    Stable-Baselines3 model (.zip), or package.module:Name of your own. Learned ones play as
     opponent_policy says."""
     opponent_policy: str = "sampled"
     """How a learned opponent plays: sampled (as it was learned, where it is a distribution), or
