@@ -136,6 +136,10 @@ def test_every_learner_resumes(algorithm: str, tmp_path: Path) -> None:
         {"algorithm": "td3", "prioritized": True, "noise": "ornstein-uhlenbeck", **ARM},
         {"algorithm": "cross_entropy", "observation": "planes"},
         {"algorithm": "q_learning", "role": "evader", **CHASER},
+        {"algorithm": "ppo", "recurrent": "gru", **CHASER},
+        {"algorithm": "ppo", "recurrent": "lstm", "shared": False},
+        {"algorithm": "a2c", "recurrent": "gru", "mask_bumps": True},
+        {"algorithm": "reinforce", "recurrent": "lstm"},
     ],
     ids=lambda flat: " ".join(map(str, flat.values())),
 )

@@ -98,6 +98,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         masks = settings.task.mask_bumps
         seat = Seat(task, role, own.observation, masks)
         check_memory(own.hyper, seat)
+        entry(own.algorithm).check_memory(own.hyper, seat)
         sides[role] = SideParts(
             seat,
             entry(own.algorithm),
