@@ -148,6 +148,12 @@ def test_switched_learners_resume(flat: dict[str, Any], tmp_path: Path) -> None:
     check_resumption(RUN, tiny(**{**game, **flat}), tmp_path)
 
 
+def test_a_learner_resumes_against_an_opponent_that_remembers(tmp_path: Path) -> None:
+    evader = start(RUN, tiny("ppo", role="evader", recurrent="lstm", **CHASER), tmp_path / "evader")
+    evader.train()
+    check_resumption(RUN, tiny("ppo", opponent=str(tmp_path / "evader"), **CHASER), tmp_path)
+
+
 @pytest.mark.parametrize("algorithm", ["ppo", "a2c", "reinforce", "cross_entropy"])
 def test_learners_of_both_kinds_of_actions_resume_on_an_arm(algorithm: str, tmp_path: Path) -> None:
     check_resumption(RUN, tiny(algorithm, **ARM), tmp_path)
@@ -240,8 +246,13 @@ def test_every_learner_resumes_in_every_scheme(
             marks=pytest.mark.slow,
         ),
         {"task": {"num_chasers": 2}, "hyper": replace(PPO, central_critic=True)},
+        {"hyper": replace(PPO, recurrent="gru"), "sampling": "pfsp"},
+        {"task": {"num_chasers": 2}, "hyper": replace(PPO, central_critic=True, recurrent="gru")},
     ],
-    ids=["one trunk", "a frozen side", "teams", "a central critic"],
+    ids=[
+        "one trunk", "a frozen side", "teams", "a central critic", "memories",
+        "memories beside a central critic",
+    ],
 )  # fmt: skip
 def test_teams_and_shared_networks_resume(changes: Any, tmp_path: Path) -> None:
     check_resumption(SELF_PLAY, both(**changes), tmp_path)
