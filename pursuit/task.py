@@ -23,7 +23,7 @@ from pursuit.declared import (
     one_of,
     whole,
 )
-from pursuit.maze import Maze, load_maze
+from pursuit.maze import Maze
 from pursuit.placements import Apart, check_placeable
 from pursuit.rewards import REWARD_SCHEMES as REWARD_SCHEMES
 from pursuit.rewards import ROLES as ROLES
@@ -41,6 +41,7 @@ from pursuit.sight import (
     limits_of,
     sight_of,
 )
+from pursuit.suites import load_mazes
 
 MOVE_ORDERS = ("simultaneous", "chasers_first")
 STARTS = ("random", "marks")
@@ -73,8 +74,9 @@ class Task:
     """Rules and settings of one game: never changes, hashes, and is checked at birth.
 
     Args:
-        maze: the name of a shipped maze, a path, a `Maze`, or several of them; with several, each
-            game draws its own at every restart.
+        maze: the name of a shipped maze, a path, a `Maze`, a frozen suite ("suite:7x7-train"; see
+            `pursuit.load_suite`), or several of them; with several, each game draws its own at
+            every restart.
         num_chasers, num_evaders, num_runners: agents of each role.
         num_goals: goals, collected by runners and evaders.
         max_steps: an episode of this many steps is truncated.
@@ -179,9 +181,7 @@ class Task:
     @cached_property
     def mazes(self) -> tuple[Maze, ...]:
         """The mazes of this task."""
-        if isinstance(self.maze, (str, Path, Maze)):
-            return (load_maze(self.maze),)
-        return tuple(load_maze(maze) for maze in self.maze)
+        return load_mazes(self.maze)
 
     @cached_property
     def role_rewards(self) -> dict[str, Rewards]:

@@ -11,6 +11,7 @@ from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
 from pursuit.reacher.task import ReacherTask
 from pursuit.rewards import kept_rewards, rewards_text
 from pursuit.sight import chosen_text, kept_chosen, kept_radius, radius_text
+from pursuit.suite_files import PREFIX, is_suite
 from pursuit.task import TASK_NAMES
 from train.settings.checks import check, check_choice
 
@@ -31,7 +32,8 @@ class TaskSettings:
     role: str = "auto"
     """Who learns: chaser, evader or runner (or one agent, such as chaser_1). auto: the first."""
     maze: str = "5x5"
-    """A shipped maze (2x2 ... 9x9, 15x15, also -tree and -open), or the path of a maze file."""
+    """A shipped maze (2x2 ... 9x9, 15x15, also -tree and -open), the path of a maze file, or a
+    frozen suite of mazes, such as suite:7x7-train (or suite:7x7-train/0-99)."""
     num_chasers: int | None = None
     """Chasers; the task's own number if left out."""
     num_evaders: int | None = None
@@ -105,7 +107,8 @@ class TaskSettings:
     @property
     def label(self) -> str:
         """What the folder of a run is called after."""
-        return f"{self.task}-{self.agent}-{Path(self.maze).stem}"
+        maze = self.maze.removeprefix(PREFIX).replace("/", "-")
+        return f"{self.task}-{self.agent}-{maze if is_suite(self.maze) else Path(self.maze).stem}"
 
     def check_observation(self, name: str) -> None:
         """ValueError unless it can be observed."""
