@@ -115,10 +115,10 @@ class BeliefChaser:
 
     Args:
         opponent: whom it takes the evader for: a policy that is a table.
-        response: "most_likely" answers the most likely cell by the best response; "expected" takes
-            the action of least expected value under the belief (QMDP; Littman, Cassandra and
-            Kaelbling, 1995). Cells that are equally likely answer together, and of equally good
-            actions one is drawn.
+        response: "expected" takes the action of least expected value under the belief (QMDP;
+            Littman, Cassandra and Kaelbling, 1995); "most_likely" answers the most likely cell by
+            the best response. Of equally good actions, and of those against cells that are equally
+            likely, one is drawn.
         view_radius: path steps that it sees; the task's where left out.
         line_of_sight: whether it sees along rows and columns only; the task's where left out.
         epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
@@ -133,7 +133,7 @@ class BeliefChaser:
     def __init__(
         self,
         opponent: TabularPolicy | None = None,
-        response: Response = "most_likely",
+        response: Response = "expected",
         view_radius: int | None = None,
         line_of_sight: bool = False,
         epsilon: float = 0.0,

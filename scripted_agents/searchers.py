@@ -101,9 +101,8 @@ class SearchingChaser(LimitedAgent):
         self, view: GameView, kept: dict[str, NDArray[Any]], actions: NDArray[np.int32]
     ) -> None:
         settings = (self.epsilon, view.task.stay_action, self.remembers)
-        search_kernels.search_evaders(
-            *self._seen(view), kept["seen_at"], kept["aim"], settings, actions
-        )
+        given: Any = (*self._seen(view), kept["seen_at"], kept["aim"], settings, actions)
+        search_kernels.search_evaders(*given)
 
 
 class SweepingChaser(SearchingChaser):
@@ -124,9 +123,8 @@ class SearchingRunner(LimitedAgent):
         self, view: GameView, kept: dict[str, NDArray[Any]], actions: NDArray[np.int32]
     ) -> None:
         settings = (self.epsilon, view.task.stay_action)
-        search_kernels.search_goals(
-            *self._seen(view), kept["seen_at"], kept["known"], settings, actions
-        )
+        given: Any = (*self._seen(view), kept["seen_at"], kept["known"], settings, actions)
+        search_kernels.search_goals(*given)
 
 
 class WaryEvader(LimitedAgent):
@@ -167,9 +165,8 @@ class WaryEvader(LimitedAgent):
         self, view: GameView, kept: dict[str, NDArray[Any]], actions: NDArray[np.int32]
     ) -> None:
         settings = (self.epsilon, view.task.stay_action, self.remembered)
-        search_kernels.flee_from_seen(
-            *self._seen(view), kept["aim"], kept["aim_at"], settings, actions
-        )
+        given: Any = (*self._seen(view), kept["aim"], kept["aim_at"], settings, actions)
+        search_kernels.flee_from_seen(*given)
 
     def _moves_of(self, view: GameView) -> dict[str, NDArray[Any]]:
         settings = (0.0, self.alert_distance, self.look_radius, view.task.stay_action)

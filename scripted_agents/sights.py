@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.declared import truth, whole
-from pursuit.maze import MAX_TABLE_CELLS, Maze
+from pursuit.maze import Maze
 from pursuit.policy import GameView, Memory
+from pursuit.sight import check_visible, visible_cells
 from pursuit.task import Task
 
 
@@ -44,18 +45,14 @@ class Eyes:
 
     def _laid_out(self, view: GameView) -> dict[str, NDArray[Any]]:
         for maze in view.task.mazes:
-            if maze.num_cells > MAX_TABLE_CELLS:
-                raise ValueError(
-                    f"{maze.name}: {maze.num_cells} cells; agents of limited sight play in mazes "
-                    f"of up to {MAX_TABLE_CELLS}. Take a smaller one, or an agent that sees all"
-                )
+            check_visible(maze)
         pairs = [self.of(view, number, maze).ravel() for number, maze in enumerate(view.task.mazes)]
         return {"sight": np.concatenate(pairs).astype(np.uint8)}
 
     def of(self, view: GameView, number: int, maze: Maze) -> NDArray[np.bool_]:
         """[own, other] bool in one of the mazes of a view."""
         if self.view_radius is None and not self.line_of_sight:
-            return task_sight(view.task, view.seat, number)
+            return view.task.sees(view.seat, number)
         return visible_cells(maze, self.view_radius, self.line_of_sight)
 
 
@@ -65,27 +62,3 @@ def check_seat(task: Task, seat: int, agent: Any) -> None:
         raise ValueError(
             f"{agent!r} is a {agent.role}; this seat is another's: {task.seat_roles[seat]}"
         )
-
-
-def task_sight(task: Any, seat: int, number: int) -> NDArray[np.bool_]:
-    if hasattr(task, "sees"):
-        return task.sees(seat, number)
-    return np.ones((task.mazes[number].num_cells,) * 2, dtype=bool)
-
-
-def visible_cells(
-    maze: Maze, view_radius: int | None = None, line_of_sight: bool = False
-) -> NDArray[np.bool_]:
-    seen = np.ones((maze.num_cells,) * 2, dtype=bool)
-    if view_radius is not None:
-        seen &= maze.distances <= view_radius
-    if line_of_sight:
-        lines = np.eye(maze.num_cells, dtype=bool)
-        for cell in range(maze.num_cells):
-            for action in range(4):
-                here = cell
-                while maze.neighbors[here, action] != here:
-                    here = maze.neighbors[here, action]
-                    lines[cell, here] = True
-        seen &= lines
-    return seen

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from pursuit.declared import one_of, truth, whole
 from pursuit.maze import Maze, load_maze
 from pursuit.memory import check_memory
+from pursuit.sight import visible_cells
 from scripted_agents import worst_case_kernels as kernels
-from scripted_agents.sights import visible_cells
 
 MAX_CELLS = 64
 """The cells of a set lie in one word."""

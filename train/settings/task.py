@@ -56,7 +56,8 @@ class TaskSettings:
     on_completion); or package.module:Name of a function of your own."""
     view_radius: str | None = None
     """Path steps up to which agents see: a number for all, or by role or agent, such as
-    chaser=2,evader_0=3; everything if left out. Scripted agents see everything all the same."""
+    chaser=2,evader_0=3; everything if left out. The scripted astar, random and optimal see
+    everything all the same."""
     line_of_sight: str = ""
     """Who sees along rows and columns only, until a wall: all, or roles and agents, such as
     chaser,evader_0; with a view_radius so far only. Nobody if left out."""
