@@ -2,7 +2,8 @@
 
 Every game is filtered by itself, so that it does not depend on its batch. What is asked of pairs of
 cells lies as the distance tables do (`pair_index`): `sight` uint8 [own, other], `chances` float64
-[other, own, action] (the opponent's own cell first), `worth` float64 and `best` of [own, other].
+[other, own, action] (the opponent's own cell first), `worth` float64 [own, other, 5 actions] and
+`best` [own, other], actions as a bit mask.
 """
 
 from __future__ import annotations
@@ -28,30 +29,26 @@ EQUALLY_GOOD = 1e-8
 
 
 @inlined
-def is_caught(order: int, before: int, now: int, other: int, after: int) -> bool:
-    """Whether a capture ends the game: own moves from `before` to `now`, other to `after`."""
-    if order == AT_ONCE:
-        return after == now or (after == before and other == now)
-    if order == OWN_FIRST:
-        return after == now or other == now
-    return after in (now, before)
-
-
-@inlined
 def predict(
     world: World, maze: int, before: int, now: int, chances: Any, order: int, belief: Any, room: Any
 ) -> None:
-    """Carry a belief one step on, by the opponent's chances, to games that went on."""
+    """Carry a belief one step on by the opponent's chances, to games in which nobody was captured.
+
+    One's own cell `now` is in view, so what comes to it is taken out with all that is seen.
+    """
     size, first = world.num_cells[maze], world.first_cell[maze]
     for cell in range(size):
         room[cell] = 0.0
     for cell in range(size):
-        if belief[cell] > 0.0:
-            pair = pair_index(world, maze, cell, before)
-            for action in range(chances.shape[1]):
-                after = np.int64(world.neighbors[first + cell, action])
-                if not is_caught(order, before, now, cell, after):
-                    room[after] += belief[cell] * chances[pair, action]
+        if belief[cell] == 0.0 or (cell == now and order == OWN_FIRST):
+            continue
+        pair = pair_index(world, maze, cell, before)
+        for action in range(chances.shape[1]):
+            after = world.neighbors[first + cell, action]
+            if cell != now or after != before or order != AT_ONCE:  # else they would have swapped
+                room[after] += belief[cell] * chances[pair, action]
+    if order == OTHER_FIRST:
+        room[before] = 0.0
     for cell in range(size):
         belief[cell] = room[cell]
 
@@ -128,19 +125,21 @@ def update_beliefs(
 
 
 @inlined
-def least_expected(world: World, maze: int, own: int, belief: Any, worth: Any, actions: int) -> int:
+def least_expected(world: World, maze: int, own: int, belief: Any, worth: Any) -> int:
     """The actions of least expected worth, as a mask."""
-    mask, least = 0, np.inf
-    for action in range(actions):
-        expected = 0.0
-        for cell in range(world.num_cells[maze]):
-            if belief[cell] > 0.0:
-                expected += belief[cell] * worth[pair_index(world, maze, own, cell), action]
-        if mask == 0 or expected < least * (1.0 - EQUALLY_GOOD):
-            mask, least = 0, expected
-        if expected <= least * (1.0 + EQUALLY_GOOD):
-            mask |= 1 << action
-    return mask
+    north, south, east, west, stay = 0.0, 0.0, 0.0, 0.0, 0.0
+    first = pair_index(world, maze, own, 0)
+    for cell in range(world.num_cells[maze]):
+        share = belief[cell]
+        if share > 0.0:
+            north += share * worth[first + cell, 0]
+            south += share * worth[first + cell, 1]
+            east += share * worth[first + cell, 2]
+            west += share * worth[first + cell, 3]
+            stay += share * worth[first + cell, 4]
+    most = min(north, south, east, west, stay) * (1.0 + EQUALLY_GOOD)
+    mask = (north <= most) | (south <= most) << 1 | (east <= most) << 2 | (west <= most) << 3
+    return np.int64(mask | (stay <= most) << 4)
 
 
 @inlined
@@ -191,7 +190,7 @@ def act_on_beliefs(
             belief[rows[game]],
         )
         if expected:
-            mask = least_expected(world, maze, own, mine, worth, worth.shape[1])
+            mask = least_expected(world, maze, own, mine, worth)
         else:
             mask = against_most_likely(world, maze, own, mine, best)
         every = legal_moves(world, maze, own)

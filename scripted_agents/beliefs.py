@@ -202,7 +202,10 @@ class BeliefChaser:
             )
             least = steps.min(axis=2, keepdims=True)
             good = steps <= least * (1.0 + belief_kernels.EQUALLY_GOOD)
-            worth.append(steps.reshape(-1, task.num_actions))
+            # An action that the task does not have is worth nothing: it is never the least.
+            kept = np.full((maze.num_cells**2, 5), 1e300)
+            kept[:, : task.num_actions] = steps.reshape(-1, task.num_actions)
+            worth.append(kept)
             best.append((good @ (1 << np.arange(task.num_actions))).ravel())
         return {"worth": np.concatenate(worth), "best": np.concatenate(best).astype(np.uint8)}
 

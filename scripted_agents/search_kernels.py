@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pursuit.compiled import compiled, inlined
-from pursuit.rules.distances import NO_PATH, pair_index, table_distance
+from pursuit.rules.distances import NO_PATH, pair_index
 from pursuit.rules.layout import (
     Games,
     Teams,
@@ -33,9 +33,9 @@ FAR = 2**30
 @inlined
 def look_around(world: World, maze: int, own: int, step: int, sight: Any, seen_at: Any) -> None:
     """Remember which cells are in view in this step."""
+    first = pair_index(world, maze, own, 0)
     for cell in range(world.num_cells[maze]):
-        if sight[pair_index(world, maze, own, cell)]:
-            seen_at[cell] = step
+        seen_at[cell] = step if sight[first + cell] else seen_at[cell]
 
 
 @inlined
@@ -45,15 +45,17 @@ def moves_to_longest_unseen(world: World, maze: int, own: int, towards: Any, see
     Cells of one age stay of one age until they are seen, and every step comes closer to one of
     them: so all are seen in the end, and nothing need be remembered of where one was going.
     """
-    mask, oldest, nearest = 0, FAR, FAR
+    mask, oldest, nearest, first = 0, FAR, FAR, pair_index(world, maze, own, 0)
     for cell in range(world.num_cells[maze]):
-        distance = table_distance(world, maze, own, cell)
-        if distance == NO_PATH or seen_at[cell] > oldest:
+        if seen_at[cell] > oldest:
+            continue
+        distance = np.int64(world.tables[first + cell])
+        if distance == NO_PATH:
             continue
         if seen_at[cell] < oldest or distance < nearest:
             mask, oldest, nearest = 0, np.int64(seen_at[cell]), distance
         if distance == nearest:
-            mask |= np.int64(towards[pair_index(world, maze, own, cell)])
+            mask |= np.int64(towards[first + cell])
     return mask
 
 
