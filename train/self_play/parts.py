@@ -96,7 +96,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     for role in settings.learning:
         own = side_settings(settings, role)
         masks = settings.task.mask_bumps
-        seat = Seat(task, role, own.observation, masks)
+        seat = Seat(task, role, own.observation, masks, own.frame_stack)
         check_memory(own.hyper, seat)
         entry(own.algorithm).check_memory(own.hyper, seat)
         sides[role] = SideParts(
@@ -149,7 +149,7 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
         hyper = replace(hyper, num_games=games)
     whole = {
         name: getattr(settings, name)
-        for name in ("observation", "seconds", "frames", "seed", "threads")
+        for name in ("observation", "frame_stack", "seconds", "frames", "seed", "threads")
     }
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
 
