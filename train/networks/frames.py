@@ -64,7 +64,7 @@ class FrameStack:
         frames[games] = self._empty
 
     def joined(self, frames: NDArray[Any]) -> NDArray[Any]:
-        """[games, *shape], a fresh array, from [games, count, *shape of one] with the newest first."""
+        """[games, *shape], a fresh array, from [games, count, ...] with the newest first."""
         if self._offsets is not None:
             added = frames + self._offsets.astype(frames.dtype)[:, None]
             return added.reshape(len(frames), *self.shape)
