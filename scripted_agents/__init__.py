@@ -18,6 +18,7 @@ from scripted_agents.best_response import (
 )
 from scripted_agents.chaser import AStarChaser
 from scripted_agents.cops_and_robbers import TurnBasedSolution, cop_number, solve_in_turns
+from scripted_agents.difficulty import Difficulty, maze_difficulty
 from scripted_agents.equilibrium import (
     ChaseSolution,
     MatrixGame,
@@ -65,6 +66,7 @@ __all__ = [
     "BestResponder",
     "BestResponse",
     "ChaseSolution",
+    "Difficulty",
     "Estimate",
     "InverseKinematics",
     "LeastStepsPolicy",
@@ -92,6 +94,7 @@ __all__ = [
     "has_distributions",
     "least_steps",
     "least_steps_of",
+    "maze_difficulty",
     "mean_over_starts",
     "mean_over_team_starts",
     "num_states",

@@ -6,6 +6,7 @@ from dataclasses import fields
 from typing import Any
 
 from pursuit.maze import Maze, load_maze
+from pursuit.suite_files import is_suite
 from pursuit.task import Task, make_task
 from train.networks.arm_policy import ArmSeat
 from train.networks.policy import Seat
@@ -36,18 +37,26 @@ def task_of(settings: TaskSettings) -> Task:
         move_order=settings.move_order,
         min_start_distance=settings.min_start_distance,
         start=settings.start,
+        view_radius=settings.view_radius,
+        line_of_sight=settings.line_of_sight,
+        unknown_maze=settings.unknown_maze,
         **given,
     )
 
 
-def maze_of(maze: str) -> Maze:
-    """The maze of settings: the text of one, a name, or a path; ValueError for none."""
+def maze_of(maze: str) -> Maze | str:
+    """The maze of settings: the text of one, a name, or a path; ValueError for none.
+
+    The name of a suite stays as it is: `Task` takes it.
+    """
+    if is_suite(maze):
+        return maze
     return Maze.from_text(maze) if "\n" in maze else load_maze(maze)
 
 
 def maze_text_of(settings: AnyTask) -> str | None:
-    """The maze as text; None where there is none."""
-    if isinstance(settings, ReacherSettings):
+    """The maze as text; None where there is none, and of a suite, which has its own files."""
+    if isinstance(settings, ReacherSettings) or is_suite(settings.maze):
         return None
     return task_of(settings).mazes[0].to_text()
 
