@@ -21,7 +21,12 @@ from pursuit.rules.layout import Games
 from pursuit.simulator import Simulator
 from pursuit.task import Task
 from train.networks.features import Features, features_of
-from train.networks.masks import masked
+from train.networks.remembering import (
+    RecurrentPolicy,
+    check_looks,
+    chosen_from,
+    probabilities_of,
+)
 
 GAMES_AT_ONCE, NUMBERS_AT_ONCE = 65_536, 2**23
 """Games that a network is asked about in one pass, and numbers of their observations: all at once
@@ -144,8 +149,11 @@ class Seat:
         """Of its encoding."""
         return features_of(Encoder(self.task, self.encoding), self.task.num_agents)
 
-    def policy(self, network: PolicyNetwork, greedy: bool = True) -> NetworkPolicy:
-        """A network in this seat; one that sees cells only is known as a distribution over them."""
+    def policy(self, network: PolicyNetwork, greedy: bool = True) -> Any:
+        """A network in this seat; one that sees cells only is known as a distribution over them,
+        one that remembers is not."""
+        if getattr(network, "policy_memory", None) is not None:
+            return RecurrentPolicy(network, self, greedy)
         sees_more = self.encoding not in ENCODINGS and not sees_cells_only(self.task, self.encoding)
         return (NetworkPolicy if sees_more else LearnedPolicy)(network, self, greedy)
 
@@ -201,12 +209,7 @@ class NetworkPolicy:
         device = next(self.network.parameters()).device
         with torch.no_grad():
             logits = self.network.logits(torch.from_numpy(observations).to(device))
-            if allowed is not None:
-                logits = masked(logits, torch.from_numpy(allowed).to(device))
-            if self.greedy:
-                chosen = torch.nn.functional.one_hot(logits.argmax(dim=-1), logits.shape[-1])
-                return chosen.cpu().double().numpy()
-            return logits.double().softmax(dim=-1).cpu().numpy()
+        return probabilities_of(logits, allowed, self.greedy)
 
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game; random numbers from the seat's stream.
@@ -236,20 +239,8 @@ class NetworkPolicy:
         Raises:
             ValueError: as `act`.
         """
-        if observations.shape[1:] != self._shape or view.task.num_actions != self.task.num_actions:
-            raise ValueError(
-                f"a policy for observations of shape {self._shape} and {self.task.num_actions} "
-                f"actions; this task gives {observations.shape[1:]} and {view.task.num_actions}. "
-                "Agents must be those of its training, and mazes too, or of the same size (a "
-                "policy that observes window:R plays in mazes of any size)"
-            )
-        probabilities = self.probabilities(observations, allowed)
-        if draws is None:
-            return probabilities.argmax(axis=-1).astype(np.int32)
-        cumulative = probabilities.cumsum(axis=-1)
-        scaled = draws[:, None] * cumulative[:, -1:]
-        chosen = (scaled >= cumulative).sum(axis=-1).clip(max=view.task.num_actions - 1)
-        return chosen.astype(np.int32)
+        check_looks(observations, self._shape, self.task, view)
+        return chosen_from(self.probabilities(observations, allowed), draws)
 
 
 class LearnedPolicy(NetworkPolicy):

@@ -85,6 +85,7 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
     if plan is not None:
         check_learner(plan, algorithm)
     algorithm.check_player(settings.hyper, seat)
+    algorithm.check_memory(settings.hyper, seat)
     check_memory(settings.hyper, seat)
     bfloat16 = uses_bfloat16(settings.precision, settings.device)
     build = Build(settings.device, bfloat16, settings.first_layer, settings.seed)

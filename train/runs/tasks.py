@@ -37,6 +37,9 @@ def task_of(settings: TaskSettings) -> Task:
         move_order=settings.move_order,
         min_start_distance=settings.min_start_distance,
         start=settings.start,
+        view_radius=settings.view_radius,
+        line_of_sight=settings.line_of_sight,
+        unknown_maze=settings.unknown_maze,
         **given,
     )
 

@@ -99,6 +99,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         masks = settings.task.mask_bumps
         seat = Seat(task, role, own.observation, masks)
         check_memory(own.hyper, seat)
+        entry(own.algorithm).check_memory(own.hyper, seat)
         sides[role] = SideParts(
             seat,
             entry(own.algorithm),
@@ -138,7 +139,8 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
     algorithm = settings.algorithm(role)
     hyper: Hyperparameters = settings.hyper
     if algorithm != "ppo":
-        hyper = replace(hyperparameters(algorithm, setting_of(task)), gamma=settings.hyper.gamma)
+        same: Any = {"gamma": settings.hyper.gamma, "recurrent": settings.hyper.recurrent}
+        hyper = replace(hyperparameters(algorithm, setting_of(task)), **same)
     games = max(hyper.num_games // members, 1) * members
     if isinstance(hyper, PPOSettings):
         batch = min(hyper.minibatch_size, games * hyper.rollout_steps)
@@ -146,11 +148,11 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
         hyper = replace(hyper, num_games=games, minibatch_size=batch, central_critic=central)
     else:
         hyper = replace(hyper, num_games=games)
-    same = {
+    whole = {
         name: getattr(settings, name)
         for name in ("observation", "seconds", "frames", "seed", "threads")
     }
-    return TrainSettings(task, hyper, algorithm=algorithm, **same)
+    return TrainSettings(task, hyper, algorithm=algorithm, **whole)
 
 
 def frozen_policy(name: str, role: str, task: Task, played: str = "sampled") -> Policy:

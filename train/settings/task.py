@@ -10,6 +10,7 @@ from pursuit.own_observations import OBSERVATIONS
 from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
 from pursuit.reacher.task import ReacherTask
 from pursuit.rewards import kept_rewards, rewards_text
+from pursuit.sight import chosen_text, kept_chosen, kept_radius, radius_text
 from pursuit.suite_files import PREFIX, is_suite
 from pursuit.task import TASK_NAMES
 from train.settings.checks import check, check_choice
@@ -53,6 +54,15 @@ class TaskSettings:
     """goal, completion, distance, zero_sum, or the task's own (default); coefficients, such as
     step=-0.1,capture=2 or chaser.step=-0.1,evader.capture=-2 (of step, capture, goal, distance,
     on_completion); or package.module:Name of a function of your own."""
+    view_radius: str | None = None
+    """Path steps up to which agents see: a number for all, or by role or agent, such as
+    chaser=2,evader_0=3; everything if left out. Scripted agents see everything all the same."""
+    line_of_sight: str = ""
+    """Who sees along rows and columns only, until a wall: all, or roles and agents, such as
+    chaser,evader_0; with a view_radius so far only. Nobody if left out."""
+    unknown_maze: str = ""
+    """Who knows of the maze only what is within view: all, or roles and agents. Nobody if left
+    out."""
     opponent_epsilon: float = 0.2
     """Share of random moves of the scripted agents in all other seats, in [0, 1]."""
     opponent: str | None = None
@@ -83,6 +93,11 @@ class TaskSettings:
         object.__setattr__(self, "rewards", rewards_text(self.rewards))
         if self.rewards != "default":
             kept_rewards("rewards", self.rewards)
+        radius = radius_text(kept_radius("view_radius", self.view_radius))
+        object.__setattr__(self, "view_radius", radius)
+        for name in ("line_of_sight", "unknown_maze"):
+            who = chosen_text(kept_chosen(name, getattr(self, name)))
+            object.__setattr__(self, name, who)
 
     @property
     def agent(self) -> str:
