@@ -86,7 +86,8 @@ def check_looks(
         raise ValueError(
             f"a policy for observations of shape {shape} and {own.num_actions} "
             f"actions; this task gives {observations.shape[1:]} and {view.task.num_actions}. "
-            "Mazes and agents must be those of its training"
+            "Agents must be those of its training, and mazes too, or of the same size (a policy "
+            "that observes window:R plays in mazes of any size)"
         )
 
 

@@ -27,7 +27,7 @@ from train.runs.opponents import check_fits, load_opponent
 from train.runs.parts import setting_of
 from train.runs.saved import read_own, read_part
 from train.runs.sizes import check_memory
-from train.runs.tasks import task_of
+from train.runs.tasks import check_one_maze, task_of
 from train.runs.threads import uses_bfloat16
 from train.self_play.side import SideParts
 from train.settings.algorithms import Hyperparameters, PPOSettings
@@ -64,6 +64,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         ValueError: settings that make no game of two sides, or ask what an algorithm cannot do.
     """
     task = task_of(settings.task)
+    check_one_maze(task, "self-play")
     check_sides(settings, task)
     discount = settings.hyper.gamma
     scripted = {
