@@ -9,6 +9,7 @@ from scripted_agents.arm import (
     ThesisInverseKinematics,
 )
 from scripted_agents.astar import shortest_path
+from scripted_agents.beliefs import BeliefChaser, BeliefFilter, why_no_belief
 from scripted_agents.best_response import (
     BestResponse,
     PairValues,
@@ -37,6 +38,12 @@ from scripted_agents.optimal import (
 )
 from scripted_agents.runner import NearestGoalRunner, TourRunner
 from scripted_agents.scripted import RandomAgent
+from scripted_agents.searchers import (
+    SearchingChaser,
+    SearchingRunner,
+    SweepingChaser,
+    WaryEvader,
+)
 from scripted_agents.table_policy import TablePolicy
 from scripted_agents.teams import (
     TeamResponse,
@@ -57,12 +64,15 @@ from scripted_agents.tour import (
     tour_length,
     tour_lengths,
 )
+from scripted_agents.worst_case import SearchPlan, fewest_searchers, fewest_steps_to_find
 
 __all__ = [
     "IK_METHODS",
     "AStarChaser",
     "AStarEvader",
     "ActionValues",
+    "BeliefChaser",
+    "BeliefFilter",
     "BestResponder",
     "BestResponse",
     "ChaseSolution",
@@ -77,12 +87,17 @@ __all__ = [
     "PairValues",
     "RandomAgent",
     "RandomArm",
+    "SearchPlan",
+    "SearchingChaser",
+    "SearchingRunner",
+    "SweepingChaser",
     "TablePolicy",
     "TeamResponse",
     "ThesisInverseKinematics",
     "Tour",
     "TourRunner",
     "TurnBasedSolution",
+    "WaryEvader",
     "action_values",
     "best_response",
     "best_team_response",
@@ -91,6 +106,8 @@ __all__ = [
     "evaluate_exactly",
     "evaluate_team",
     "expected_tour_length",
+    "fewest_searchers",
+    "fewest_steps_to_find",
     "has_distributions",
     "least_steps",
     "least_steps_of",
@@ -107,6 +124,7 @@ __all__ = [
     "team_survival",
     "tour_length",
     "tour_lengths",
+    "why_no_belief",
     "why_not_optimal",
     "why_not_team_chase",
     "work_of",

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from scripted_agents.environments import SCRIPTED
+from scripted_agents.environments import AGENTS
 from train.experiments.kinds import with_mazes
 from train.files import write_bytes
 from train.runs.folder import CHECKPOINT, CONFIG
@@ -50,7 +50,7 @@ def named_policies(plain: Mapping[str, Any]) -> dict[str, str]:
     return {
         name: value
         for name, value in named.items()
-        if isinstance(value, str) and value not in (*SCRIPTED, LEARN)
+        if isinstance(value, str) and value not in (*AGENTS, LEARN)
     }
 
 
