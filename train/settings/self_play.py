@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pursuit.own_observations import OBSERVATIONS
+from pursuit.own_observations import check_observation
 from scripted_agents.environments import SCRIPTED, is_own_policy
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import check, check_budget, check_choice, check_seed, check_threads
@@ -76,7 +76,7 @@ class SelfPlaySettings:
     def __post_init__(self) -> None:
         object.__setattr__(self, "sampling", FORMER.get(self.sampling, self.sampling))
         check_choice("sampling", self.sampling, SAMPLING)
-        OBSERVATIONS.check(self.observation)
+        check_observation(self.observation)
         check(
             self.task.role == "auto",
             f"role={self.task.role!r}; both sides learn here: freeze one by chaser or evader",
