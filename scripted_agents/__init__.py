@@ -9,6 +9,7 @@ from scripted_agents.arm import (
     ThesisInverseKinematics,
 )
 from scripted_agents.astar import shortest_path
+from scripted_agents.belief_policy import BeliefOptimalChaser, BeliefOptimalEvader
 from scripted_agents.best_response import (
     BestResponse,
     PairValues,
@@ -25,6 +26,9 @@ from scripted_agents.equilibrium import (
     solve_matrix_game,
 )
 from scripted_agents.evader import AStarEvader
+from scripted_agents.hidden_chase import HiddenChaseSolution, solve_hidden_chase
+from scripted_agents.hidden_game import HiddenCell
+from scripted_agents.hidden_search import HiddenSearch
 from scripted_agents.least_steps import least_steps, least_steps_of
 from scripted_agents.optimal import (
     BestResponder,
@@ -62,10 +66,15 @@ __all__ = [
     "AStarChaser",
     "AStarEvader",
     "ActionValues",
+    "BeliefOptimalChaser",
+    "BeliefOptimalEvader",
     "BestResponder",
     "BestResponse",
     "ChaseSolution",
     "Estimate",
+    "HiddenCell",
+    "HiddenChaseSolution",
+    "HiddenSearch",
     "InverseKinematics",
     "LeastStepsPolicy",
     "MatrixGame",
