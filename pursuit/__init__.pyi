@@ -23,6 +23,9 @@ from .replay import Replay as Replay
 from .simulator import Simulator as Simulator
 from .single_agent import SingleAgentEnv as SingleAgentEnv
 from .single_agent import SingleAgentVectorEnv as SingleAgentVectorEnv
+from .suites import load_suite as load_suite
+from .suites import suite_difficulty as suite_difficulty
+from .suites import suite_names as suite_names
 from .task import Rewards as Rewards
 from .task import Task as Task
 from .task import make_task as make_task

@@ -6,13 +6,16 @@ import hashlib
 from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.declared import is_whole
-from pursuit.maze_sizes import grids_of, text_in
+from pursuit.maze_sizes import grids_of
+from pursuit.maze_sources import LIBRARY as LIBRARY
+from pursuit.maze_sources import Drawn, source_of
+from pursuit.maze_sources import library_names as library_names
 from pursuit.rules import (
     EAST,
     NORTH,
@@ -26,8 +29,6 @@ from pursuit.rules import (
 
 MAX_TABLE_CELLS = 4096
 """Above this number of cells no all-pairs table is built (its size grows with the square)."""
-
-LIBRARY = Path(__file__).with_name("mazes")
 
 
 class Maze:
@@ -302,8 +303,7 @@ class Maze:
                 f"{self.name}: {self.num_cells} cells; a table of all distances is built up to "
                 f"{MAX_TABLE_CELLS}. Use maze.distances_from(cell) or scripted_agents.shortest_path"
             )
-        table = np.empty((self.num_cells, self.num_cells), dtype=np.int32)
-        all_distances(self.neighbors, table)
+        table = table_of_distances(self)
         table.flags.writeable = False
         return table
 
@@ -354,20 +354,29 @@ class Maze:
     def __hash__(self) -> int:
         return hash(self._content)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the table of distances, which is larger than all the rest, and soon made."""
+        return {name: kept for name, kept in vars(self).items() if name != "distances"}
+
     def __repr__(self) -> str:
         return f"<Maze {self.name}: {self.height}x{self.width}, {self.num_cells} cells>"
 
 
-def library_names() -> list[str]:
-    """The names of the shipped mazes, smallest first."""
-    names = [path.stem for path in LIBRARY.glob("*.txt")]
-    return sorted(names, key=lambda name: (int(name.split("x")[0]), name))
+def table_of_distances(maze: Maze) -> NDArray[np.int32]:
+    """A fresh `maze.distances`, which the maze does not keep; for mazes of which there are many."""
+    if "distances" in vars(maze):
+        return maze.distances
+    table = np.empty((maze.num_cells, maze.num_cells), dtype=np.int32)
+    all_distances(maze.neighbors, table)
+    return table
 
 
 def load_maze(maze: str | Path | Maze) -> Maze:
-    """A maze of the shipped library by its name (`"5x5"`), or from a file by its path.
+    """A maze of the shipped library by its name (`"5x5"`), of a suite, or of a file by its path.
 
-    A `Maze` is returned as it is, so that whoever takes a maze can take a name as well.
+    A `Maze` is returned as it is, so that whoever takes a maze can take a name as well. One maze of
+    a suite is `"suite:7x7-test/017"` (all of it: `pursuit.load_suite`). A file whose name ends in
+    `.map` is read as `pursuit.read_map` does.
 
     Raises:
         ValueError: no such name or file; a directory; not text; not a maze. The message names the
@@ -377,24 +386,7 @@ def load_maze(maze: str | Path | Maze) -> Maze:
         return maze
     if not isinstance(maze, (str, Path)):
         raise ValueError(f"maze={maze!r}; give the name of a maze, a path, or a Maze")
-    names = library_names()
-    path = LIBRARY / f"{maze}.txt" if isinstance(maze, str) and maze in names else Path(maze)
-    if "\n" in str(maze):
-        raise ValueError("this is the text of a maze, not a name or path; use Maze.from_text")
-    try:
-        text = text_in(path)
-    except FileNotFoundError:
-        raise ValueError(
-            f"unknown maze {str(maze)!r}; shipped mazes: {', '.join(names)}; or give a path to "
-            "a maze file"
-        ) from None
-    except IsADirectoryError:
-        raise ValueError(f"{path}: a directory; give a maze file inside it") from None
-    except UnicodeDecodeError as error:
-        raise ValueError(
-            f"{path}: line {path.read_bytes()[: error.start].count(10) + 1}: not a text file "
-            "(UTF-8); a maze is drawn with '+', '-', '|', blanks, 'S', 'G' and '#'"
-        ) from None
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
-    return Maze.from_text(text, name=path.stem if path.parent == LIBRARY else str(path))
+    source = source_of(maze)
+    if isinstance(source, Drawn):
+        return Maze(*source)
+    return Maze.from_text(source.text, name=source.name)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.maze import MAX_TABLE_CELLS, Maze
+from pursuit.maze import MAX_TABLE_CELLS, Maze, table_of_distances
 from pursuit.rules import layout
 from pursuit.rules.distances import NO_PATH
 
@@ -40,16 +40,12 @@ def lay_out(mazes: tuple[Maze, ...]) -> MazeArrays:
     """The arrays of `mazes`; mazes of more than MAX_TABLE_CELLS cells get no distance table."""
     num_marks = max(len(maze.goal_marks) for maze in mazes)
     num_cells = sum(maze.num_cells for maze in mazes)
-    tables = [
-        np.minimum(maze.distances, NO_PATH).astype(np.uint16).ravel()
-        for maze in mazes
-        if maze.num_cells <= MAX_TABLE_CELLS
-    ]
+    num_distances = sum(maze.num_cells**2 for maze in mazes if maze.num_cells <= MAX_TABLE_CELLS)
     arrays = MazeArrays(
         mazes=np.full((layout.GOAL_MARKS + num_marks, len(mazes)), -1, dtype=np.int64),
         neighbors=np.concatenate([maze.neighbors for maze in mazes]),
         facts=np.zeros((layout.FACT_LAYERS, num_cells), dtype=np.int32),
-        tables=np.concatenate([np.zeros(0, dtype=np.uint16), *tables]),
+        tables=np.empty(num_distances, dtype=np.uint16),
     )
     world = arrays.world
     first_cell = first_distance = 0
@@ -58,7 +54,15 @@ def lay_out(mazes: tuple[Maze, ...]) -> MazeArrays:
         world.first_cell[number], world.num_cells[number] = first_cell, maze.num_cells
         if maze.num_cells <= MAX_TABLE_CELLS:
             world.table[number] = first_distance
-            first_distance += maze.num_cells**2
+            distances = maze.distances if len(mazes) == 1 else table_of_distances(maze)
+            last_distance = first_distance + maze.num_cells**2
+            np.minimum(
+                distances.ravel(),
+                NO_PATH,
+                out=arrays.tables[first_distance:last_distance],
+                casting="unsafe",
+            )
+            first_distance = last_distance
         if maze.start_mark is not None:
             world.start_mark[number] = maze.start_mark
         world.num_goal_marks[number] = len(maze.goal_marks)

@@ -13,28 +13,13 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.compiled import compiled, inlined
+from pursuit import encodings
+from pursuit.encodings import FLOOR, UNSEEN, WALL
+from pursuit.encodings import PLANES as PLANES
 from pursuit.own_observations import ENCODINGS as ENCODINGS
 from pursuit.own_observations import Observation, OwnEncoding
-from pursuit.rules.layout import COLLECTED, Games
+from pursuit.rules.layout import Games
 from pursuit.task import Task, checked_task
-
-FLOOR, SELF, TEAM, OTHER, GOAL, WALL = range(6)
-"""Codes of the "cells" and "walls" grids; where several share a cell: self, others, team, goal."""
-PLANES = (
-    "self",
-    "team",
-    "others",
-    "goals",
-    "just collected",
-    "walkable",
-    "wall north",
-    "wall south",
-    "wall east",
-    "wall west",
-)
-"""The first three follow the codes from SELF on."""
-GOALS_PLANE, COLLECTED_PLANE = PLANES.index("goals"), PLANES.index("just collected")
 
 
 class Encoder:
@@ -50,6 +35,11 @@ class Encoder:
       row), so that an embedding bag that sums rows equals a matrix times "one_hot".
 
     With several mazes, cells, height and width are those of the largest.
+
+    Where the task limits sight, who and what an agent does not see is as if gone, and "planes" have
+    one plane more, "in view": 1 for the cells that are seen. Who knows only what is within view of
+    the maze (`Task.unknown_maze`) is shown the code UNSEEN in place of all other cells, and of the
+    walls that are not beside a cell in view; on "planes" all planes of other cells are 0.
 
     Args:
         task: the task.
@@ -83,6 +73,7 @@ class Encoder:
             self.space = self._own.space
             self.shape, self.dtype = self.space.shape, self.space.dtype
             return
+        self._sight = task.sight
         self._places, self._background = _grids(task, str(encoding))
         entities = self.num_entities
         box: Any = gymnasium.spaces.Box
@@ -96,7 +87,12 @@ class Encoder:
         elif encoding == "planes":
             self.space = box(0.0, 1.0, self._background.shape[1:], np.float32)
         else:
-            self.space = box(FLOOR, WALL, self._background.shape[1:], np.uint8)
+            self.space = box(
+                FLOOR,
+                UNSEEN if self._sight.hidden_maze.any() else WALL,
+                self._background.shape[1:],
+                np.uint8,
+            )
         self.shape, self.dtype = self.space.shape, self.space.dtype
 
     def encode(
@@ -124,21 +120,36 @@ class Encoder:
         elif seen is not None or not out.flags.c_contiguous:
             out[:] = self.encode(games, seats) if seen is None else seen
             return out
+        seen_from = (*games, self._sight.table, self._sight.begin, order)
         if self.encoding == "one_hot":
-            encode_one_hot(*games, order, self._size, out)
+            encodings.encode_one_hot(*seen_from, self._size, out)
         elif self.encoding == "index":
-            encode_index(*games, order, self._size, out)
+            encodings.encode_index(*seen_from, self._size, out)
         elif self.encoding == "positions":
-            encode_positions(*games, order, out)
+            encodings.encode_positions(*seen_from, out)
         else:
-            out[:] = self._background[games.maze][:, None]
-            flat = out.reshape(*shape[:2], math.prod(self.shape))
-            if self.encoding == "planes":
-                flat = flat.reshape(*shape[:2], len(PLANES), math.prod(self.shape[1:]))
-                encode_planes(*games, order, team, self._places, flat)
-            else:
-                encode_grid(*games, order, team, self._places, flat)
+            self._draw(games, order, team, out)
         return out
+
+    def _draw(
+        self, games: Games, order: NDArray[np.int64], team: NDArray[np.int64], out: NDArray[Any]
+    ) -> None:
+        """Fill `out` of a grid or of planes."""
+        sight, hidden = self._sight, self._sight.hidden_maze
+        seen_from = (*games, sight.table, sight.begin, order)
+        out[:] = self._background[games.maze][:, None]
+        if self.encoding == "planes":
+            flat = out.reshape(*out.shape[:3], math.prod(self.shape[1:]))
+            if sight.limited:
+                encodings.mark_view(*seen_from, hidden, self._places, flat)
+            encodings.encode_planes(*seen_from, team, self._places, flat)
+            return
+        flat = out.reshape(*out.shape[:2], math.prod(self.shape))
+        if hidden.any():
+            mazes = self._background.reshape(len(self._background), -1)
+            reach, columns = int(self.encoding == "walls"), self.shape[1]
+            encodings.hide_grid(*seen_from, hidden, self._places, mazes, reach, columns, flat)
+        encodings.encode_grid(*seen_from, team, self._places, flat)
 
 
 def _grids(task: Task, encoding: str) -> tuple[NDArray[np.int64], NDArray[Any]]:
@@ -151,7 +162,8 @@ def _grids(task: Task, encoding: str) -> tuple[NDArray[np.int64], NDArray[Any]]:
     with_walls = encoding == "walls"
     shape = (2 * height + 1, 2 * width + 1) if with_walls else (height, width)
     if encoding == "planes":
-        background = np.zeros((len(task.mazes), len(PLANES), *shape), dtype=np.float32)
+        planes = len(PLANES) + task.sight.limited
+        background = np.zeros((len(task.mazes), planes, *shape), dtype=np.float32)
     else:
         background = np.full((len(task.mazes), *shape), WALL, dtype=np.uint8)
     for number, maze in enumerate(task.mazes):
@@ -172,187 +184,3 @@ def _grids(task: Task, encoding: str) -> tuple[NDArray[np.int64], NDArray[Any]]:
             background[number, rows, columns] = FLOOR
         places[number, : maze.num_cells] = rows * shape[1] + columns
     return places, background
-
-
-# -- kernels ---------------------------------------------------------------------------------------
-
-
-@compiled
-def encode_index(
-    position: Any,
-    active: Any,
-    event: Any,
-    goal: Any,
-    steps: Any,
-    maze: Any,
-    order: Any,
-    size: int,
-    out: Any,
-) -> None:
-    """Fill `out` [games, seats, entities + 1] with the places of the ones of "one_hot"."""
-    games = Games(position, active, event, goal, steps, maze)
-    num_agents, num_goals = position.shape[1], goal.shape[1]
-    last = num_agents + num_goals
-    padding = (last + 1) * size
-    for game in range(out.shape[0]):
-        for seat in range(out.shape[1]):
-            for entity in range(num_agents):
-                agent = np.uintp(order[seat, entity])  # unsigned: faster
-                place = entity * size + games.position[game, agent]
-                out[game, seat, entity] = place if games.active[game, agent] else padding
-            for number in range(num_goals):
-                cell = games.goal[game, number]
-                entity = num_agents + goal_rank(games, game, number)
-                out[game, seat, entity] = entity * size + cell if cell >= 0 else padding
-            own = np.uintp(order[seat, 0])
-            place = last * size + games.position[game, own]
-            out[game, seat, last] = place if has_collected(games, game, own) else padding
-
-
-@compiled
-def encode_one_hot(
-    position: Any,
-    active: Any,
-    event: Any,
-    goal: Any,
-    steps: Any,
-    maze: Any,
-    order: Any,
-    size: int,
-    out: Any,
-) -> None:
-    """Fill `out` [games, seats, (entities + 1) * size] with a row for each entity."""
-    games = Games(position, active, event, goal, steps, maze)
-    num_agents, num_goals = position.shape[1], goal.shape[1]
-    out[:] = 0.0
-    for game in range(out.shape[0]):
-        for seat in range(out.shape[1]):
-            for entity in range(num_agents):
-                agent = order[seat, entity]
-                if games.active[game, agent]:
-                    out[game, seat, entity * size + games.position[game, agent]] = 1.0
-            for number in range(num_goals):
-                cell = games.goal[game, number]
-                if cell >= 0:
-                    entity = num_agents + goal_rank(games, game, number)
-                    out[game, seat, entity * size + cell] = 1.0
-            own = order[seat, 0]
-            if has_collected(games, game, own):
-                last = num_agents + num_goals
-                out[game, seat, last * size + games.position[game, own]] = 1.0
-
-
-@compiled
-def encode_positions(
-    position: Any,
-    active: Any,
-    event: Any,
-    goal: Any,
-    steps: Any,
-    maze: Any,
-    order: Any,
-    out: Any,
-) -> None:
-    """Fill `out` [games, seats, entities + 1] with 1 + cell, 0 for gone, and just collected."""
-    games = Games(position, active, event, goal, steps, maze)
-    num_agents, num_goals = position.shape[1], goal.shape[1]
-    for game in range(out.shape[0]):
-        for seat in range(out.shape[1]):
-            for entity in range(num_agents):
-                agent = order[seat, entity]
-                cell = games.position[game, agent]
-                out[game, seat, entity] = cell + 1 if games.active[game, agent] else 0
-            for number in range(num_goals):
-                entity = num_agents + goal_rank(games, game, number)
-                out[game, seat, entity] = games.goal[game, number] + 1
-            own = order[seat, 0]
-            out[game, seat, num_agents + num_goals] = has_collected(games, game, own)
-
-
-@inlined
-def has_collected(games: Games, game: int, agent: int | np.uintp) -> bool:
-    """Whether an agent collected a goal in the last step."""
-    return (games.event[game, agent] & COLLECTED) != 0
-
-
-@inlined
-def goal_rank(games: Games, game: int, goal: int) -> int:
-    """The place of a goal among the goals sorted by cell, those gone first."""
-    cell, rank = games.goal[game, goal], 0
-    for other in range(games.goal.shape[1]):
-        other_cell = games.goal[game, other]
-        if other_cell < cell or (other_cell == cell and other < goal):
-            rank += 1
-    return rank
-
-
-@inlined
-def code_of(entity: int, team_size: int) -> int:
-    """What an agent is to the observer, whose own team comes first in the order of entities."""
-    return SELF if entity == 0 else TEAM if entity < team_size else OTHER
-
-
-@compiled
-def encode_grid(
-    position: Any,
-    active: Any,
-    event: Any,
-    goal: Any,
-    steps: Any,
-    maze: Any,
-    order: Any,
-    team_size: Any,
-    places: Any,
-    out: Any,
-) -> None:
-    """Draw the entities into `out` [games, seats, flattened grid], already holding the maze."""
-    games = Games(position, active, event, goal, steps, maze)
-    num_agents, num_goals = position.shape[1], goal.shape[1]
-    for game in range(out.shape[0]):
-        where = places[games.maze[game]]
-        for seat in range(out.shape[1]):
-            for number in range(num_goals):
-                if games.goal[game, number] >= 0:
-                    out[game, seat, where[games.goal[game, number]]] = GOAL
-            # From the least important to oneself, so that who matters more is drawn over.
-            team = team_size[seat]
-            for turn in range(num_agents):
-                entity = team - 1 - turn if turn < team - 1 else turn + 1
-                if turn == num_agents - 1:
-                    entity = 0
-                agent = order[seat, entity]
-                if games.active[game, agent]:
-                    place = where[games.position[game, agent]]
-                    out[game, seat, place] = code_of(entity, team)
-
-
-@compiled
-def encode_planes(
-    position: Any,
-    active: Any,
-    event: Any,
-    goal: Any,
-    steps: Any,
-    maze: Any,
-    order: Any,
-    team_size: Any,
-    places: Any,
-    out: Any,
-) -> None:
-    """Mark the entities in `out` [games, seats, planes, flattened plane], already with the maze."""
-    games = Games(position, active, event, goal, steps, maze)
-    num_agents, num_goals = position.shape[1], goal.shape[1]
-    for game in range(out.shape[0]):
-        where = places[games.maze[game]]
-        for seat in range(out.shape[1]):
-            for number in range(num_goals):
-                if games.goal[game, number] >= 0:
-                    out[game, seat, GOALS_PLANE, where[games.goal[game, number]]] = 1.0
-            for entity in range(num_agents):
-                agent = order[seat, entity]
-                if games.active[game, agent]:
-                    place = where[games.position[game, agent]]
-                    out[game, seat, code_of(entity, team_size[seat]) - SELF, place] = 1.0
-            own = order[seat, 0]
-            if has_collected(games, game, own):
-                out[game, seat, COLLECTED_PLANE, where[games.position[game, own]]] = 1.0

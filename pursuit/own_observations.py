@@ -27,7 +27,12 @@ class Observation(Protocol):
         """
 
     def encode(self, task: Task, games: Before, seats: NDArray[np.intp]) -> NDArray[Any]:
-        """[games, seats, *shape]: what the agents in `seats` [k] observe; `games` is read-only."""
+        """[games, seats, *shape]: what the agents in `seats` [k] observe; `games` is read-only.
+
+        Where the task limits sight, this is called for one seat at a time, with the games as that
+        agent sees them: whoever is out of view is not active, in cell -1 and without events, and
+        goals out of view are -1. The mazes of the task are not hidden.
+        """
 
 
 OBSERVATIONS: Registry[Any] = Registry(
@@ -69,7 +74,20 @@ class OwnEncoding:
         Raises:
             ValueError: what it gave has another shape, or a dtype that does not fit.
         """
-        task, chosen = self.task, np.arange(self.task.num_agents)[seats]
+        chosen = np.arange(self.task.num_agents)[seats]
+        if not self.task.sight.limited:
+            return self._encode(games, chosen)
+        sight = self.task.sight
+        return np.concatenate(
+            [
+                self._encode(sight.games_seen(games, seat), chosen[i : i + 1])
+                for i, seat in enumerate(chosen)
+            ],
+            axis=1,
+        )
+
+    def _encode(self, games: Games, chosen: NDArray[np.intp]) -> NDArray[Any]:
+        task = self.task
         moment = moment_of(games, roles_of(task.seat_roles), distances_of(task.mazes))
         shown = Before(*(array.view() for array in moment))
         for view in shown:

@@ -12,6 +12,7 @@ from pursuit.maze import Maze
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
 from pursuit.rewards import rewards_text
+from pursuit.sight import chosen_text, radius_text
 from pursuit.simulator import Simulator
 from pursuit.task import Task
 
@@ -60,12 +61,16 @@ class MazeWorld:
     name = "maze"
 
     def settings(self, task: Task) -> dict[str, Any]:
-        """As `World`; a function that pays is not kept, as its rewards are."""
+        """As `World`; a function that pays is not kept, as its rewards are.
+
+        What limits sight stands there only where something does, so that older versions read it.
+        """
         plain = {
             each.name: getattr(task, each.name)
             for each in fields(task)
-            if each.name not in ("maze", "rewards")
+            if each.name not in ("maze", "rewards", *SIGHT_SETTINGS)
         }
+        plain |= sight_settings(task)
         plain["mazes"] = [{"name": maze.name, "text": maze.to_text()} for maze in task.mazes]
         plain["rewards"] = None if own_rewards(task) else _rewards_as_text(task)
         return plain
@@ -195,6 +200,17 @@ class ArmWorld:
     def width(self, task: ReacherTask) -> int:
         """As `World`."""
         return task.joints
+
+
+SIGHT_SETTINGS = ("view_radius", "line_of_sight", "unknown_maze")
+
+
+def sight_settings(task: Task) -> dict[str, Any]:
+    """What limits sight, as text, without what limits nothing."""
+    radius: Any = task.view_radius
+    chosen: Any = {name: getattr(task, name) for name in SIGHT_SETTINGS[1:]}
+    texts = {name: chosen_text(who) for name, who in chosen.items()}
+    return {n: t for n, t in {SIGHT_SETTINGS[0]: radius_text(radius), **texts}.items() if t}
 
 
 def own_rewards(task: Any) -> bool:

@@ -21,14 +21,27 @@ from pursuit.declared import (
     is_whole,
     named_settings,
     one_of,
+    whole,
 )
-from pursuit.maze import Maze, load_maze
+from pursuit.maze import Maze
 from pursuit.placements import Apart, check_placeable
 from pursuit.rewards import REWARD_SCHEMES as REWARD_SCHEMES
 from pursuit.rewards import ROLES as ROLES
 from pursuit.rewards import RewardFunction, coefficients_of, function_of, kept_rewards
 from pursuit.rewards import Rewards as Rewards
 from pursuit.rules import layout
+from pursuit.sight import (
+    Chosen,
+    Limit,
+    Radius,
+    Sight,
+    check_visible,
+    kept_chosen,
+    kept_radius,
+    limits_of,
+    sight_of,
+)
+from pursuit.suites import load_mazes
 
 MOVE_ORDERS = ("simultaneous", "chasers_first")
 STARTS = ("random", "marks")
@@ -61,8 +74,9 @@ class Task:
     """Rules and settings of one game: never changes, hashes, and is checked at birth.
 
     Args:
-        maze: the name of a shipped maze, a path, a `Maze`, or several of them; with several, each
-            game draws its own at every restart.
+        maze: the name of a shipped maze, a path, a `Maze`, a frozen suite ("suite:7x7-train"; see
+            `pursuit.load_suite`), or several of them; with several, each game draws its own at
+            every restart.
         num_chasers, num_evaders, num_runners: agents of each role.
         num_goals: goals, collected by runners and evaders.
         max_steps: an episode of this many steps is truncated.
@@ -78,6 +92,12 @@ class Task:
             or their text ("chaser.step=-0.1,evader.capture=-2"; without a role for all), where
             roles left out are paid as in "goal"; or a function of your own, itself or as
             "package.module:Name" (see `pursuit.rewards.RewardFunction`).
+        view_radius: path steps up to which agents see: None for everything, a number, numbers by
+            role or agent ({"chaser": 2, "evader_0": None}; an agent's own goes first), or their
+            text ("2", "chaser=2,evader_0=3"). Who is not seen is absent from the observation.
+        line_of_sight: who sees straight along rows and columns only, until a wall, and with a
+            radius so far only: True for everybody, roles or agents, or their text ("chaser").
+        unknown_maze: who knows of the maze only what is within view; likewise.
         name: what results call this task.
 
     Raises:
@@ -95,6 +115,9 @@ class Task:
     start: str = choice(STARTS, default="random")
     min_start_distance: int = count(1, default=1)
     rewards: str | Mapping[str, Rewards] | RewardFunction = declared(kept_rewards, default="goal")
+    view_radius: Radius | Mapping[str, int | None] | str = declared(kept_radius, default=None)
+    line_of_sight: Chosen | Sequence[str] | str = declared(kept_chosen, default=False)
+    unknown_maze: Chosen | Sequence[str] | str = declared(kept_chosen, default=False)
     name: str = declared(_kept_name, default="custom")
 
     def __post_init__(self) -> None:
@@ -104,6 +127,7 @@ class Task:
         for number, maze in enumerate(self.mazes):
             self._check_maze(maze)
             check_placeable(self.apart(number, -1, self.min_start_distance, -1))
+        self._check_sight()
 
     def _check_that_it_can_end(self) -> None:
         if self.num_agents == 0:
@@ -140,6 +164,11 @@ class Task:
                 "of reach; open a wall, or block the smaller parts with '#'"
             )
 
+    def _check_sight(self) -> None:
+        if not all(limit.sees_all for limit in self._limits):
+            for maze in self.mazes:
+                check_visible(maze)
+
     def apart(self, maze: int, num_goals: int, least: int, most: int) -> Apart:
         """How chasers and evaders are placed in the maze of that number.
 
@@ -152,9 +181,7 @@ class Task:
     @cached_property
     def mazes(self) -> tuple[Maze, ...]:
         """The mazes of this task."""
-        if isinstance(self.maze, (str, Path, Maze)):
-            return (load_maze(self.maze),)
-        return tuple(load_maze(maze) for maze in self.maze)
+        return load_mazes(self.maze)
 
     @cached_property
     def role_rewards(self) -> dict[str, Rewards]:
@@ -165,6 +192,27 @@ class Task:
     def reward_function(self) -> RewardFunction | None:
         """The function that pays instead of `role_rewards`, where there is one."""
         return function_of(self.rewards)
+
+    @cached_property
+    def _limits(self) -> tuple[Limit, ...]:
+        radius: Any = self.view_radius
+        in_line: Any = self.line_of_sight
+        unknown: Any = self.unknown_maze
+        return limits_of(self.agent_names, radius, in_line, unknown)
+
+    @property
+    def sight(self) -> Sight:
+        """Who sees what; the tables are made on first use."""
+        return sight_of(self.mazes, self._limits)
+
+    def sees(self, seat: str | int, maze_number: int = 0) -> NDArray[np.bool_]:
+        """[own cell, other cell] bool, read-only: what an agent sees from each cell of a maze.
+
+        Raises:
+            ValueError: no such agent, or no such maze.
+        """
+        maze_number = whole("maze_number", maze_number, 0, len(self.mazes) - 1)
+        return self.sight.sees(self.seat(seat), maze_number)
 
     @property
     def num_agents(self) -> int:

@@ -1,132 +1,202 @@
-"""Compiled kernels of the agents that play by a belief: where the other may be, and what to do.
+"""Compiled Bayes filter over the cell of one opponent that is not always seen, and who acts by it.
 
-Arrays as in `hidden_layout`; `plans` are `hidden_search.Plans`.
+Every game is filtered by itself, so that it does not depend on its batch. What is asked of pairs of
+cells lies as the distance tables do (`pair_index`): `sight` uint8 [own, other], `chances` float64
+[other, own, action] (the opponent's own cell first), `worth` float64 [own, other, 5 actions] and
+`best` [own, other], actions as a bit mask.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from pursuit.compiled import compiled, subroutine
+import numpy as np
 
-NONE = -1
+from pursuit.compiled import compiled, inlined
+from pursuit.rules.distances import pair_index, table_distance
+from pursuit.rules.layout import World, stream_of, world_of
+from pursuit.rules.randomness import draw_action
+from pursuit.rules.step import legal_moves
+
+AT_ONCE, OWN_FIRST, OTHER_FIRST = range(3)
+"""Who moves first, and so when two that meet are caught, seen from whoever believes."""
+
+EQUALLY_LIKELY = 1e-9
+"""Relative difference below which two cells count as equally likely."""
+
+EQUALLY_GOOD = 1e-8
+"""Relative difference below which two actions count as equally good."""
 
 
-@subroutine
-def follow(
-    model: Any, belief: Any, before: int, own: int, seen: int, start: Any, rest: Any
+@inlined
+def predict(
+    world: World, maze: int, before: int, now: int, chances: Any, order: int, belief: Any, room: Any
 ) -> None:
-    """What is known of the other cell after a step: Bayes' rule, exactly.
+    """Carry a belief one step on by the opponent's chances, to games in which nobody was captured.
 
-    Args:
-        belief: [hidden], before the step and after it.
-        before: own cell before the step; NONE at the start.
-        own: own cell now.
-        seen: the cell where the other is seen, or NONE.
-        start: [hidden], what is believed at the start, and wherever what was believed cannot be.
-        rest: [hidden], room.
+    One's own cell `now` is in view, so what comes to it is taken out with all that is seen.
     """
-    rest[:] = 0.0
-    mass = 0.0
-    if seen != NONE:
-        rest[seen] = mass = 1.0
-    elif before != NONE:
-        taken = NONE
-        for action in range(model.next_own.shape[1] - 1, -1, -1):
-            if model.next_own[before, action] == own:
-                taken = action
-        for cell in range(len(belief)):
-            if taken != NONE and belief[cell] > 0.0:
-                for branch in range(model.targets.shape[3]):
-                    chance = belief[cell] * model.chances[before, taken, cell, branch]
-                    target = model.targets[before, taken, cell, branch]
-                    if model.slots[own, target] != NONE:
-                        rest[target] += chance
-                        mass += chance
-    for cell in range(len(belief)):
-        belief[cell] = rest[cell] / mass if mass > 1e-290 else start[cell]
-
-
-@subroutine
-def best_action(model: Any, plans: Any, own: int, belief: Any, after: Any, product: Any) -> Any:
-    """The action with the least upper bound one step ahead, the first where several are."""
-    best, least = 0, 1e300
-    for action in range(model.next_own.shape[1]):
-        if not model.useful[own, action]:
+    size, first = world.num_cells[maze], world.first_cell[maze]
+    for cell in range(size):
+        room[cell] = 0.0
+    for cell in range(size):
+        if belief[cell] == 0.0 or (cell == now and order == OWN_FIRST):
             continue
-        mine = model.next_own[own, action]
-        size, cost, later = model.sizes[mine], 0.0, 0.0
-        for slot in range(size):
-            after[slot] = 0.0
-        for cell in range(len(belief)):
-            if belief[cell] > 0.0:
-                cost += belief[cell] * model.costs[own, action, cell]
-                for branch in range(model.targets.shape[3]):
-                    chance = belief[cell] * model.chances[own, action, cell, branch]
-                    target = model.targets[own, action, cell, branch]
-                    slot = model.slots[mine, target]
-                    if slot == NONE:
-                        later += chance * plans.seen[mine, target]
-                    else:
-                        after[slot] += chance
-        count, hidden = plans.sizes[mine] if size > 0 else 0, 1e300 if size > 0 else 0.0
-        for plan in range(count):
-            product[plan] = 0.0
-        for slot in range(size):
-            weight, line = after[slot], plans.vectors[mine, slot]
-            if weight > 0.0:
-                for plan in range(count):
-                    product[plan] += weight * line[plan]
-        for plan in range(count):
-            hidden = min(hidden, product[plan])
-        value = cost + model.discount * (later + hidden)
-        if value < least:
-            best, least = action, value
-    return best
+        pair = pair_index(world, maze, cell, before)
+        for action in range(chances.shape[1]):
+            after = world.neighbors[first + cell, action]
+            if cell != now or after != before or order != AT_ONCE:  # else they would have swapped
+                room[after] += belief[cell] * chances[pair, action]
+    if order == OTHER_FIRST:
+        room[before] = 0.0
+    for cell in range(size):
+        belief[cell] = room[cell]
+
+
+@inlined
+def see_nobody(world: World, maze: int, own: int, sight: Any, belief: Any) -> bool:
+    """Take what is in view out of a belief, and norm it; False where nothing is left of it."""
+    total = 0.0
+    for cell in range(world.num_cells[maze]):
+        if sight[pair_index(world, maze, own, cell)]:
+            belief[cell] = 0.0
+        total += belief[cell]
+    if total <= 0.0:
+        return False
+    for cell in range(world.num_cells[maze]):
+        belief[cell] /= total
+    return True
 
 
 @compiled
-def play_beliefs(
-    model: Any,
-    plans: Any,
-    starts: Any,
-    own: Any,
-    seen: Any,
-    over: Any,
+def update_beliefs(
+    position: Any,
+    active: Any,
+    event: Any,
+    goal: Any,
+    steps: Any,
+    maze_of: Any,
+    seat: int,
+    other: int,
+    mazes: Any,
+    neighbors: Any,
+    facts: Any,
+    tables: Any,
+    sight: Any,
+    chances: Any,
+    settings: Any,
     rows: Any,
-    beliefs: Any,
+    belief: Any,
+    known_at: Any,
     before: Any,
-    epsilon: Any,
-    chance: Any,
-    which: Any,
-    rest: Any,
-    after: Any,
-    product: Any,
+    room: Any,
+) -> None:
+    """Bring the beliefs of all games to what is in view now.
+
+    `settings` is (order, least distance of a start). `rows` [games] are the games' rows of what is
+    remembered: `belief` [all games, cells] float64, the step `known_at` which it held (-1: nothing
+    is known) and the own cell `before`, both [all games] int32. `room` is float64 [cells].
+    """
+    order, least = settings
+    world = world_of(mazes, neighbors, facts, tables)
+    for game in range(rows.shape[0]):
+        row, maze = rows[game], np.int64(maze_of[game])
+        own, theirs = np.int64(position[game, seat]), np.int64(position[game, other])
+        mine, size = belief[row], world.num_cells[maze]
+        in_view = active[game, other] != 0 and sight[pair_index(world, maze, own, theirs)] != 0
+        if in_view:
+            for cell in range(size):
+                mine[cell] = 0.0
+            mine[theirs] = 1.0
+        elif known_at[row] < 0 or known_at[row] != steps[game]:
+            if known_at[row] >= 0 and known_at[row] == steps[game] - 1:
+                predict(world, maze, np.int64(before[row]), own, chances, order, mine, room)
+            else:
+                for cell in range(size):
+                    far = table_distance(world, maze, own, cell) >= least
+                    mine[cell] = 1.0 if far else 0.0
+            if not see_nobody(world, maze, own, sight, mine):
+                # The opponent does what it should not: it may be anywhere out of view.
+                for cell in range(size):
+                    mine[cell] = 1.0
+                see_nobody(world, maze, own, sight, mine)
+        known_at[row] = steps[game]
+        before[row] = own
+
+
+@inlined
+def least_expected(world: World, maze: int, own: int, belief: Any, worth: Any) -> int:
+    """The actions of least expected worth, as a mask."""
+    north, south, east, west, stay = 0.0, 0.0, 0.0, 0.0, 0.0
+    first = pair_index(world, maze, own, 0)
+    for cell in range(world.num_cells[maze]):
+        share = belief[cell]
+        if share > 0.0:
+            north += share * worth[first + cell, 0]
+            south += share * worth[first + cell, 1]
+            east += share * worth[first + cell, 2]
+            west += share * worth[first + cell, 3]
+            stay += share * worth[first + cell, 4]
+    most = min(north, south, east, west, stay) * (1.0 + EQUALLY_GOOD)
+    mask = (north <= most) | (south <= most) << 1 | (east <= most) << 2 | (west <= most) << 3
+    return np.int64(mask | (stay <= most) << 4)
+
+
+@inlined
+def against_most_likely(world: World, maze: int, own: int, belief: Any, best: Any) -> int:
+    """The best actions against the cells that are most likely, as a mask."""
+    highest = 0.0
+    for cell in range(world.num_cells[maze]):
+        highest = max(highest, belief[cell])
+    mask = 0
+    for cell in range(world.num_cells[maze]):
+        if belief[cell] > 0.0 and belief[cell] >= highest * (1.0 - EQUALLY_LIKELY):
+            mask |= np.int64(best[pair_index(world, maze, own, cell)])
+    return mask
+
+
+@compiled
+def act_on_beliefs(
+    position: Any,
+    active: Any,
+    event: Any,
+    goal: Any,
+    steps: Any,
+    maze_of: Any,
+    streams: Any,
+    epsilon_of: Any,
+    seat: int,
+    mazes: Any,
+    neighbors: Any,
+    facts: Any,
+    tables: Any,
+    rows: Any,
+    belief: Any,
+    worth: Any,
+    best: Any,
+    settings: Any,
     actions: Any,
 ) -> None:
-    """Follow and act in games; own, seen, over, rows, epsilon, chance, which, actions are [games].
+    """Fill `actions` [games]; `settings` is (epsilon, stay action, by the expected worth).
 
-    starts: [own, hidden]; beliefs [batch, hidden] and before [batch] are remembered, by rows. With
-    the probability epsilon one of the moves that change the cell, decided by the uniform numbers
-    `chance` and `which`. Games that are `over` are left alone.
+    An epsilon of NaN in the game means that of the settings.
     """
-    for game in range(len(own)):
-        row, cell = rows[game], own[game]
-        if over[game]:
-            actions[game] = 0
-            continue
-        belief = beliefs[row]
-        follow(model, belief, before[row], cell, seen[game], starts[cell], rest)
-        before[row] = cell
-        if chance[game] >= epsilon[game]:
-            actions[game] = best_action(model, plans, cell, belief, after, product)
-            continue
-        moves = 0
-        for action in range(4):
-            moves += model.next_own[cell, action] != cell
-        pick = int(which[game] * moves)
-        for action in range(4):
-            if model.next_own[cell, action] != cell:
-                if pick == 0:
-                    actions[game] = action
-                pick -= 1
+    default, stay_action, expected = settings
+    world = world_of(mazes, neighbors, facts, tables)
+    for game in range(rows.shape[0]):
+        maze, own, mine = (
+            np.int64(maze_of[game]),
+            np.int64(position[game, seat]),
+            belief[rows[game]],
+        )
+        if expected:
+            mask = least_expected(world, maze, own, mine, worth)
+        else:
+            mask = against_most_likely(world, maze, own, mine, best)
+        every = legal_moves(world, maze, own)
+        if mask == 0:
+            mask = every
+        epsilon = default if np.isnan(epsilon_of[game, seat]) else epsilon_of[game, seat]
+        actions[game] = draw_action(
+            mask, every, epsilon, stay_action, streams[game], stream_of(seat)
+        )

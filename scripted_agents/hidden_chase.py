@@ -18,10 +18,10 @@ from pursuit.declared import number, one_of, truth, whole
 from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.sight import visible_cells
 from pursuit.task import MOVE_ORDERS
-from scripted_agents.belief_policy import BeliefOptimal, BeliefOptimalChaser, BeliefOptimalEvader
 from scripted_agents.best_response import MoveOrder, checked_table
 from scripted_agents.hidden_files import load_search, save_search
 from scripted_agents.hidden_game import HiddenCell, hidden_chase
+from scripted_agents.hidden_policy import BeliefOptimal, BeliefOptimalChaser, BeliefOptimalEvader
 from scripted_agents.hidden_search import DEFAULT_MEMORY, HiddenSearch, Report
 
 Role = Literal["chaser", "evader"]

@@ -105,7 +105,9 @@ def test_every_learner_beats_random_by_far(name: str, tmp_path: Path) -> None:
     assert steps_of(run) < 0.35 * random
 
 
-@pytest.mark.parametrize("algorithm", ["a2c", pytest.param("dqn", marks=pytest.mark.slow), "ppo"])
+@pytest.mark.parametrize(
+    "algorithm", [*(pytest.param(name, marks=pytest.mark.slow) for name in ("a2c", "dqn")), "ppo"]
+)
 def test_chasers_and_evaders_learn_with_every_kind_of_learner(
     algorithm: str, tmp_path: Path
 ) -> None:

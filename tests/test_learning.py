@@ -132,7 +132,7 @@ def test_advantages_equal_a_plain_loop_and_never_cross_an_episode() -> None:
     learner.close()
 
 
-@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("shared", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_the_loss_and_its_gradients_equal_torchrls(shared: bool) -> None:
     simulator = Simulator(TASKS["runner"], 256)
     torch.manual_seed(0)
@@ -221,7 +221,7 @@ def learn(
     return player.policy(network)
 
 
-@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("shared", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_chaser_learns_to_be_nearly_optimal_on_3x3(shared: bool) -> None:
     task = make_task("chase", maze="3x3")
     contest = GameContest(task, "chaser", default_policies(task, 0.2, own="chaser"), 100)

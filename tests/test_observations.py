@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from numpy.typing import NDArray
 
 from pursuit.maze import Maze
-from pursuit.observations import ENCODINGS, PLANES
-from pursuit.rules import COLLECTED
+from pursuit.observations import ENCODINGS
 from pursuit.simulator import Simulator
 from pursuit.task import Task, make_task
+from tests.reference_observations import Seen
 
 HOLES = Maze.from_text(
     "+-+-+-+-+\n|   |   |\n+ +-+ + +\n| |#|   |\n+ +-+ + +\n|       |\n+-+-+-+-+"
@@ -38,96 +37,6 @@ def played(task: Task, games: int = 24, steps: int = 40) -> Any:
         yield simulator
         simulator.reset(games=simulator.ended)
         simulator.step(rng.integers(task.num_actions, size=(games, task.num_agents)))
-
-
-class Seen:
-    """What one agent sees of one game, by the plainest means."""
-
-    def __init__(self, simulator: Simulator, game: int, seat: int) -> None:
-        task, roles = simulator.task, simulator.task.seat_roles
-        self.maze: Maze = task.mazes[simulator.maze_index[game]]
-        cells = [
-            int(cell) if active else None
-            for cell, active in zip(simulator.positions[game], simulator.active[game], strict=True)
-        ]
-        others = [other for other in range(task.num_agents) if other != seat]
-        self.own = cells[seat]
-        self.team = [cells[other] for other in others if roles[other] == roles[seat]]
-        self.opponents = [cells[other] for other in others if roles[other] != roles[seat]]
-        left = sorted(int(goal) for goal in simulator.goals[game] if goal >= 0)
-        self.goals = [None] * (task.num_goals - len(left)) + left
-        self.collected = bool(simulator.events[game, seat] & COLLECTED)
-        self.entities = [self.own, *self.team, *self.opponents, *self.goals]
-        self.size = max(maze.num_cells for maze in task.mazes)
-        self.height = max(maze.height for maze in task.mazes)
-        self.width = max(maze.width for maze in task.mazes)
-
-    def one_hot(self) -> NDArray[np.float32]:
-        rows = np.zeros((len(self.entities) + 1, self.size), dtype=np.float32)
-        cells = [*self.entities, self.own if self.collected else None]
-        for row, cell in zip(rows, cells, strict=True):
-            if cell is not None:
-                row[cell] = 1.0
-        return rows.reshape(-1)
-
-    def positions(self) -> NDArray[np.int32]:
-        numbers = [0 if cell is None else cell + 1 for cell in self.entities]
-        return np.array([*numbers, self.collected], dtype=np.int32)
-
-    def index(self) -> NDArray[np.int32]:
-        ones = self.one_hot().reshape(-1, self.size)
-        padding = ones.size
-        places = [np.flatnonzero(row) + i * self.size for i, row in enumerate(ones)]
-        return np.array([p[0] if len(p) else padding for p in places], dtype=np.int32)
-
-    def place(self, cell: int) -> tuple[int, int]:
-        return int(self.maze.rows[cell]), int(self.maze.columns[cell])
-
-    def draw(self, grid: NDArray[np.uint8], stride: int) -> NDArray[np.uint8]:
-        """The entities over a grid whose cells lie `stride` apart; the last drawn is on top."""
-        ranks = ((4, self.goals), (2, self.team), (3, self.opponents), (1, [self.own]))
-        for code, cells in ranks:
-            for cell in cells:
-                if cell is not None:
-                    row, column = self.place(cell)
-                    grid[stride * row + stride - 1, stride * column + stride - 1] = code
-        return grid
-
-    def cells(self) -> NDArray[np.uint8]:
-        grid = np.full((self.height, self.width), 5, dtype=np.uint8)
-        for cell in range(self.maze.num_cells):
-            grid[self.place(cell)] = 0
-        return self.draw(grid, 1)
-
-    def walls(self) -> NDArray[np.uint8]:
-        grid = np.full((2 * self.height + 1, 2 * self.width + 1), 5, dtype=np.uint8)
-        marks = str.maketrans("SG", "  ")
-        lines = self.maze.to_text().translate(marks).splitlines()
-        for row, line in enumerate(lines):
-            for column, character in enumerate(line):
-                if character == " ":
-                    grid[row, column] = 0
-        return self.draw(grid, 2)
-
-    def planes(self) -> NDArray[np.float32]:
-        planes = {name: np.zeros((self.height, self.width), dtype=np.float32) for name in PLANES}
-        marked = {
-            "self": [self.own],
-            "team": self.team,
-            "others": self.opponents,
-            "goals": self.goals,
-            "just collected": [self.own if self.collected else None],
-            "walkable": range(self.maze.num_cells),
-        }
-        for name, cells in marked.items():
-            for cell in cells:
-                if cell is not None:
-                    planes[name][self.place(cell)] = 1.0
-        for action, side in enumerate(("north", "south", "east", "west")):
-            for cell in range(self.maze.num_cells):
-                if self.maze.neighbors[cell, action] == cell:
-                    planes[f"wall {side}"][self.place(cell)] = 1.0
-        return np.stack([planes[name] for name in PLANES])
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -174,8 +175,18 @@ def test_stages_lie_on_the_axis_and_the_last_is_the_task(name: str, tmp_path: Pa
     assert {"lesson", "training_success"} <= set(run.metrics.rows[-1])
 
 
-@pytest.mark.parametrize("algorithm", ["a2c", "reinforce", "dqn", "cross_entropy", "q_learning"])
-@pytest.mark.parametrize("curriculum", ["goal-spread-start", "level-replay"])
+@pytest.mark.parametrize(
+    "algorithm, curriculum",
+    [
+        pytest.param(algorithm, curriculum, marks=[pytest.mark.slow] * (number % 2))
+        for number, (curriculum, algorithm) in enumerate(
+            product(
+                ("goal-spread-start", "level-replay"),
+                ("a2c", "reinforce", "dqn", "cross_entropy", "q_learning"),
+            )
+        )
+    ],
+)
 def test_every_learner_can_be_taught(algorithm: str, curriculum: str, tmp_path: Path) -> None:
     small = {"batch_size": 64, "learning_starts": 100} if algorithm == "dqn" else {}
     small |= {"population": 16} if algorithm == "cross_entropy" else {}

@@ -46,10 +46,11 @@ class A2C(RolloutLearner):
         """Collect one rollout and take one gradient step."""
         self.set_learning_rate(progress)
         frames = self.collect()
+        hidden, value_hidden, frames = self.network.through(frames)
+        frames["policy_hidden"], frames["value_hidden"] = hidden, value_hidden
         if self.settings.standardize_advantages:
             advantage = frames["advantage"]
             frames["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
-        frames["policy_hidden"], frames["value_hidden"] = self.network.hidden(frames["prepared"])
         self.loss.entropy_coeff.fill_(self.annealed(self.settings.entropy_coef, progress))
         losses = self.loss(frames)
         total = losses["loss_objective"]
@@ -94,13 +95,14 @@ class Reinforce(NetworkLearner):
         settings = self.settings
         self.set_learning_rate(progress)
         frames = self.play()
+        frames["prepared"] = self.network.policy_trunk.prepare(frames["observation"])
+        hidden, value_hidden, frames = self.network.through(frames)
+        frames["policy_hidden"], frames["value_hidden"] = hidden, value_hidden
         self.frames += len(frames)
         advantage = frames["value_target"]
         if settings.baseline:
             advantage = advantage - frames["value"]
         frames["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
-        frames["prepared"] = self.network.policy_trunk.prepare(frames["observation"])
-        frames["policy_hidden"], frames["value_hidden"] = self.network.hidden(frames["prepared"])
         losses = self.loss(frames)
         output = self.network.policy_head(frames["policy_hidden"])
         distribution = self.network.distribution(output, frames.get(ACTION_MASK, None))
@@ -122,7 +124,8 @@ class Reinforce(NetworkLearner):
 
     @torch.no_grad()
     def play(self) -> TensorDict:
-        """One episode in every game; the frames of all of them in a row.
+        """One episode in every game; the frames of all of them in a row, or of a network that
+        remembers a sequence for each.
 
         Returns:
             "observation", what was drawn ("action", or "drawn" before tanh), "value" [frames, 1]
@@ -135,10 +138,11 @@ class Reinforce(NetworkLearner):
         steps: list[tuple[torch.Tensor, ...]] = []
         kept: list[torch.Tensor] = []
         returns = torch.zeros(env.num_games, 1)
+        state = torch.zeros(env.num_games, sum(self.network.sizes), device=self.device)
         actions = env.action_spec.zero()
         while len(running):
             observation = now["observation"][running].to(self.device)
-            output, value = self.network(observation)
+            output, value, state[running] = self.network.step(observation, state[running])
             allowed = now[ACTION_MASK][running].to(self.device) if masks else None
             if allowed is not None:
                 kept.append(allowed)
@@ -150,7 +154,8 @@ class Reinforce(NetworkLearner):
             steps.append((running, observation, drawn, value, reward))
             cut = running[now["truncated"][running, 0] & ~now["terminated"][running, 0]]
             if len(cut) and self.settings.baseline:
-                returns[cut] = self.network(now["observation"][cut].to(self.device))[1].cpu()
+                observation = now["observation"][cut].to(self.device)
+                returns[cut] = self.network.step(observation, state[cut])[1].cpu()
             running = running[~now["done"][running, 0]]
         targets: list[torch.Tensor] = []
         for games, _, _, _, reward in reversed(steps):
@@ -164,7 +169,34 @@ class Reinforce(NetworkLearner):
         stacked["value_target"] = torch.cat(targets[::-1])
         if masks:
             stacked[ACTION_MASK] = torch.cat(kept)
-        return TensorDict(stacked, batch_size=[len(stacked["value"])])
+        if self.network.policy_memory is None:
+            return TensorDict(stacked, batch_size=[len(stacked["value"])])
+        sequences = one_for_each(stacked, [step[0] for step in steps], env.num_games)
+        sequences["state"] = torch.zeros_like(state)
+        return sequences
+
+
+def one_for_each(
+    columns: dict[str, torch.Tensor], running: list[torch.Tensor], num_games: int
+) -> TensorDict:
+    """Frames of whole episodes as a sequence for each game, for `ActorCritic.through`.
+
+    Args:
+        columns: [frames, ...], step by step, of the games that were running in each.
+        running: of every step, their numbers.
+        num_games: rows.
+    """
+    steps = torch.cat([torch.full_like(games, step) for step, games in enumerate(running)])
+    place = (torch.cat(running), steps)
+    found = {}
+    for name, column in columns.items():
+        found[name] = column.new_zeros(num_games, len(running), *column.shape[1:])
+        found[name][place] = column
+    found["counts"] = torch.zeros_like(found["value"].squeeze(-1), dtype=torch.bool)
+    found["counts"][place] = True
+    found["fresh"] = torch.zeros_like(found["counts"])
+    found["fresh"][:, 0] = True
+    return TensorDict(found, batch_size=[num_games])
 
 
 def build_a2c(settings: A2CSettings, env: Games, how: Build) -> A2C:

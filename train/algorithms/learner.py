@@ -48,6 +48,9 @@ class Games(Protocol):
     def reset(self) -> Any:
         """Begin all games anew; a TensorDict of what is observed."""
 
+    def step_and_maybe_reset(self, tensordict: Any) -> Any:
+        """A step with "action", which writes "next", and what the step after it begins with."""
+
     def step_episodes(self, actions: torch.Tensor, running: torch.Tensor) -> Any:
         """A step without restarts, for learners from whole episodes."""
 
@@ -117,7 +120,7 @@ class Build:
     def hidden(self, settings: NetworkSettings) -> Hidden:
         """The hidden layers that the settings ask for."""
         form: Any = None if self.first_layer == "auto" else self.first_layer
-        rest = (settings.activation, settings.first_std, form, self.bfloat16)
+        rest = (settings.activation, settings.first_std, form, self.bfloat16, settings.recurrent)
         return Hidden(settings.width, *rest)
 
 

@@ -32,7 +32,8 @@ def ppo_loss(
 
     Args:
         network: policy and value.
-        minibatch: "prepared" (see `Trunk.prepare`), what was drawn ("action", or "drawn" before
+        minibatch: frames, or sequences of a network that remembers, as `ActorCritic.through` takes
+            them: "prepared" (see `Trunk.prepare`), what was drawn ("action", or "drawn" before
             tanh), "action_log_prob", "advantage" and "value_target"; with `kl_coef` the
             "distribution" that it was drawn from; with masks "action_mask".
         settings: the hyperparameters.
@@ -42,7 +43,7 @@ def ppo_loss(
     Returns:
         The loss, and its parts for the log, detached.
     """
-    hidden, value_hidden = network.hidden(minibatch["prepared"])
+    hidden, value_hidden, minibatch = network.through(minibatch)
     output = network.policy_head(hidden)
     distribution = network.distribution(output, minibatch.get(ACTION_MASK, None))
     advantage = minibatch["advantage"].squeeze(-1)
@@ -104,7 +105,7 @@ class PPO(RolloutLearner):
         entropy_coef = self.annealed(settings.entropy_coef, progress)
         frames = self.collect()
         # Idle agents of a team leave fewer frames than were collected.
-        size = min(settings.minibatch_size, len(frames))
+        size = min(max(settings.minibatch_size // self.frames_of_row, 1), len(frames))
         logged: list[dict[str, torch.Tensor]] = []
         for _ in range(settings.epochs):
             order = torch.randperm(len(frames), device=self.device)

@@ -52,6 +52,7 @@ class Algorithm:
         teams: it can learn for several agents of a role at once.
         one_maze: it has a table for one maze.
         cpu_only: it has nothing to put on a GPU.
+        recurrent: its network can remember (`recurrent` of its settings).
         observations: the encodings that it can use; None for all.
         actions: the kinds of actions that it can learn: "discrete", "continuous".
         check_player: (settings, player) raises ValueError for a player that it cannot learn to be.
@@ -68,6 +69,7 @@ class Algorithm:
     teams: bool = False
     one_maze: bool = False
     cpu_only: bool = False
+    recurrent: bool = False
     observations: tuple[str, ...] | None = None
     actions: frozenset[str] = frozenset({"discrete"})
     check_player: Callable[[Any, Any], object] = lambda settings, player: None
@@ -110,6 +112,28 @@ class Algorithm:
             in_maze or not self.one_maze,
             f"algorithm={self.name!r} has a table over the cells of a maze, and there is none "
             f"here; take {' or '.join(able)}",
+        )
+
+    def check_memory(self, settings: Hyperparameters, player: Player) -> None:
+        """Raise ValueError where `settings` want a memory that it, or the player, cannot have."""
+        check(
+            not self.one_maze or not isinstance(player, Seat) or player.frame_stack == 1,
+            f"{self.name} has a table over states, which has no place for what was observed before "
+            "(frame_stack); leave it out",
+        )
+        if settings.recurrent is None:
+            return
+        able = [name for name, other in ALGORITHMS.items() if other.recurrent]
+        check(
+            self.recurrent,
+            f"recurrent={settings.recurrent!r}; {self.name} learns no memory: take "
+            f"{', '.join(able[:-1])} or {able[-1]}"
+            + ("" if self.one_maze else ", or frame_stack in its place"),
+        )
+        check(
+            isinstance(player, Seat),
+            f"recurrent={settings.recurrent!r} on an arm, which sees all that there is; leave it "
+            "out",
         )
 
     def check_self_play(self, role: str, agents: int) -> None:
@@ -177,6 +201,7 @@ register(
         self_play=True,
         teams=True,
         actions=BOTH,
+        recurrent=True,
     )
 )
 register(
@@ -189,6 +214,7 @@ register(
         self_play=True,
         teams=True,
         actions=BOTH,
+        recurrent=True,
     )
 )
 register(
@@ -199,6 +225,7 @@ register(
         _LOAD_ACTOR_CRITIC,
         whole_episodes=True,
         actions=BOTH,
+        recurrent=True,
     )
 )
 register(
@@ -209,6 +236,7 @@ register(
         network_loader(dqn.network_of),
         learns_distribution=False,
         self_play=True,
+        recurrent=True,
     )
 )
 register(

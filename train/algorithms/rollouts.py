@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
@@ -10,6 +12,7 @@ from torchrl.objectives.value import GAE
 
 from pursuit.masks import ACTION_MASK
 from train.algorithms.learner import Build, Games, NetworkLearner, has_masks
+from train.algorithms.sequences import Act, Sequences
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.policy import Player
@@ -61,6 +64,28 @@ class SamplingPolicy(TensorDictModuleBase):
         return tensordict
 
 
+def remembering(network: ActorCritic, keep_all: bool = False) -> Act:
+    """What `SamplingPolicy` does, of a network that remembers."""
+
+    def act(
+        seen: dict[str, torch.Tensor], state: torch.Tensor
+    ) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+        output, value, state = network.step(seen["observation"], state)
+        distribution = network.distribution(output, seen.get(ACTION_MASK))
+        drawn = distribution.draw()
+        found = {
+            distribution.DRAWN: drawn,
+            "action": distribution.action(drawn),
+            "action_log_prob": distribution.log_prob(drawn),
+            "state_value": value,
+        }
+        if keep_all:
+            found[DISTRIBUTION] = distribution.parameters
+        return found, state
+
+    return act
+
+
 class RolloutLearner(NetworkLearner):
     """Collects rollouts with TorchRL's collector, and their advantages with its GAE.
 
@@ -93,31 +118,52 @@ class RolloutLearner(NetworkLearner):
             self.keys.append(DISTRIBUTION)
         if has_masks(env):
             self.keys.append(ACTION_MASK)
-        self.collector = Collector(
-            env,
-            SamplingPolicy(network, keep_all, has_masks(env)),
-            frames_per_batch=settings.num_games * settings.rollout_steps,
-            total_frames=-1,
-            policy_device=device,
-            env_device="cpu",
-            storing_device=device,
-            track_traj_ids=False,
-            auto_register_policy_transforms=False,
-        )
+        self.collector: Any
+        if network.policy_memory is not None:
+            steps = settings.rollout_steps
+            sizes = (sum(network.sizes), steps, device)
+            act, value = remembering(network, keep_all), lambda *now: network.step(*now)[1]
+            self.collector = Sequences(env, act, *sizes, value if critic else None)
+        else:
+            self.collector = Collector(
+                env,
+                SamplingPolicy(network, keep_all, has_masks(env)),
+                frames_per_batch=settings.num_games * settings.rollout_steps,
+                total_frames=-1,
+                policy_device=device,
+                env_device="cpu",
+                storing_device=device,
+                track_traj_ids=False,
+                auto_register_policy_transforms=False,
+            )
+        self.frames_of_row = settings.rollout_steps if self.remembers else 1
         self._batches = iter(self.collector)
         self.gae = GAE(gamma=settings.gamma, lmbda=gae_lambda, value_network=None)
 
+    @property
+    def remembers(self) -> bool:
+        """Whether the network does, so that it learns from sequences."""
+        return isinstance(self.collector, Sequences)
+
     def collect(self) -> TensorDict:
-        """The frames of one rollout in a row: "prepared" (see `Trunk.prepare`) and `keys`."""
+        """One rollout: "prepared" (see `Trunk.prepare`), `keys`, what `ActorCritic.through` takes.
+
+        It is its frames in a row; of a network that remembers a sequence a row, [games].
+        """
         rollout = next(self._batches)
         self.frames += rollout.numel()
         if not self.critic:
             rollout["state_value"] = torch.zeros_like(rollout["state_value"])
-        self._add_next_values(rollout)
+        if self.remembers:
+            self._take_next_values(rollout)
+        else:
+            self._add_next_values(rollout)
         self.gae(rollout)
         if self.env.hook.wants_advantages:
             noted = (rollout["advantage"], rollout["next", "done"])
             self.env.hook.note_advantages(*(column.squeeze(-1).cpu().numpy() for column in noted))
+        if self.remembers:
+            return self._sequences(rollout)
         frames = TensorDict(
             {key: rollout[key].flatten(0, 1) for key in self.keys}, batch_size=[rollout.numel()]
         )
@@ -126,6 +172,25 @@ class RolloutLearner(NetworkLearner):
         if rollout.get("idle", None) is not None:
             return frames[~rollout["idle"].flatten()]
         return frames
+
+    def _sequences(self, rollout: TensorDictBase) -> TensorDict:
+        """A row for every game, with the state that it began with."""
+        columns = {key: rollout[key] for key in (*self.keys, "fresh")}
+        columns["prepared"] = self.network.policy_trunk.prepare(rollout["observation"])
+        columns["state"] = self.collector.states[0]
+        if rollout.get("idle", None) is not None:
+            columns["counts"] = ~rollout["idle"].squeeze(-1)
+        return TensorDict(columns, batch_size=[len(rollout)])
+
+    def _take_next_values(self, rollout: TensorDictBase) -> None:
+        """As `_add_next_values`, of those that were found with what was remembered then."""
+        values = rollout["state_value"]
+        after = torch.zeros_like(values)
+        after[:, :-1] = values[:, 1:]
+        apart = rollout["next", "truncated"].clone()
+        apart[:, -1] = True
+        found = rollout["value_after"] if self.critic else torch.zeros_like(values)
+        rollout["next", "state_value"] = torch.where(apart, found, after)
 
     @torch.no_grad()
     def _add_next_values(self, rollout: TensorDictBase) -> None:
@@ -144,6 +209,17 @@ class RolloutLearner(NetworkLearner):
             next_observations = rollout["next", "observation"][games, steps]
             after[games, steps] = self.network(next_observations)[1] if self.critic else 0.0
         rollout["next", "state_value"] = after
+
+    def state_dict(self) -> dict[str, Any]:
+        """As any learner's, and what is remembered of the games."""
+        state = super().state_dict()
+        return {**state, "memory": self.collector.state_dict()} if self.remembers else state
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take them back."""
+        super().load_state_dict(state)
+        if self.remembers:
+            self.collector.load_state_dict(state["memory"])
 
     def close(self) -> None:
         """Stop collecting."""

@@ -15,7 +15,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.parallel_env import scene_of
 from pursuit.policy import Policy, TabularPolicy
 from pursuit.rendering import Scene
 from pursuit.simulator import Simulator
@@ -36,12 +35,14 @@ from scripted_agents import (
     tour_lengths,
 )
 from scripted_agents.environments import DEFAULTS
+from scripted_agents.references import limited_references
 from scripted_agents.tour import MAX_EXACT_GOALS
 from train.evaluation.games import (
     half_width,
     is_exact,
     is_exact_team,
     play_out,
+    scenes_of,
     table_in,
     won_by,
 )
@@ -305,6 +306,8 @@ class GameContest:
             self.score("random", RandomAgent()),
             self.score(scripted[self.role], DEFAULTS[self.role](0.0)),
         ]
+        limited = limited_references(self.task, self.agent, self.opponents)
+        scores += [self.score(name, policy) for name, policy in limited.items()]
         optimum = self.optimal()
         if optimum is not None:
             scores.append(optimum)
@@ -313,14 +316,7 @@ class GameContest:
 
     def scenes(self, policy: Policy, episodes: int = 3) -> list[Scene]:
         """What a person sees of some episodes, one after the other."""
-        scenes: list[Scene] = []
-        for episode in range(episodes):
-            caption = f"episode {episode + 1} of {episodes}"
-            simulator, play = self.game(policy, episode)
-            scenes.append(scene_of(simulator, caption=caption))
-            scenes += [scene_of(simulator, caption=caption) for _ in play]
-            scenes.extend([scenes[-1]] * 3)
-        return scenes
+        return scenes_of(self.game, policy, episodes)
 
     def game(self, policy: Policy, number: int) -> tuple[Simulator, Iterator[None]]:
         """As `Contest`."""

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from scripted_agents.environments import SCRIPTED
+from scripted_agents.environments import AGENTS
 from train.experiments.kinds import with_mazes
 from train.files import write_bytes
 from train.runs.folder import CHECKPOINT, CONFIG
@@ -50,7 +50,7 @@ def named_policies(plain: Mapping[str, Any]) -> dict[str, str]:
     return {
         name: value
         for name, value in named.items()
-        if isinstance(value, str) and value not in (*SCRIPTED, LEARN)
+        if isinstance(value, str) and value not in (*AGENTS, LEARN)
     }
 
 
@@ -116,6 +116,9 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     mazes = plain.get("lessons", {}).get("curriculum_mazes")
     if mazes is not None:
         plain["lessons"]["curriculum_mazes"] = [named_maze(n).to_text() for n in names_in(mazes)]
+    for name in ("view_radius", "line_of_sight", "unknown_maze"):
+        if not plain["task"].get(name):
+            plain["task"].pop(name, None)  # runs of full sight are those of versions before it
     if parts := provenance(settings):
         plain["parts"] = parts  # users' modules count by their source
     text = json.dumps({"kind": kind, "episodes": episodes, **plain}, sort_keys=True)

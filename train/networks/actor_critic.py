@@ -6,12 +6,14 @@ import math
 from dataclasses import replace
 
 import torch
+from tensordict import TensorDictBase
 from torch import nn
 from torchrl.modules import MultiAgentMLP
 
 from train.networks.distributions import Categorical, SquashedNormal
 from train.networks.features import Features
 from train.networks.layers import Hidden, Trunk, head
+from train.networks.recurrent import Cell, cell_of, flattened
 
 
 class ActorCritic(nn.Module):
@@ -32,9 +34,13 @@ class ActorCritic(nn.Module):
         log_std: [numbers], the logarithms of the standard deviations, whatever is observed; None
             where actions are choices.
         form: what actions are drawn from.
+        policy_memory, value_memory: the cells between trunks and heads; the same object where the
+            trunks are shared, and None where nothing is remembered.
     """
 
     log_std: nn.Parameter | None
+    policy_memory: Cell | None
+    value_memory: Cell | None
     form: type[Categorical] | type[SquashedNormal]
 
     def __init__(
@@ -48,6 +54,8 @@ class ActorCritic(nn.Module):
         super().__init__()
         self.policy_trunk = Trunk(features, hidden)
         self.value_trunk = self.policy_trunk if shared else Trunk(features, hidden)
+        self.policy_memory = cell_of(hidden)
+        self.value_memory = self.policy_memory if shared else cell_of(hidden)
         self.policy_head = head(hidden.width, num_actions, 0.01)
         self.value_head = head(hidden.width, 1, 1.0)
         self.log_std, self.form = None, Categorical
@@ -96,9 +104,79 @@ class ActorCritic(nn.Module):
         return (mean if noise is None else mean + self.log_std.exp() * noise).tanh()
 
     def hidden(self, prepared: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """What the two heads work on, [..., width] each; `policy_trunk.prepare` serves both."""
+        """What the trunks give for the two heads, [..., width] each.
+
+        `policy_trunk.prepare` serves both. Where something is remembered, the cells come between.
+        """
         hidden = self.policy_trunk(prepared)
         return hidden, hidden if self.shared else self.value_trunk(prepared)
+
+    # -- with a memory ---------------------------------------------------------------------------
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers that policy and value remember of a game; 0 of a value that shares them."""
+        own = self.policy_memory.size if self.policy_memory else 0
+        other = self.value_memory.size if self.value_memory and not self.shared else 0
+        return own, other
+
+    def remember(
+        self, observation: torch.Tensor, state: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """`logits` of a step [games, actions], and the policy's state after it.
+
+        Args:
+            observation: [games, *shape].
+            state: [games, numbers] of the policy alone.
+        """
+        assert self.policy_memory is not None
+        trunk = self.policy_trunk
+        hidden, state = self.policy_memory.step(trunk(trunk.prepare(observation)), state)
+        return self.policy_head(hidden), state
+
+    def step(
+        self, observation: torch.Tensor, state: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """As `forward`, and the state [games, sum of `sizes`] after this step; 0 numbers where
+        nothing is remembered.
+
+        Args:
+            observation: [games, *shape].
+            state: [games, sum of `sizes`] before it.
+        """
+        hidden, value_hidden = self.hidden(self.policy_trunk.prepare(observation))
+        if self.policy_memory is None:
+            return self.policy_head(hidden), self.value_head(value_hidden), state
+        own, other = torch.split(state, list(self.sizes), dim=-1)
+        hidden, own = self.policy_memory.step(hidden, own)
+        if self.shared:
+            value_hidden = hidden
+        elif self.value_memory is not None:
+            value_hidden, other = self.value_memory.step(value_hidden, other)
+        state = torch.cat([own, other], dim=-1)
+        return self.policy_head(hidden), self.value_head(value_hidden), state
+
+    def through(self, frames: TensorDictBase) -> tuple[torch.Tensor, torch.Tensor, TensorDictBase]:
+        """What the heads work on, [frames, width] each, and the other columns of these frames.
+
+        Args:
+            frames: [frames] with "prepared"; of a network that remembers [games], each of which has
+                a sequence: columns are [games, steps, ...], "fresh" says where episodes begin,
+                "state" [games, sum of `sizes`] what is remembered before the first step, and
+                "counts", where there is one, which frames are to be learned from.
+        """
+        if self.policy_memory is None:
+            return *self.hidden(frames["prepared"]), frames
+        own, other = torch.split(frames["state"], list(self.sizes), dim=-1)
+        hidden, value_hidden = self.hidden(frames["prepared"])
+        hidden = self.policy_memory(hidden, own, frames["fresh"])[0]
+        if self.shared:
+            value_hidden = hidden
+        elif self.value_memory is not None:
+            value_hidden = self.value_memory(value_hidden, other, frames["fresh"])[0]
+        columns = {"hidden": hidden, "value_hidden": value_hidden}
+        flat = flattened(frames, columns)
+        return flat.pop("hidden"), flat.pop("value_hidden"), flat
 
 
 class CentralActorCritic(ActorCritic):
@@ -118,6 +196,7 @@ class CentralActorCritic(ActorCritic):
     def __init__(self, features: Features, num_actions: int, members: int, hidden: Hidden) -> None:
         super().__init__(features, num_actions, replace(hidden, form="dense"), shared=False)
         del self.value_trunk
+        self.value_memory = None  # it sees everything
         self.critic = MultiAgentMLP(
             n_agent_inputs=features.num_rows,
             n_agent_outputs=hidden.width,

@@ -38,6 +38,7 @@ class Hidden:
         std: of the first layer's weights on "index" at the start.
         form: of the first layer on "index"; None for the faster.
         bfloat16: matrix products run under autocast; parameters and outputs stay float32.
+        recurrent: the kind of cell that follows them, "gru" or "lstm"; None for none.
     """
 
     width: int = 128
@@ -45,6 +46,7 @@ class Hidden:
     std: float = 0.06
     form: FirstLayerForm | None = None
     bfloat16: bool = False
+    recurrent: str | None = None
 
 
 class IndexLayer(nn.Module):

@@ -7,6 +7,7 @@ from torch import nn
 
 from train.networks.features import Features
 from train.networks.layers import Hidden, Trunk, head
+from train.networks.recurrent import Cell, cell_of
 
 
 class DuelingHead(nn.Module):
@@ -31,13 +32,17 @@ class QNetwork(nn.Module):
     Attributes:
         policy_trunk: the hidden layers.
         policy_head: [..., width] -> [..., actions].
+        policy_memory: the cell between them; None where nothing is remembered.
     """
+
+    policy_memory: Cell | None
 
     def __init__(
         self, features: Features, num_actions: int, hidden: Hidden, dueling: bool = False
     ) -> None:
         super().__init__()
         self.policy_trunk = Trunk(features, hidden)
+        self.policy_memory = cell_of(hidden)
         self.policy_head = (
             DuelingHead(hidden.width, num_actions)
             if dueling
@@ -54,3 +59,32 @@ class QNetwork(nn.Module):
     def logits(self, observation: torch.Tensor) -> torch.Tensor:
         """The same: the greedy action has the largest."""
         return self(observation)
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers that it remembers of a game, and 0."""
+        return self.policy_memory.size if self.policy_memory else 0, 0
+
+    def remember(
+        self, observation: torch.Tensor, state: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Values of a step [games, actions], and the state [games, numbers] after it."""
+        assert self.policy_memory is not None
+        trunk = self.policy_trunk
+        hidden, state = self.policy_memory.step(trunk(trunk.prepare(observation)), state)
+        return self.policy_head(hidden), state
+
+    def along(
+        self, observation: torch.Tensor, state: torch.Tensor, fresh: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Values [games, steps, actions] of sequences, and the states after every step.
+
+        Args:
+            observation: [games, steps, *shape].
+            state: [games, numbers] before the first step.
+            fresh: [games, steps] bool: an episode begins here.
+        """
+        assert self.policy_memory is not None
+        trunk = self.policy_trunk
+        hidden, states = self.policy_memory(trunk(trunk.prepare(observation)), state, fresh)
+        return self.policy_head(hidden), states

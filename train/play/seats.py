@@ -8,9 +8,10 @@ from typing import Any
 
 from pursuit.policy import Policy
 from pursuit.task import Task
-from scripted_agents import InverseKinematics, LeastStepsPolicy, RandomArm, check_optimal
+from scripted_agents import InverseKinematics, LeastStepsPolicy, RandomArm
 from scripted_agents.environments import (
-    SCRIPTED,
+    AGENTS,
+    check_agent,
     is_own_policy,
     own_policy,
     scripted_policy,
@@ -20,6 +21,7 @@ from train.play.session import MazeSession, Session
 from train.runs.folder import CONFIG, SELF_PLAY, load_config
 from train.runs.opponents import check_fits, load_opponent, load_policy
 from train.runs.saved import load_settings
+from train.runs.tasks import check_one_maze
 from train.runs.worlds import GridWorld
 from train.settings.checks import check
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings, in_maze
@@ -44,13 +46,13 @@ def session_of(settings: AnyTask, beside: str, seed: int) -> Session:
         name, mover = arm_agent(beside, settings)
         return ArmSession(task, name, mover, seed)
     world = GridWorld(settings)
+    check_one_maze(world.task, "a game by hand")
     for role, policy in world.opponents.items():
         check_fits(policy, role, world.task, str(world.settings.opponent))
     role = world.agent.split("_")[0]
     policy = agent_in_seat(beside, world.task, role)
-    return MazeSession(
-        world.contest(2), name_of(beside, role), policy, seed, world.settings.opponent
-    )
+    contest: Any = world.contest(2)
+    return MazeSession(contest, name_of(beside, role), policy, seed, world.settings.opponent)
 
 
 def game_of_run(against: str) -> TaskSettings | None:
@@ -91,9 +93,8 @@ def agent_in_seat(name: str, task: Task, role: str) -> Policy:
     Raises:
         ValueError: nobody of this name, or somebody who does not play this role in this game.
     """
-    if name in SCRIPTED:
-        if name == "optimal":
-            check_optimal(task, role)
+    if name in AGENTS:
+        check_agent(name, task, role)
         order: Any = task.move_order
         return scripted_policy(name, role, move_order=order)
     if is_own_policy(name):

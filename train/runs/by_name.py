@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from pursuit.rewards import rewards_text
+from pursuit.sight import chosen_text, kept_chosen, kept_radius, radius_text
 from train.runs.parts import parts_of, setting_of
 from train.settings.checks import check
 from train.settings.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
@@ -102,6 +103,10 @@ def typed(form: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
             value = float(value)
         if name == "rewards" and isinstance(value, Mapping):
             value = rewards_text(value)
+        if name == "view_radius" and (type(value) is int or isinstance(value, Mapping)):
+            value = radius_text(kept_radius(name, value))
+        if name in ("line_of_sight", "unknown_maze") and isinstance(value, bool | list | tuple):
+            value = chosen_text(kept_chosen(name, value))
         kinds = {"bool": bool, "int": int, "float": float, "str": str}
         if "tuple" in kind and isinstance(value, list | tuple):
             value, fits = tuple(value), all(isinstance(item, str) for item in value)

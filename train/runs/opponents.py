@@ -7,9 +7,9 @@ from typing import Any
 
 from pursuit.policy import Policy
 from pursuit.task import Task
-from scripted_agents import check_optimal
 from scripted_agents.environments import (
-    SCRIPTED,
+    AGENTS,
+    check_agent,
     default_policies,
     is_own_policy,
     own_policy,
@@ -79,8 +79,8 @@ def opponents_of(
     Args:
         task: the game.
         agent: who learns.
-        opponent: random, optimal, astar, a user's own policy, the folder of a run or a model's
-            .zip; None for A*.
+        opponent: one of AGENTS, a user's own policy, the folder of a run or a model's .zip; None
+            for A*.
         epsilon: share of random moves of the scripted agents.
         played: how a learned opponent plays, "sampled" or "greedy".
 
@@ -88,7 +88,7 @@ def opponents_of(
         ValueError: no policy at `opponent`, or one that cannot play against the learner.
     """
     policies = default_policies(task, epsilon, own=agent)
-    if opponent in SCRIPTED:
+    if opponent in AGENTS:
         roles = set(task.seat_roles) - {agent.split("_")[0]}
         check(
             bool(roles),
@@ -96,8 +96,7 @@ def opponents_of(
             "out",
         )
         for other in roles:
-            if opponent == "optimal":
-                check_optimal(task, other)
+            check_agent(str(opponent), task, other)
             rest: Any = (epsilon, task.move_order)
             policies[other] = scripted_policy(str(opponent), other, *rest)
     elif opponent is not None and is_own_policy(opponent):
@@ -134,8 +133,9 @@ def check_fits(policy: Policy, role: str, task: Task, name: str) -> None:
     own: Task = policy.task
     learned = role_of(policy)
     check(learned == role, f"{name}: learned to be {learned!r}; {role!r} is asked for")
+    plays_in = getattr(policy, "plays_in", lambda maze: False)
     check(
-        set(task.mazes) <= set(own.mazes),
+        set(task.mazes) <= set(own.mazes) or all(plays_in(maze) for maze in task.mazes),
         f"{name}: learned in maze {own.mazes[0].name}, and the games are in {task.mazes[0].name}",
     )
     for what in ("num_chasers", "num_evaders", "num_goals", "stay_action", "move_order"):

@@ -13,6 +13,7 @@ from train.evaluation.contest import Score, optimality_gap
 from train.evaluation.floor import objective_floor
 from train.runs.folder import MISFITS, RUN, misfit, part_of
 from train.runs.loop import Budget, Clock, Objective, Run
+from train.runs.memories import memories_of, put_memories
 from train.runs.parts import Parts, parts_of
 from train.runs.threads import prepare_torch
 from train.settings.checks import check
@@ -52,6 +53,7 @@ class SingleAgent:
             put_games(self.simulator, state.get("simulator"), "trainee.simulator")
             if self.teacher is not None:
                 self.teacher.load_state_dict(state["teacher"])
+            put_memories(self.env, state.get("memories"), "trainee.memories")
             self.env.resume = True
         self.learner = parts.algorithm.build(parts.hyper, self.env, parts.build)
         self.policy = self.learner.policy(greedy=evaluate == "greedy")
@@ -120,11 +122,12 @@ class SingleAgent:
         }
 
     def state_dict(self) -> dict[str, Any]:
-        """Learner, teacher and games."""
+        """Learner, teacher and games, with what is remembered of them."""
         return {
             "learner": self.learner.state_dict(),
             "teacher": None if self.teacher is None else self.teacher.state_dict(),
             "simulator": plain_games(self.simulator),
+            "memories": memories_of(self.env),
         }
 
     def learned(self) -> dict[str, Any]:

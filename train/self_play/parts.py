@@ -11,9 +11,10 @@ import msgspec
 
 from pursuit.policy import Policy
 from pursuit.task import Task
-from scripted_agents import check_optimal
 from scripted_agents.environments import (
-    SCRIPTED,
+    AGENTS,
+    SEARCHERS,
+    check_agent,
     is_own_policy,
     own_policy,
     own_roles,
@@ -27,7 +28,7 @@ from train.runs.opponents import check_fits, load_opponent
 from train.runs.parts import setting_of
 from train.runs.saved import read_own, read_part
 from train.runs.sizes import check_memory
-from train.runs.tasks import task_of
+from train.runs.tasks import check_one_maze, task_of
 from train.runs.threads import uses_bfloat16
 from train.self_play.side import SideParts
 from train.settings.algorithms import Hyperparameters, PPOSettings
@@ -64,6 +65,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         ValueError: settings that make no game of two sides, or ask what an algorithm cannot do.
     """
     task = task_of(settings.task)
+    check_one_maze(task, "self-play")
     check_sides(settings, task)
     discount = settings.hyper.gamma
     scripted = {
@@ -75,13 +77,14 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
             task.move_order,  # type: ignore[arg-type]
             discount,
         )
-        for name in SCRIPTED
+        for name in AGENTS
         for role in ROLES
+        if role in SEARCHERS.get(name, ROLES)
     }
     scripted |= {
         (name, role): own_policy(name, task, role)
         for name in settings.members
-        if name not in SCRIPTED
+        if name not in AGENTS
         for role in own_roles(name, task)
     }
     frozen = {
@@ -96,8 +99,9 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     for role in settings.learning:
         own = side_settings(settings, role)
         masks = settings.task.mask_bumps
-        seat = Seat(task, role, own.observation, masks)
+        seat = Seat(task, role, own.observation, masks, own.frame_stack)
         check_memory(own.hyper, seat)
+        entry(own.algorithm).check_memory(own.hyper, seat)
         sides[role] = SideParts(
             seat,
             entry(own.algorithm),
@@ -124,8 +128,10 @@ def check_sides(settings: SelfPlaySettings, task: Task) -> None:
     )
     check(not task.num_runners, f"task {task.name!r} has runners; take chase or heist")
     for role in ROLES:
-        if "optimal" in (getattr(settings, role), *settings.members):
-            check_optimal(task, role)
+        members = [name for name in settings.members if role in SEARCHERS.get(name, ROLES)]
+        for name in (getattr(settings, role), *members):
+            if name in AGENTS:
+                check_agent(name, task, role)
     for role in settings.learning:
         entry(settings.algorithm(role)).check_self_play(role, task.count(role))
 
@@ -137,7 +143,8 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
     algorithm = settings.algorithm(role)
     hyper: Hyperparameters = settings.hyper
     if algorithm != "ppo":
-        hyper = replace(hyperparameters(algorithm, setting_of(task)), gamma=settings.hyper.gamma)
+        same: Any = {"gamma": settings.hyper.gamma, "recurrent": settings.hyper.recurrent}
+        hyper = replace(hyperparameters(algorithm, setting_of(task)), **same)
     games = max(hyper.num_games // members, 1) * members
     if isinstance(hyper, PPOSettings):
         batch = min(hyper.minibatch_size, games * hyper.rollout_steps)
@@ -145,11 +152,11 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
         hyper = replace(hyper, num_games=games, minibatch_size=batch, central_critic=central)
     else:
         hyper = replace(hyper, num_games=games)
-    same = {
+    whole = {
         name: getattr(settings, name)
-        for name in ("observation", "seconds", "frames", "seed", "threads")
+        for name in ("observation", "frame_stack", "seconds", "frames", "seed", "threads")
     }
-    return TrainSettings(task, hyper, algorithm=algorithm, **same)
+    return TrainSettings(task, hyper, algorithm=algorithm, **whole)
 
 
 def frozen_policy(name: str, role: str, task: Task, played: str = "sampled") -> Policy:

@@ -240,6 +240,11 @@ class PoolPolicy:
         self.pool = pool
         self.opponents = np.zeros(num_games, dtype=np.int64)
 
+    def remembering(self) -> dict[str, Any]:
+        """The members that remember, by name."""
+        policies = {member.name: member.policy for member in self.pool.members}
+        return {name: policy for name, policy in policies.items() if hasattr(policy, "memory")}
+
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32; one forward pass for every distinct opponent."""
         present = np.flatnonzero(np.bincount(self.opponents))

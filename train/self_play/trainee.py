@@ -25,6 +25,7 @@ from train.runs.folder import (
     save_config,
 )
 from train.runs.loop import Budget, Clock, Objective, Run
+from train.runs.memories import memories_of, put_memories
 from train.runs.threads import prepare_torch
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
 from train.self_play.pool import LATEST, OpponentPool, nash_mixtures, weights
@@ -303,6 +304,7 @@ class SelfPlay:
         return {
             "sides": {role: side.state_dict() for role, side in self.sides.items()},
             "pools": {role: pool.state_dict() for role, pool in self.pools.items()},
+            "memories": {role: memories_of(side.env) for role, side in self.sides.items()},
             "rng": self.rng.bit_generator.state,
             "taken": self.taken,
             "payoffs": [[*pair, value] for pair, value in self.payoffs.items()],
@@ -314,7 +316,8 @@ class SelfPlay:
         return {role: side.learner.state_dict() for role, side in self.sides.items()}
 
     def _load_state_dict(self, state: dict[str, Any]) -> None:
-        check_like(state, self.state_dict() | {"pools": {}, "mixtures": {}}, "trainee")
+        free: dict[str, Any] = {"pools": {}, "mixtures": {}, "memories": {}}
+        check_like(state, self.state_dict() | free, "trainee")
         for role, side in self.sides.items():
             side.learner.load_state_dict(state["sides"][role]["learner"])
         for row in state["payoffs"]:
@@ -326,6 +329,8 @@ class SelfPlay:
             before = [entry["name"] for entry in state["pools"][role]["members"]]
             pool.load_state_dict(state["pools"][role])
             self._keep_opponents(role, before)
+        for role, side in self.sides.items():  # once their opponents are there
+            put_memories(side.env, state["memories"].get(role), f"trainee.memories.{role}")
         self.rng.bit_generator.state = state["rng"]
         self.taken, self.mixtures = state["taken"], state["mixtures"]
         self.payoffs = {(chaser, evader): value for chaser, evader, value in state["payoffs"]}

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
-from train.settings.checks import check
+from train.settings.checks import check, check_choice
 
 ACTIVATIONS = ("relu", "tanh")
+CELLS = ("gru", "lstm")
 
 
 def check_activation(name: str) -> None:
@@ -46,6 +47,9 @@ class Hyperparameters:
     """Games in lockstep."""
     gamma: float = 0.95
     """Discount."""
+    recurrent: str | None = None
+    """What the network remembers of the episode by: gru or lstm, between its hidden layers and what
+    it puts out. None: it knows what it observes now."""
 
     @property
     def central_critic(self) -> bool:
@@ -53,6 +57,8 @@ class Hyperparameters:
         return False
 
     def __post_init__(self) -> None:
+        if self.recurrent is not None:
+            check_choice("recurrent", self.recurrent, CELLS)
         for name in (field.name for field in fields(self)):
             value = getattr(self, name)
             if name in self.COUNTS:

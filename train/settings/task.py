@@ -10,6 +10,8 @@ from pursuit.own_observations import OBSERVATIONS
 from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
 from pursuit.reacher.task import ReacherTask
 from pursuit.rewards import kept_rewards, rewards_text
+from pursuit.sight import chosen_text, kept_chosen, kept_radius, radius_text
+from pursuit.suite_files import PREFIX, is_suite
 from pursuit.task import TASK_NAMES
 from train.settings.checks import check, check_choice
 
@@ -30,7 +32,8 @@ class TaskSettings:
     role: str = "auto"
     """Who learns: chaser, evader or runner (or one agent, such as chaser_1). auto: the first."""
     maze: str = "5x5"
-    """A shipped maze (2x2 ... 9x9, 15x15, also -tree and -open), or the path of a maze file."""
+    """A shipped maze (2x2 ... 9x9, 15x15, also -tree and -open), the path of a maze file, or a
+    frozen suite of mazes, such as suite:7x7-train (or suite:7x7-train/0-99)."""
     num_chasers: int | None = None
     """Chasers; the task's own number if left out."""
     num_evaders: int | None = None
@@ -51,11 +54,22 @@ class TaskSettings:
     """goal, completion, distance, zero_sum, or the task's own (default); coefficients, such as
     step=-0.1,capture=2 or chaser.step=-0.1,evader.capture=-2 (of step, capture, goal, distance,
     on_completion); or package.module:Name of a function of your own."""
+    view_radius: str | None = None
+    """Path steps up to which agents see: a number for all, or by role or agent, such as
+    chaser=2,evader_0=3; everything if left out. The scripted astar, random and optimal see
+    everything all the same."""
+    line_of_sight: str = ""
+    """Who sees along rows and columns only, until a wall: all, or roles and agents, such as
+    chaser,evader_0; with a view_radius so far only. Nobody if left out."""
+    unknown_maze: str = ""
+    """Who knows of the maze only what is within view: all, or roles and agents. Nobody if left
+    out."""
     opponent_epsilon: float = 0.2
     """Share of random moves of the scripted agents in all other seats, in [0, 1]."""
     opponent: str | None = None
-    """Who plays the other side instead of A*: random, optimal (exactly), the folder of a run, a
-    saved Stable-Baselines3 model (.zip), or package.module:Name of your own. Learned ones play as
+    """Who plays the other side instead of A*: random, optimal (exactly), searching (chasers also
+    sweeping, belief; all three see what the task lets them), the folder of a run, a saved
+    Stable-Baselines3 model (.zip), or package.module:Name of your own. Learned ones play as
     opponent_policy says."""
     opponent_policy: str = "sampled"
     """How a learned opponent plays: sampled (as it was learned, where it is a distribution), or
@@ -81,6 +95,11 @@ class TaskSettings:
         object.__setattr__(self, "rewards", rewards_text(self.rewards))
         if self.rewards != "default":
             kept_rewards("rewards", self.rewards)
+        radius = radius_text(kept_radius("view_radius", self.view_radius))
+        object.__setattr__(self, "view_radius", radius)
+        for name in ("line_of_sight", "unknown_maze"):
+            who = chosen_text(kept_chosen(name, getattr(self, name)))
+            object.__setattr__(self, name, who)
 
     @property
     def agent(self) -> str:
@@ -90,7 +109,8 @@ class TaskSettings:
     @property
     def label(self) -> str:
         """What the folder of a run is called after."""
-        return f"{self.task}-{self.agent}-{Path(self.maze).stem}"
+        maze = self.maze.removeprefix(PREFIX).replace("/", "-")
+        return f"{self.task}-{self.agent}-{maze if is_suite(self.maze) else Path(self.maze).stem}"
 
     def check_observation(self, name: str) -> None:
         """ValueError unless it can be observed."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pursuit.declared import share
 from pursuit.policy import GameView, Memory
-from scripted_agents.belief_kernels import play_beliefs
+from scripted_agents.hidden_play_kernels import play_beliefs
 
 if TYPE_CHECKING:
     from scripted_agents.hidden_chase import HiddenChaseSolution

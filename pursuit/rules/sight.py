@@ -1,0 +1,68 @@
+"""What one agent sees of a game: cells in view, goals in view, and what it has just collected.
+
+Kernels are given a task's sight as two arrays (`pursuit.sight.Sight` makes them), or as None and
+None where nobody's sight is limited: then the compiler drops every question, and full sight costs
+nothing.
+
+    table    bool, for every pair (own cell, other cell) whether the other is seen, row by row, maze
+             after maze, one such part for every kind of sight
+    begin    [agents + 1, mazes] int64, where in the table an agent's part for a maze begins, -1
+             where it sees everything; the last row has the cells of the mazes
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pursuit.compiled import inlined
+from pursuit.rules.layout import COLLECTED, Games
+
+SEES_ALL = -1
+
+
+@inlined
+def view_of(begin: Any, games: Games, game: int, agent: int | np.uintp) -> int:
+    """Where the table has the row of the cell in which an agent stands; SEES_ALL without limits."""
+    if begin is None:
+        return SEES_ALL
+    maze = games.maze[game]
+    first = begin[agent, maze]
+    if first < 0:
+        return SEES_ALL
+    cells = begin[begin.shape[0] - 1, maze]
+    row: int = first + games.position[game, agent] * cells
+    return row
+
+
+@inlined
+def in_view(table: Any, view: int, cell: int) -> bool:
+    """Whether a cell is seen by whoever has this view."""
+    if table is None:
+        return True
+    return view < 0 or table[view + cell]
+
+
+@inlined
+def goal_in_view(games: Games, table: Any, view: int, game: int, goal: int) -> int:
+    """The cell of a goal; -1 when it is gone, or not seen."""
+    cell: int = games.goal[game, goal]
+    return cell if cell < 0 or in_view(table, view, cell) else -1
+
+
+@inlined
+def goal_rank(games: Games, table: Any, view: int, game: int, goal: int) -> int:
+    """The place of a goal among the goals sorted by cell, those gone or not seen first."""
+    cell, rank = goal_in_view(games, table, view, game, goal), 0
+    for other in range(games.goal.shape[1]):
+        other_cell = goal_in_view(games, table, view, game, other)
+        if other_cell < cell or (other_cell == cell and other < goal):
+            rank += 1
+    return rank
+
+
+@inlined
+def has_collected(games: Games, game: int, agent: int | np.uintp) -> bool:
+    """Whether an agent collected a goal in the last step."""
+    return (games.event[game, agent] & COLLECTED) != 0
