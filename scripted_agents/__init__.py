@@ -127,6 +127,7 @@ __all__ = [
     "shortest_path",
     "shortest_tour",
     "solve_chase",
+    "solve_hidden_chase",
     "solve_in_turns",
     "solve_matrix_game",
     "table_of",

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,28 +19,9 @@ from pursuit.sight import visible_cells
 from pursuit.task import MOVE_ORDERS
 from scripted_agents.best_response import MoveOrder, checked_table
 from scripted_agents.hidden_files import load_search, save_search
-from scripted_agents.hidden_game import HiddenCell, hidden_chase
+from scripted_agents.hidden_game import HiddenCell, Role, SightRules, hidden_chase
 from scripted_agents.hidden_policy import BeliefOptimal, BeliefOptimalChaser, BeliefOptimalEvader
 from scripted_agents.hidden_search import DEFAULT_MEMORY, HiddenSearch, Report
-
-Role = Literal["chaser", "evader"]
-
-
-@dataclass(frozen=True)
-class SightRules:
-    """What a hidden chase is played by, but for the maze and the opponent."""
-
-    role: Role
-    view_radius: int | None
-    line_of_sight: bool
-    discount: float
-    move_order: MoveOrder
-    stay_action: bool
-    min_start_distance: int
-
-    def __str__(self) -> str:
-        radius = "all" if self.view_radius is None else f"radius {self.view_radius}"
-        return f"{radius}{', in line' if self.line_of_sight else ''}, discount {self.discount:g}"
 
 
 @dataclass(frozen=True, eq=False)

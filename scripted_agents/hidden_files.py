@@ -30,7 +30,8 @@ def save_search(
     partial = path.with_name(f".{path.name}.{os.getpid()}.npz")
     try:
         arrays: dict[str, Any] = {"about": np.array(json.dumps(about)), "table": table}
-        np.savez_compressed(partial, **arrays, **state_of(search))
+        arrays |= state_of(search)
+        np.savez_compressed(partial, **arrays)
         os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)

@@ -3,19 +3,39 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.declared import as_array, number
 from pursuit.maze import Maze
+from scripted_agents.best_response import MoveOrder
 from scripted_agents.hidden_layout import Model, Roots
 
 NONE, MIXED = -1, -2
 """In place of the cell where the other is seen: it is not seen; cells of both kinds are possible"""
 
 SUM_TOLERANCE = 1e-9
+
+Role = Literal["chaser", "evader"]
+
+
+@dataclass(frozen=True)
+class SightRules:
+    """What a hidden chase is played by, but for the maze and the opponent."""
+
+    role: Role
+    view_radius: int | None
+    line_of_sight: bool
+    discount: float
+    move_order: MoveOrder
+    stay_action: bool
+    min_start_distance: int
+
+    def __str__(self) -> str:
+        radius = "all" if self.view_radius is None else f"radius {self.view_radius}"
+        return f"{radius}{', in line' if self.line_of_sight else ''}, discount {self.discount:g}"
 
 
 @dataclass(frozen=True, eq=False)

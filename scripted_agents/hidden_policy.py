@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.declared import share
+from pursuit.maze import Maze
 from pursuit.policy import GameView, Memory
+from scripted_agents.hidden_game import SightRules
 from scripted_agents.hidden_play_kernels import play_beliefs
-
-if TYPE_CHECKING:
-    from scripted_agents.hidden_chase import HiddenChaseSolution
+from scripted_agents.hidden_search import HiddenSearch
 
 NONE = -1
+
+
+class Solved(Protocol):
+    """What is asked of a `HiddenChaseSolution`."""
+
+    @property
+    def maze(self) -> Maze: ...  # noqa: D102 -- as there
+
+    @property
+    def rules(self) -> SightRules: ...  # noqa: D102
+
+    @property
+    def search(self) -> HiddenSearch: ...  # noqa: D102
 
 
 def _nothing(hidden: int, view: GameView) -> dict[str, NDArray[Any]]:
@@ -45,11 +58,11 @@ class BeliefOptimal:
 
     role = ""
 
-    def __init__(self, solution: HiddenChaseSolution, epsilon: float = 0.0) -> None:
-        if solution.role != self.role:
+    def __init__(self, solution: Solved, epsilon: float = 0.0) -> None:
+        if solution.rules.role != self.role:
             raise ValueError(
                 f"{type(self).__name__} plays the {self.role}; this solution is the "
-                f"{solution.role}'s: take its .policy"
+                f"{solution.rules.role}'s: take its .policy"
             )
         search = solution.search
         self.maze, self.epsilon = solution.maze, share("epsilon", epsilon)
@@ -130,7 +143,7 @@ class BeliefOptimalEvader(BeliefOptimal):
     role = "evader"
 
 
-def _start_beliefs(solution: HiddenChaseSolution) -> NDArray[np.float64]:
+def _start_beliefs(solution: Solved) -> NDArray[np.float64]:
     """[own, hidden], what is believed at the start where nobody is seen; 0 where all is seen."""
     game = solution.search.game
     hidden = (~game.visible).astype(np.float64)
