@@ -1,4 +1,4 @@
-"""Frozen suites: what is in them, that no maze is in two of them, and that they stay as they are."""
+"""Frozen suites: what is in them, that no maze is in two, and that they stay as they are."""
 
 from __future__ import annotations
 

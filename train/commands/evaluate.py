@@ -5,25 +5,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from pursuit.replay import with_suffix
 from train.algorithms.registry import entry
-from train.commands.parse import heard, parse
+from train.commands.parse import heard, parse, warn
 from train.commands.scores import print_bounds, print_floor, print_scores
+from train.commands.suites import compared, exact_where_known, judged
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.closeups import recorded
 from train.evaluation.floor import objective_floor
+from train.evaluation.suite_contest import SuiteContest
+from train.evaluation.suite_report import summary_of
 from train.files import write_json
+from train.networks.policy import NO_WALLS
 from train.runs.loop import machine, versions
 from train.runs.opponents import load_policy
-from train.runs.parts import contest_of
+from train.runs.parts import contest_of, suite_contest_of
 from train.runs.saved import load_settings
 from train.runs.single import evaluation_of
 from train.settings.checks import check
-from train.settings.task import ReacherSettings
+from train.settings.task import ReacherSettings, in_maze
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,14 @@ class EvaluateCommand:
     """Of those episodes: 0 for those of every evaluation, or others; none is ever trained on."""
     opponent_epsilon: float | None = None
     """Share of random moves of the opponents; that of the training if left out."""
+    maze: str | None = None
+    """Another maze than that of the training, or a suite of mazes: suite:7x7-test. In a suite every
+    score stands beside the exact optimum of that maze, and what is lost from the mazes of the
+    training beside both."""
+    table: Path | None = None
+    """Of a suite: write the figures of every maze to this new .csv file."""
+    picture: Path | None = None
+    """Of a suite: draw the gap of every maze over its difficulty into this new .png file."""
     out: Path | None = None
     """Write the figures to this new .json file as well."""
     replays: Path | None = None
@@ -52,7 +64,7 @@ def evaluate(arguments: Sequence[str]) -> None:
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     check(given.run.is_dir(), f"{given.run}: no such folder")
     replays = None if given.replays is None else with_suffix(given.replays)
-    for path in filter(None, (given.out, replays)):
+    for path in filter(None, (given.out, replays, given.table, given.picture)):
         check(not path.exists(), f"{path}: exists already")
     check(given.replay_episodes >= 1, f"replay_episodes={given.replay_episodes}; at least 1")
     with heard():
@@ -62,13 +74,35 @@ def evaluate(arguments: Sequence[str]) -> None:
             raise ValueError(f"--opponent-epsilon, and {given.run} moves an arm; leave it out")
         task = replace(settings.task, opponent_epsilon=given.opponent_epsilon)
         settings = replace(settings, task=task)
-    contest = contest_of(settings.task, given.episodes, given.seed)
-    scores = [*contest.baselines(), contest.score("learned", policy)]
+    policies = {"learned": policy}
     if entry(settings.algorithm).learns_distribution:
-        sampled = load_policy(given.run, greedy=False)
-        scores.append(contest.score("learned, sampled", sampled))
+        policies["learned, sampled"] = load_policy(given.run, greedy=False)
+    training = settings.task
+    if given.maze is not None:
+        task = in_maze(training, f"--maze {given.maze}")
+        settings = replace(settings, task=replace(task, maze=given.maze))
+        if settings.observation in NO_WALLS:
+            warn(f"{given.run} observes {settings.observation!r}, which shows no walls")
+    contest = contest_of(settings.task, given.episodes, given.seed)
+    more: dict[str, Any] = {}
     print(contest.line())
-    print_scores(scores)
+    if isinstance(contest, SuiteContest):
+        contest = exact_where_known(contest, list(policies.values()))
+        found = judged(contest, policies, given.table, given.picture)
+        scores = [each.score(given.episodes) for each in found]
+        more["suite"] = {each.name: summary_of(contest, each) for each in found}
+        if given.maze is not None:
+            own = suite_contest_of(training, given.episodes, given.seed, contest.exact)
+            evaluated = "learned" if settings.evaluate == "greedy" else "learned, sampled"
+            shown = next(each for each in found if each.name == evaluated)
+            more["generalisation"] = compared(contest, shown, own, policies[evaluated])
+    else:
+        check(
+            given.table is None and given.picture is None,
+            "--table and --picture are of a suite of mazes; give --maze suite:7x7-test",
+        )
+        scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
+        print_scores(scores)
     if isinstance(contest, ArmContest):
         print_bounds(contest)
     floor = objective_floor(contest, settings.hyper.gamma)
@@ -84,6 +118,7 @@ def evaluate(arguments: Sequence[str]) -> None:
             **contest.describe(),
             **{name: getattr(settings, name) for name in same},
             **evaluation_of(scores, settings.evaluate, floor),
+            **more,
             "versions": versions(),
             "machine": machine(),
         }

@@ -33,7 +33,12 @@ def heard() -> Iterator[None]:
         warnings.simplefilter("always", UserWarning)
         yield
     for said in dict.fromkeys(str(warning.message) for warning in noted):
-        print(f"pursuit: warning: {said}", file=sys.stderr)
+        warn(said)
+
+
+def warn(said: str) -> None:
+    """A warning as one line on stderr."""
+    print(f"pursuit: warning: {said}", file=sys.stderr)
 
 
 def budget_of(arguments: Sequence[str], seconds: float) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from pursuit.viewer.data import Side
 from scripted_agents import action_values
 from train.evaluation.contest import Contest, GameContest, told
 from train.evaluation.games import is_exact, table_in
+from train.evaluation.suite_contest import SuiteContest
 
 MOST_OVERLAY_CELLS = 225
 """Tables of larger mazes would make a page heavy: they grow with the square."""
@@ -104,7 +105,7 @@ def recorded(contest: Any, policy: Any, games: Mapping[str, int], player: str) -
 
 def players_of(contest: Any, player: str) -> dict[str, str]:
     """Who acts in a contest, in words, by agent."""
-    if not isinstance(contest, GameContest):
+    if not isinstance(contest, (GameContest, SuiteContest)):
         return {"arm": player}
     task, own = contest.task, contest.task.agent_names[contest.task.seat(contest.agent)]
     found = {}

@@ -15,7 +15,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.parallel_env import scene_of
 from pursuit.policy import Policy, TabularPolicy
 from pursuit.rendering import Scene
 from pursuit.simulator import Simulator
@@ -43,6 +42,7 @@ from train.evaluation.games import (
     is_exact,
     is_exact_team,
     play_out,
+    scenes_of,
     table_in,
     won_by,
 )
@@ -316,14 +316,7 @@ class GameContest:
 
     def scenes(self, policy: Policy, episodes: int = 3) -> list[Scene]:
         """What a person sees of some episodes, one after the other."""
-        scenes: list[Scene] = []
-        for episode in range(episodes):
-            caption = f"episode {episode + 1} of {episodes}"
-            simulator, play = self.game(policy, episode)
-            scenes.append(scene_of(simulator, caption=caption))
-            scenes += [scene_of(simulator, caption=caption) for _ in play]
-            scenes.extend([scenes[-1]] * 3)
-        return scenes
+        return scenes_of(self.game, policy, episodes)
 
     def game(self, policy: Policy, number: int) -> tuple[Simulator, Iterator[None]]:
         """As `Contest`."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.parallel_env import scene_of
 from pursuit.policy import Policy, TabularPolicy
+from pursuit.rendering import Scene
 from pursuit.simulator import Simulator
 from pursuit.task import Task
 from scripted_agents import has_distributions, table_of, why_not_team_chase, work_of
@@ -52,6 +54,20 @@ def play_out(
             if not running.any():
                 break
     return lengths, victories
+
+
+def scenes_of(
+    game: Callable[[Policy, int], tuple[Simulator, Iterator[None]]], policy: Policy, episodes: int
+) -> list[Scene]:
+    """What a person sees of the first episodes of a contest, whose `game` this is."""
+    scenes: list[Scene] = []
+    for episode in range(episodes):
+        caption = f"episode {episode + 1} of {episodes}"
+        simulator, play = game(policy, episode)
+        scenes.append(scene_of(simulator, caption=caption))
+        scenes += [scene_of(simulator, caption=caption) for _ in play]
+        scenes.extend([scenes[-1]] * 3)
+    return scenes
 
 
 def all_caught(simulator: Simulator) -> Mask:

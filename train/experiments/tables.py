@@ -15,7 +15,7 @@ from train.experiments.sweep import ERROR, MEASURED, flat_plain, status_of
 from train.files import read_json, write_beside
 from train.runs.folder import CONFIG, METRICS, RESULTS, RUN, read_config, read_metrics
 from train.runs.provenance import check_sources
-from train.runs.tasks import maze_of
+from train.runs.tasks import maze_called
 from train.schemas import read_as
 from train.settings.checks import check
 from train.settings.self_play import ROLES
@@ -108,7 +108,7 @@ def row_of(folder: Path) -> dict[str, Any]:
     row |= {name: value for name, value in flat.items() if name not in row}
     row["variant"] = label.get("variant")
     if "maze" in task:
-        row["maze"] = maze_of(task["maze"]).name
+        row["maze"] = maze_called(task["maze"])
         row["role"] = who_learns(task["task"], task["role"]) if kind == RUN else "both"
     if "members" in row:
         row["members"] = " ".join(row["members"])

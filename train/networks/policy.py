@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar, Protocol
 
@@ -14,21 +15,27 @@ from numpy.typing import NDArray
 from pursuit.masks import action_masks
 from pursuit.maze import Maze
 from pursuit.maze_arrays import lay_out
-from pursuit.observations import ENCODINGS, Encoder
+from pursuit.observations import Encoder
+from pursuit.own_observations import is_ours
 from pursuit.policy import GameView, pairs_of_cells
 from pursuit.rules.layout import Games
 from pursuit.simulator import Simulator
 from pursuit.task import Task
 from train.networks.features import Features, features_of
+from train.networks.frames import stacked
 from train.networks.remembering import (
-    RecurrentPolicy,
+    RememberingPolicy,
     check_looks,
     chosen_from,
     probabilities_of,
 )
 
-GAMES_AT_ONCE = 65_536
-"""Games that a network is asked about in one pass: one-hot observations of all are too many."""
+GAMES_AT_ONCE, NUMBERS_AT_ONCE = 65_536, 2**23
+"""Games that a network is asked about in one pass, and numbers of their observations: all at once
+are too many."""
+
+NO_WALLS = ("index", "one_hot", "positions", "cells")
+"""Encodings that say nothing of the walls between cells."""
 
 
 class Network(Protocol):
@@ -99,12 +106,14 @@ class Seat:
         agent: by name or role.
         encoding: what it observes.
         mask_bumps: whether moves into walls are forbidden to it, as it learns and as it plays.
+        frame_stack: how many observations its network is given at once, the last of the episode.
     """
 
     task: Task
     agent: str
     encoding: str = "index"
     mask_bumps: bool = False
+    frame_stack: int = 1
     continuous: ClassVar[bool] = False
 
     @property
@@ -140,16 +149,21 @@ class Seat:
         return action_masks(view.games, view.mazes.world, view.task.num_actions, own)[:, 0]
 
     @cached_property
-    def features(self) -> Features:
-        """Of its encoding."""
+    def seen(self) -> Features:
+        """Of one observation."""
         return features_of(Encoder(self.task, self.encoding), self.task.num_agents)
+
+    @cached_property
+    def features(self) -> Features:
+        """Of what its network is given."""
+        return stacked(self.seen, self.frame_stack)
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> Any:
         """A network in this seat; one that sees cells only is known as a distribution over them,
         one that remembers is not."""
-        if getattr(network, "policy_memory", None) is not None:
-            return RecurrentPolicy(network, self, greedy)
-        sees_more = self.encoding not in ENCODINGS and not sees_cells_only(self.task, self.encoding)
+        if self.frame_stack > 1 or getattr(network, "policy_memory", None) is not None:
+            return RememberingPolicy(network, self, greedy)
+        sees_more = not is_ours(self.encoding) and not sees_cells_only(self.task, self.encoding)
         return (NetworkPolicy if sees_more else LearnedPolicy)(network, self, greedy)
 
 
@@ -259,9 +273,16 @@ class LearnedPolicy(NetworkPolicy):
                 f"a policy of the {self.seat.role} of task {self.task.name!r}, for observations of "
                 f"shape {self._shape}; the {role} of task {task.name!r} observes {encoder.shape}"
             )
+        return self._in_parts(encoder, task, games, seat)
+
+    def _in_parts(
+        self, encoder: Encoder, task: Task, games: Games, seat: int
+    ) -> NDArray[np.float64]:
+        """[games, actions] float64, of some games after the other."""
         found = np.empty((len(games.steps), task.num_actions))
-        for first in range(0, len(found), GAMES_AT_ONCE):
-            some = slice(first, first + GAMES_AT_ONCE)
+        at_once = max(min(GAMES_AT_ONCE, NUMBERS_AT_ONCE // math.prod(self._shape)), 1)
+        for first in range(0, len(found), at_once):
+            some = slice(first, first + at_once)
             part = Games(*(array[some] for array in games))
             found[some] = self._played(encoder, task, part, seat)
         return found
@@ -278,17 +299,37 @@ class LearnedPolicy(NetworkPolicy):
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: the network run once on all pairs of cells.
 
+        In other mazes than those of its training where its observation shows the walls, and is of
+        the same shape there.
+
         Raises:
-            ValueError: it was not trained one against one in this maze, or with other actions.
+            ValueError: it was not trained one against one, or in such a maze, or with other
+                actions.
         """
         task = self.task
-        if not task.is_duel or maze not in task.mazes or task.stay_action != stay_action:
+        if not task.is_duel or not self.plays_in(maze) or task.stay_action != stay_action:
+            names = [each.name for each in task.mazes]
+            told = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if names[3:] else "")
             raise ValueError(
-                f"a policy trained in task {task.name!r} on "
-                f"{', '.join(maze.name for maze in task.mazes)} with {task.num_actions} actions is "
-                "no table over pairs of cells of this maze; only one chaser against one evader is"
+                f"a policy trained in task {task.name!r} on {told} with {task.num_actions} actions "
+                "is no table over pairs of cells of this maze; only one chaser against one evader "
+                "is, in mazes of its training, or that look like them to it"
             )
+        task = self._in_maze(maze)
         size, seat = maze.num_cells, task.seat(self.agent)
         pairs = pairs_of_cells(task, maze, seat)
-        found = self._played(Encoder(task, self.encoding), task, pairs, seat)
+        found = self._in_parts(Encoder(task, self.encoding), task, pairs, seat)
         return found.reshape(size, size, task.num_actions)
+
+    def plays_in(self, maze: Maze) -> bool:
+        """Whether it can play in a maze: one of its training, or where what it observes shows the
+        walls and is of the same shape."""
+        if maze in self.task.mazes:
+            return True
+        if self.encoding in NO_WALLS:
+            return False
+        return tuple(Encoder(self._in_maze(maze), self.encoding).shape) == self._shape
+
+    def _in_maze(self, maze: Maze) -> Task:
+        """The task of its training in this maze alone, if it is not one of its own."""
+        return self.task if maze in self.task.mazes else replace(self.task, maze=maze)

@@ -12,6 +12,7 @@ from pursuit.maze import library_names
 from pursuit.parts import check_trusted, is_reference
 from pursuit.replay import Episode, Replay, digest_of
 from pursuit.replay_worlds import own_rewards
+from pursuit.suite_files import is_suite
 from train.files import hold, read_json, write_beside, write_json
 from train.play.session import Session
 from train.runs.tasks import maze_text_of
@@ -181,6 +182,6 @@ def plain(settings: AnyTask) -> dict[str, Any]:
     given = settings.opponent
     if given is not None and not is_reference(given) and Path(given).exists():
         settings = replace(settings, opponent=str(Path(given).resolve()))
-    known = settings.maze in library_names()
+    known = settings.maze in library_names() or is_suite(settings.maze)
     maze = settings.maze if known else maze_text_of(settings)
     return {**asdict(settings), "maze": maze}

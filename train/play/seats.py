@@ -21,6 +21,7 @@ from train.play.session import MazeSession, Session
 from train.runs.folder import CONFIG, SELF_PLAY, load_config
 from train.runs.opponents import check_fits, load_opponent, load_policy
 from train.runs.saved import load_settings
+from train.runs.tasks import check_one_maze
 from train.runs.worlds import GridWorld
 from train.settings.checks import check
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings, in_maze
@@ -45,13 +46,13 @@ def session_of(settings: AnyTask, beside: str, seed: int) -> Session:
         name, mover = arm_agent(beside, settings)
         return ArmSession(task, name, mover, seed)
     world = GridWorld(settings)
+    check_one_maze(world.task, "a game by hand")
     for role, policy in world.opponents.items():
         check_fits(policy, role, world.task, str(world.settings.opponent))
     role = world.agent.split("_")[0]
     policy = agent_in_seat(beside, world.task, role)
-    return MazeSession(
-        world.contest(2), name_of(beside, role), policy, seed, world.settings.opponent
-    )
+    contest: Any = world.contest(2)
+    return MazeSession(contest, name_of(beside, role), policy, seed, world.settings.opponent)
 
 
 def game_of_run(against: str) -> TaskSettings | None:

@@ -12,6 +12,7 @@ from typing import Any
 
 from pursuit.maze import library_names
 from pursuit.parts import check_trusted
+from pursuit.suite_files import is_suite
 from train.files import LOCK, is_leftover, read_json, write_csv, write_json
 from train.runs import forms
 from train.runs.provenance import COMMAND, PARTS, command_line, provenance
@@ -90,7 +91,8 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
     found = read_as(forms.Config, plain, path, forms.RESTORE)
     for name in ("kind", "maze_text", PARTS, COMMAND):
         plain.pop(name, None)
-    if found.maze_text is not None and found.task.get("maze") not in library_names():
+    maze = found.task.get("maze")
+    if found.maze_text is not None and maze not in library_names() and not is_suite(maze):
         plain["task"]["maze"] = found.maze_text
     return found.kind, plain
 

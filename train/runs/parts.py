@@ -11,16 +11,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from train.algorithms.registry import Algorithm, Build, entry
+from train.evaluation.suite_contest import SuiteContest
+from train.networks.policy import NO_WALLS
 from train.runs.sizes import check_memory
 from train.runs.tasks import player_of
 from train.runs.threads import uses_bfloat16
-from train.runs.worlds import World, world_of
+from train.runs.worlds import GridWorld, World, world_of
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import check, evaluation_seed
 from train.settings.off_policy import ReplaySettings
 from train.settings.presets import Setting
 from train.settings.run import TrainSettings
-from train.settings.task import AnyTask
+from train.settings.task import AnyTask, in_maze
 from train.teaching.plan import Plan, check_learner, plan_lessons
 from train.teaching.teacher import Teacher
 
@@ -78,6 +80,7 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
                 stacklevel=2,
             )
     world = world_of(settings.task)
+    check_mazes(settings, algorithm, world)
     plan = plan_lessons(settings.curriculum, settings.lessons, world.ground, settings.seed)
     if plan is not None:
         check_learner(plan, algorithm)
@@ -87,6 +90,24 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
     bfloat16 = uses_bfloat16(settings.precision, settings.device)
     build = Build(settings.device, bfloat16, settings.first_layer, settings.seed)
     return Parts(world, plan, seat, algorithm, settings.hyper, build)
+
+
+def check_mazes(settings: TrainSettings[Any], algorithm: Algorithm, world: World) -> None:
+    """ValueError where an algorithm cannot learn in several mazes; a warning where what is observed
+    does not tell them apart."""
+    if len(getattr(world.task, "mazes", ())) < 2:
+        return
+    check(
+        not algorithm.one_maze,
+        f"algorithm={algorithm.name!r} has a table for one maze, and {settings.task.label} has "
+        f"{len(world.task.mazes)}; take a learner with a network",
+    )
+    if settings.observation in NO_WALLS:
+        warnings.warn(
+            f"observation={settings.observation!r} shows no walls, so {len(world.task.mazes)} "
+            "mazes look alike; take window:R, planes or walls",
+            stacklevel=3,
+        )
 
 
 def check_algorithm(settings: TrainSettings[Any], algorithm: Algorithm) -> None:
@@ -105,6 +126,19 @@ def check_algorithm(settings: TrainSettings[Any], algorithm: Algorithm) -> None:
 def setting_of(settings: AnyTask) -> Setting:
     """What the presets go by."""
     return world_of(settings).setting
+
+
+def suite_contest_of(
+    settings: AnyTask, episodes: int, seed: int = 0, exact: bool = False
+) -> SuiteContest:
+    """The same as a contest over many mazes, of however many there are: `contest_of`.
+
+    Raises:
+        ValueError: a task without mazes.
+    """
+    world = GridWorld(in_maze(settings, "a suite of mazes"))
+    opponents = (world.task, world.agent, world.opponents)
+    return SuiteContest(*opponents, episodes, evaluation_seed(seed), exact)
 
 
 def contest_of(settings: AnyTask, episodes: int, seed: int = 0) -> Any:

@@ -6,7 +6,7 @@ from dataclasses import fields
 from typing import Any
 
 from pursuit.maze import Maze, load_maze
-from pursuit.suite_files import is_suite
+from pursuit.suite_files import PREFIX, is_suite
 from pursuit.task import Task, make_task
 from train.networks.arm_policy import ArmSeat
 from train.networks.policy import Seat
@@ -44,6 +44,16 @@ def task_of(settings: TaskSettings) -> Task:
     )
 
 
+def check_one_maze(task: Task, what: str) -> None:
+    """ValueError where a task has several mazes and `what` is in one."""
+    name = task.mazes[0].name
+    check(
+        len(task.mazes) == 1,
+        f"{what} is in one maze, and the task has {len(task.mazes)}; take one of them, such as "
+        f"{PREFIX if '/' in name else ''}{name}",
+    )
+
+
 def maze_of(maze: str) -> Maze | str:
     """The maze of settings: the text of one, a name, or a path; ValueError for none.
 
@@ -52,6 +62,12 @@ def maze_of(maze: str) -> Maze | str:
     if is_suite(maze):
         return maze
     return Maze.from_text(maze) if "\n" in maze else load_maze(maze)
+
+
+def maze_called(maze: str) -> str:
+    """The name of the maze, or of the suite, of settings."""
+    found = maze_of(maze)
+    return found if isinstance(found, str) else found.name
 
 
 def maze_text_of(settings: AnyTask) -> str | None:
@@ -76,8 +92,13 @@ def player_of(settings: TrainSettings[Any]) -> Seat | ArmSeat:
     """Who learns in a run, as its training games have it; ValueError for settings of none."""
     given = settings.task
     if isinstance(given, ReacherSettings):
+        check(
+            settings.frame_stack == 1,
+            f"frame_stack={settings.frame_stack} on an arm, which sees all that there is; leave it "
+            "out",
+        )
         return ArmSeat(given.build(), settings.observation)
     task = task_of(given)
     agent = agent_of(given, task)
     played = training_task(settings.curriculum, settings.lessons, task)
-    return Seat(played, agent, settings.observation, given.mask_bumps)
+    return Seat(played, agent, settings.observation, given.mask_bumps, settings.frame_stack)

@@ -21,6 +21,7 @@ from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
+from train.evaluation.suite_contest import SuiteContest
 from train.networks.arm_policy import ArmSeat
 from train.networks.policy import Seat
 from train.runs.opponents import opponents_of
@@ -122,9 +123,11 @@ class GridWorld:
             teacher = Teacher(plan, simulator, judge)
         return SimulatorEnv(simulator, seat, policies, teacher), teacher
 
-    def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> GameContest:
+    def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> GameContest | SuiteContest:
         """As `World`."""
-        masks = self.settings.mask_bumps
+        masks, one = self.settings.mask_bumps, len(self.task.mazes) == 1
+        if not one:
+            return SuiteContest(self.task, self.agent, self.opponents, episodes, seed)
         return GameContest(self.task, self.agent, self.opponents, episodes, seed, mask_bumps=masks)
 
     def level(self, task: Task, seed: int) -> str:

@@ -28,7 +28,7 @@ from train.runs.opponents import check_fits, load_opponent
 from train.runs.parts import setting_of
 from train.runs.saved import read_own, read_part
 from train.runs.sizes import check_memory
-from train.runs.tasks import task_of
+from train.runs.tasks import check_one_maze, task_of
 from train.runs.threads import uses_bfloat16
 from train.self_play.side import SideParts
 from train.settings.algorithms import Hyperparameters, PPOSettings
@@ -65,6 +65,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         ValueError: settings that make no game of two sides, or ask what an algorithm cannot do.
     """
     task = task_of(settings.task)
+    check_one_maze(task, "self-play")
     check_sides(settings, task)
     discount = settings.hyper.gamma
     scripted = {
@@ -98,7 +99,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     for role in settings.learning:
         own = side_settings(settings, role)
         masks = settings.task.mask_bumps
-        seat = Seat(task, role, own.observation, masks)
+        seat = Seat(task, role, own.observation, masks, own.frame_stack)
         check_memory(own.hyper, seat)
         entry(own.algorithm).check_memory(own.hyper, seat)
         sides[role] = SideParts(
@@ -153,7 +154,7 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
         hyper = replace(hyper, num_games=games)
     whole = {
         name: getattr(settings, name)
-        for name in ("observation", "seconds", "frames", "seed", "threads")
+        for name in ("observation", "frame_stack", "seconds", "frames", "seed", "threads")
     }
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
 

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pursuit.own_observations import OBSERVATIONS
+from pursuit.own_observations import check_observation
 from scripted_agents.environments import AGENTS, is_own_policy
 from train.settings.algorithms import PPOSettings
-from train.settings.checks import check, check_budget, check_choice, check_seed, check_threads
+from train.settings.checks import (
+    check,
+    check_budget,
+    check_choice,
+    check_frame_stack,
+    check_seed,
+    check_threads,
+)
 from train.settings.task import TaskSettings
 
 ROLES = ("chaser", "evader")
@@ -60,6 +67,8 @@ class SelfPlaySettings:
     observation: str = "index"
     """What the networks are given: index, one_hot, positions, cells, walls, planes, or
     package.module:Name of your own."""
+    frame_stack: int = 1
+    """Observations that the networks are given at once: the last so many of the episode."""
     seconds: float | None = None
     """Budget of training time; evaluations are not counted."""
     frames: int | None = None
@@ -76,7 +85,8 @@ class SelfPlaySettings:
     def __post_init__(self) -> None:
         object.__setattr__(self, "sampling", FORMER.get(self.sampling, self.sampling))
         check_choice("sampling", self.sampling, SAMPLING)
-        OBSERVATIONS.check(self.observation)
+        check_observation(self.observation)
+        check_frame_stack(self.frame_stack)
         check(
             self.task.role == "auto",
             f"role={self.task.role!r}; both sides learn here: freeze one by chaser or evader",

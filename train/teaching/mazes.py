@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pursuit.maze import Maze, library_names, load_maze
+from pursuit.suite_files import is_suite
 from pursuit.task import Task
 from train.settings.checks import check
 
@@ -25,8 +26,9 @@ def named_maze(name: str) -> Maze:
 
 
 def as_text(name: str) -> str:
-    """The name of a shipped maze as it is, any other maze as its text: it needs no file."""
-    return name if name in library_names() else named_maze(name).to_text()
+    """A name that is shipped (of a maze or suite) as it is, any other maze as its text."""
+    known = name in library_names() or is_suite(name)
+    return name if known else named_maze(name).to_text()
 
 
 def training_mazes(name: str, given: str | None, task: Task) -> tuple[Maze, ...]:

@@ -1,0 +1,88 @@
+"""What commands say of a contest in many mazes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from train.commands.scores import print_scores
+from train.commands.tables import print_table
+from train.evaluation.suite_contest import InMazes, SuiteContest
+from train.evaluation.suite_report import (
+    draw_gaps,
+    generalisation,
+    kind_table,
+    maze_rows,
+    summary_of,
+)
+from train.evaluation.suite_tables import is_known
+from train.files import write_csv
+
+SEEN_MAZES = 200
+"""Of the training mazes, at most, in which a policy is played for comparison: evenly spread."""
+
+
+def judged(
+    contest: SuiteContest, policies: dict[str, Any], table: Path | None, picture: Path | None
+) -> list[InMazes]:
+    """What these policies achieve in every maze, the references before them; printed and written.
+
+    Args:
+        contest: in which they play.
+        policies: by name, "learned" first.
+        table: the .csv file, a row a maze; None for none.
+        picture: the figure of gaps over difficulty; None for none.
+    """
+    own = [contest.in_mazes(name, policy) for name, policy in policies.items()]
+    found = [*contest.references(), *own]
+    print_scores([each.score(contest.episodes) for each in found])
+    told = [each for each in found if each is not contest.best]
+    rows = maze_rows(contest, told)
+    if rows[0]["kind"]:
+        print_table(kind_table(rows))
+    tell(summary_of(contest, own[0]))
+    if table is not None:
+        write_csv(table, rows)
+        print(f"table: {table}")
+    if picture is not None and contest.best is not None:
+        title = contest.line().split(", at most")[0]
+        draw_gaps(picture, rows, contest.role, title)
+        print(f"picture: {picture}")
+    return found
+
+
+def tell(found: dict[str, Any]) -> None:
+    """A summary in a line."""
+    told = f"{found['mazes']} mazes: {100 * found['success_rate']:.2f} % of the tasks solved, "
+    told += f"{100 * found['solved_mazes']:.1f} % of the mazes from everywhere"
+    if "mean_gap" in found:
+        told += (
+            f"; gap to the optimum {100 * found['optimality_gap']:+.2f} %, mean of the mazes' gaps "
+            f"{100 * found['mean_gap']:+.2f} %, worst {100 * found['worst_gap']:+.1f} %"
+        )
+    print(told)
+
+
+def compared(contest: SuiteContest, found: InMazes, training: SuiteContest, policy: Any) -> Any:
+    """What is lost from the mazes of the training to those of a contest; printed, too."""
+    if len(training.task.mazes) > SEEN_MAZES:
+        step = len(training.task.mazes) / SEEN_MAZES
+        mazes = tuple(training.task.mazes[int(n * step)] for n in range(SEEN_MAZES))
+        training = replace(training, task=replace(training.task, maze=mazes))
+    seen = summary_of(training, training.in_mazes(found.name, policy))
+    told = generalisation(seen, summary_of(contest, found))
+    print(f"in {seen['maze']}, of its training: ", end="")
+    tell(seen)
+    lost = told["lost"]
+    text = f"generalisation gap: {100 * lost['success_rate']:+.2f} points of success"
+    if "optimality_gap" in lost:
+        text += f", {100 * lost['optimality_gap']:+.2f} points of the gap to the optimum"
+    print(text)
+    return told
+
+
+def exact_where_known(contest: SuiteContest, policies: Sequence[Any]) -> SuiteContest:
+    """The same contest, solved where all these policies are known at all cells."""
+    return replace(contest, exact=all(is_known(policy) for policy in policies))

@@ -1,0 +1,325 @@
+"""Contests over many mazes: every score beside the exact optimum of that maze."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.policy import Policy
+from pursuit.rendering import Scene
+from pursuit.simulator import Simulator
+from pursuit.single_agent import fill_seats
+from pursuit.suite_files import rows_of, suite_names
+from pursuit.task import Task
+from scripted_agents import BestResponse, RandomAgent, best_response, mean_over_starts, tour_lengths
+from scripted_agents.environments import DEFAULTS
+from scripted_agents.tour import MAX_EXACT_GOALS
+from train.evaluation.contest import GameContest, Score
+from train.evaluation.games import MAX_EXACT_CELLS, half_width, play_out, scenes_of, won_by
+from train.evaluation.suite_tables import (
+    is_known,
+    is_one_goal,
+    opponent_tables,
+    tables_of,
+    values_of,
+)
+from train.settings.checks import EVALUATION_SEED
+
+SOLVED_MAZES = 100
+"""Of a chase at most so many mazes are solved where starts are played: they are spread evenly."""
+
+
+@dataclass(frozen=True, eq=False)
+class InMazes:
+    """What one policy achieves in each maze.
+
+    Attributes:
+        name: of the policy.
+        steps: [mazes] mean episode length.
+        success: [mazes] share of episodes won.
+        exact: whether these are means over all starts and all chance, computed.
+        lengths: [games] of the starts that were played; None where they are exact.
+    """
+
+    name: str
+    steps: NDArray[np.float64]
+    success: NDArray[np.float64]
+    exact: bool
+    lengths: NDArray[Any] | None = None
+
+    def score(self, episodes: int) -> Score:
+        """The mean over the mazes, each of which counts as much."""
+        mean, won = float(self.steps.mean()), float(self.success.mean())
+        ci95 = 0.0 if self.lengths is None else half_width(self.lengths)
+        return Score(self.name, mean, ci95, won, episodes, self.exact)
+
+
+@dataclass(frozen=True)
+class SuiteContest:
+    """One agent of a task in many mazes, with fixed policies in all other seats; a `Contest`.
+
+    Where it is exact, every mean is over all starts of a maze and all chance in them: a duel, or
+    a runner with one goal. Elsewhere seeded starts are played, the same for everybody, as many in
+    each maze.
+
+    Attributes:
+        task: with several mazes.
+        agent, opponents, episodes, seed: as in `GameContest`.
+        exact: whether to solve what can be solved, rather than to play.
+    """
+
+    task: Task
+    agent: str
+    opponents: dict[str, Policy]
+    episodes: int = 1000
+    seed: int = EVALUATION_SEED
+    exact: bool = False
+
+    @cached_property
+    def one(self) -> GameContest:
+        """The contest in any one of the mazes, for what all have in common."""
+        return GameContest(self.task, self.agent, self.opponents, self.episodes, self.seed)
+
+    @property
+    def role(self) -> str:
+        """The role of the agent."""
+        return self.one.role
+
+    @property
+    def seat(self) -> int:
+        """Its seat."""
+        return self.task.seat(self.agent)
+
+    @property
+    def less_is_better(self) -> bool:
+        """As `Contest`."""
+        return self.one.less_is_better
+
+    @property
+    def solvable(self) -> bool:
+        """Whether it is a runner with one goal, or a duel with an opponent that is known."""
+        if is_one_goal(self.task):
+            return True
+        duel = self.task.is_duel and self.task.start == "random"
+        return duel and self.task.max_cells <= MAX_EXACT_CELLS and is_known(self.opponent)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether policies are solved, not played."""
+        return self.exact and self.solvable
+
+    @property
+    def opponent(self) -> Policy | None:
+        """Whoever plays the other side of a duel; None where there is none."""
+        other = "evader" if self.role == "chaser" else "chaser"
+        return self.opponents.get(f"{other}_0", self.opponents.get(other))
+
+    def describe(self) -> dict[str, Any]:
+        """As `Contest`."""
+        return {**self.one.describe(), "maze": suite_called(self.task)}
+
+    def line(self) -> str:
+        """As `Contest`."""
+        first, called = self.task.mazes[0], suite_called(self.task)
+        told = f"maze {first.name} ({first.num_cells} cells; "
+        return self.one.line().replace(told, f"{len(self.task.mazes)} mazes of {called} (")
+
+    # -- starts that are played ----------------------------------------------------------------
+
+    @cached_property
+    def numbers(self) -> NDArray[np.intp]:
+        """[games] the maze of each start, in order; as many of each maze that is played in."""
+        mazes = len(self.task.mazes)
+        most = min(self.episodes, SOLVED_MAZES) if self.task.is_duel else self.episodes
+        played = np.linspace(0, mazes - 1, min(most, mazes)).round().astype(np.intp)
+        return np.repeat(played, max(self.episodes // len(played), 1))
+
+    @cached_property
+    def played(self) -> NDArray[np.intp]:
+        """[mazes] those that are played in."""
+        return np.arange(len(self.task.mazes)) if self.is_exact else np.unique(self.numbers)
+
+    def starts(self) -> Simulator:
+        """The games of the evaluation at their starts."""
+        simulator = Simulator(self.task, len(self.numbers), self.seed, auto_restart=False)
+        simulator.configure(maze=self.numbers)
+        simulator.reset(self.seed)
+        return simulator
+
+    def play(self, policy: Policy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Play every start to its end: episode lengths [games], and who won [games]."""
+        seat, policies = fill_seats(self.task, self.agent, self.opponents)
+        policies[seat] = policy
+        return play_out(
+            self.starts(),
+            policies,
+            lambda games: games.terminated | games.truncated | (games.active[:, seat] == 0),
+            lambda games: won_by(games, seat),
+        )
+
+    def game(self, policy: Policy, number: int) -> tuple[Simulator, Iterator[None]]:
+        """As `Contest`."""
+        seat, policies = fill_seats(self.task, self.agent, self.opponents)
+        policies[seat] = policy
+        simulator = Simulator(self.task, 1, self.seed, first_game=number, auto_restart=False)
+        simulator.configure(maze=self.numbers[number % len(self.numbers)])
+        simulator.reset(self.seed)
+
+        def play() -> Iterator[None]:
+            actions = np.zeros((1, self.task.num_agents), dtype=np.int32)
+            while not simulator.ended.any():
+                simulator.act(policies, actions)
+                simulator.step(actions)
+                yield
+
+        return simulator, play()
+
+    def scenes(self, policy: Policy, episodes: int = 3) -> list[Scene]:
+        """As `Contest`."""
+        return scenes_of(self.game, policy, episodes)
+
+    def lengths(self, policy: Policy) -> NDArray[np.float64]:
+        """As `Contest`: of the starts that are played."""
+        return self.play(policy)[0].astype(np.float64)
+
+    # -- scores --------------------------------------------------------------------------------
+
+    def in_mazes(self, name: str, policy: Policy) -> InMazes:
+        """What a policy achieves in each of the mazes `played`.
+
+        Raises:
+            ValueError: the contest is exact, and the policy is none that is known at all cells.
+        """
+        if not self.is_exact:
+            return self._over_mazes(name, *self.play(policy))
+        return self._exactly(name, tables_of(policy, self.part, self.seat))
+
+    def _exactly(self, name: str, tables: Iterator[NDArray[np.float64]]) -> InMazes:
+        """The exact values of a policy's tables, one for each of the mazes `played`."""
+        others = opponent_tables(self.opponent, self.part, self.seat)
+        found = values_of(self.part, self.seat, tables, others)
+        steps = np.array([value.steps for value in found])
+        caught = np.array([value.caught for value in found])
+        return InMazes(name, steps, 1.0 - caught if self.role == "evader" else caught, True)
+
+    def _over_mazes(self, name: str, lengths: NDArray[Any], won: NDArray[np.bool_]) -> InMazes:
+        """Means maze by maze of the starts that were played."""
+        mazes = len(self.played)
+        steps, success = (found.reshape(mazes, -1).mean(axis=1) for found in (lengths, won))
+        return InMazes(name, steps, success, False, lengths)
+
+    def score(self, name: str, policy: Policy) -> Score:
+        """As `Contest`."""
+        return self.in_mazes(name, policy).score(self.episodes)
+
+    @cached_property
+    def best(self) -> InMazes | None:
+        """The exact optimum in each of the mazes `played`, on the same starts; None if unknown."""
+        task = self.task
+        if self.solvable and task.is_duel:
+            return self._best_responses()
+        if self.is_exact:
+            paths = [maze.distances[maze.distances > 0] for maze in task.mazes]
+            steps = [float(np.minimum(each, task.max_steps).mean()) for each in paths]
+            success = [float((each <= task.max_steps).mean()) for each in paths]
+            return InMazes("optimal", np.array(steps), np.array(success), True)
+        lengths = self._best_lengths()
+        if lengths is None:
+            return None
+        found = self._over_mazes(
+            "optimal", np.minimum(lengths, task.max_steps), won=lengths <= task.max_steps
+        )
+        return found
+
+    def _best_responses(self) -> InMazes:
+        """The optimum of a duel; what is won is what the best first steps win, played for ever."""
+        solved = list(self._solutions.values())
+        success = self._exactly("optimal", (found.policy for found in solved)).success
+        lengths = self.optimal_lengths()
+        if not self.is_exact and lengths is not None:
+            steps = lengths.reshape(len(self.played), -1).mean(axis=1)
+            return InMazes("optimal", steps, success, False, lengths)
+        least = self.task.min_start_distance
+        means = [
+            mean_over_starts(found.values, maze, least)
+            for found, maze in zip(solved, self.part.mazes, strict=True)
+        ]
+        return InMazes("optimal", np.array(means), success, True)
+
+    @cached_property
+    def _solutions(self) -> dict[int, BestResponse]:
+        """The best response in each of the mazes `played`, by its number."""
+        task, found = self.task, {}
+        others = opponent_tables(self.opponent, self.part, self.seat)
+        for number, table in zip(self.played.tolist(), others, strict=True):
+            found[number] = best_response(
+                self.role,  # type: ignore[arg-type]
+                task.mazes[number],
+                table,
+                horizon=task.max_steps,
+                stay_action=task.stay_action,
+                move_order=task.move_order,  # type: ignore[arg-type]
+            )
+        return found
+
+    @cached_property
+    def part(self) -> Task:
+        """The task in the mazes `played` alone."""
+        if len(self.played) == len(self.task.mazes):
+            return self.task
+        return replace(self.task, maze=tuple(self.task.mazes[n] for n in self.played))
+
+    def optimal(self) -> Score | None:
+        """As `Contest`."""
+        return None if self.best is None else self.best.score(self.episodes)
+
+    def optimal_lengths(self) -> NDArray[np.float64] | None:
+        """As `Contest`: of the starts that are played; of a duel the expected ones."""
+        lengths = self._best_lengths()
+        return None if lengths is None else np.minimum(lengths, self.task.max_steps)
+
+    def _best_lengths(self) -> NDArray[np.float64] | None:
+        """The same, however long."""
+        task, simulator = self.task, self.starts()
+        cells, mazes = simulator.positions, self.numbers
+        lengths = np.zeros(len(mazes))
+        if self.solvable and task.is_duel:
+            for number, solved in self._solutions.items():
+                here = mazes == number
+                lengths[here] = solved.values[tuple(cells[here].T)]
+            return lengths
+        if (task.num_agents, task.num_runners) != (1, 1) or task.num_goals > MAX_EXACT_GOALS:
+            return None
+        for number in self.played:
+            here = mazes == number
+            lengths[here] = tour_lengths(task.mazes[number], cells[here, 0], simulator.goals[here])
+        return lengths
+
+    def baselines(self) -> list[Score]:
+        """As `Contest`."""
+        return [found.score(self.episodes) for found in self.references()]
+
+    def references(self) -> list[InMazes]:
+        """Random, scripted (A* or nearest goal) and, where it is known, the optimum."""
+        scripted = {"chaser": "A* chaser", "evader": "A* evader", "runner": "nearest goal"}
+        found = [
+            self.in_mazes("random", RandomAgent()),
+            self.in_mazes(scripted[self.role], DEFAULTS[self.role](0.0)),
+        ]
+        return found if self.best is None else [*found, self.best]
+
+
+def suite_called(task: Task) -> str:
+    """What several mazes are called: the suite that they are all of, or the first and how many."""
+    names = [maze.name for maze in task.mazes]
+    suite, _, first = names[0].partition("/")
+    if not all(name.startswith(f"{suite}/") for name in names):
+        return f"{names[0]} and {len(names) - 1} more"
+    whole = suite in suite_names() and len(names) == len(rows_of(suite))
+    last = names[-1].partition("/")[2]
+    return f"suite:{suite}" if whole else f"suite:{suite}/{first}-{last}"

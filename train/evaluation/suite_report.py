@@ -1,0 +1,163 @@
+"""What a policy achieves in many mazes: maze by maze, by kind, and seen against unseen mazes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.maze import MAX_TABLE_CELLS, Maze
+from pursuit.suite_files import difficulty_of, rows_of, suite_names
+from train.evaluation.suite_contest import InMazes, SuiteContest
+from train.figures import BLUE, GREEN, ORANGE, PLAIN, Look, pyplot, save, short_numbers, tidy
+from train.result_table import Column, ResultTable, words
+
+SOLVED = 1.0 - 1e-9
+"""A maze whose share of successes is at least this is solved from everywhere."""
+
+EASE = {"runner": "mean_path", "chaser": "optimal_chase", "evader": "longest_path"}
+"""The measure that figures are drawn over, by role, where it is known."""
+
+WORDS = {
+    "mean_path": "mean shortest path (steps)",
+    "optimal_chase": "optimal chase (steps, mean over starts)",
+    "longest_path": "longest shortest path (steps)",
+}
+
+
+def measures_of(maze: Maze) -> dict[str, Any]:
+    """How a maze was made and how hard it is: frozen with its suite, else what is quickly known."""
+    suite, _, number = maze.name.partition("/")
+    if suite in suite_names() and number.isdigit():
+        kind, frozen = rows_of(f"{suite}/{number}")[0].kind, difficulty_of(suite)
+        return {"kind": kind} | {name: float(each[int(number)]) for name, each in frozen.items()}
+    known: dict[str, Any] = {"kind": "", "cells": maze.num_cells, "loops": maze.num_loops}
+    if maze.num_cells <= MAX_TABLE_CELLS:
+        known["longest_path"] = maze.longest_distance
+        known["mean_path"] = float(maze.distances[maze.distances > 0].mean())
+    return known
+
+
+def gaps_of(found: InMazes, best: InMazes) -> NDArray[np.float64]:
+    """[mazes] steps over the optimum of that maze, less 1."""
+    return found.steps / best.steps - 1.0
+
+
+def maze_rows(contest: SuiteContest, policies: Sequence[InMazes]) -> list[dict[str, Any]]:
+    """A row for each of the mazes `played`: its measures, and steps, success and gap of policies.
+
+    Args:
+        contest: in which they played.
+        policies: what they achieve; columns are called after them.
+    """
+    rows = []
+    for number, maze in enumerate(contest.part.mazes):
+        row = {"maze": maze.name, **measures_of(maze)}
+        if contest.best is not None:
+            row["optimal_steps"] = float(contest.best.steps[number])
+        for found in policies:
+            name = found.name.replace(", ", " ").replace(" ", "_")
+            row[f"{name}_steps"] = float(found.steps[number])
+            row[f"{name}_success"] = float(found.success[number])
+            if contest.best is not None:
+                row[f"{name}_gap"] = float(gaps_of(found, contest.best)[number])
+        rows.append(row)
+    return rows
+
+
+def summary_of(contest: SuiteContest, found: InMazes) -> dict[str, Any]:
+    """The figures of a policy over all mazes, as plain values.
+
+    "optimality_gap" is that of the mean steps; "mean_gap" the mean of the gaps of the mazes, each
+    of which counts as much; "solved_mazes" the share of mazes won from everywhere.
+    """
+    told: dict[str, Any] = {
+        **{name: contest.describe()[name] for name in ("task", "maze")},
+        "mazes": len(contest.played),
+        "exact": found.exact,
+        "mean_steps": float(found.steps.mean()),
+        "success_rate": float(found.success.mean()),
+        "solved_mazes": float((found.success >= SOLVED).mean()),
+    }
+    if contest.best is not None:
+        gaps = gaps_of(found, contest.best)
+        told |= {
+            "optimal_steps": float(contest.best.steps.mean()),
+            "optimality_gap": float(found.steps.mean() / contest.best.steps.mean() - 1.0),
+            "mean_gap": float(gaps.mean()),
+            "worst_gap": float(gaps.max() if contest.less_is_better else gaps.min()),
+        }
+    return told
+
+
+def generalisation(seen: dict[str, Any], unseen: dict[str, Any]) -> dict[str, Any]:
+    """What a policy loses from the mazes of its training to others: both `summary_of`."""
+    lost = {"success_rate": seen["success_rate"] - unseen["success_rate"]}
+    if "optimality_gap" in seen and "optimality_gap" in unseen:
+        lost["optimality_gap"] = unseen["optimality_gap"] - seen["optimality_gap"]
+    return {"seen": seen, "unseen": unseen, "lost": lost}
+
+
+def kind_table(rows: Sequence[dict[str, Any]], name: str = "learned") -> ResultTable:
+    """Means over the mazes of each kind."""
+    kinds: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        kinds.setdefault(row["kind"], []).append(row)
+    found = []
+    for kind, mazes in kinds.items():
+        numbers = [key for key in mazes[0] if key not in ("maze", "kind")]
+        means = {key: float(np.mean([row[key] for row in mazes])) for key in numbers}
+        found.append({"kind": kind, "mazes": len(mazes), **means})
+    columns = [
+        words("kind"),
+        Column("mazes", lambda row: str(row["mazes"])),
+        Column("loops", lambda row: f"{row['loops']:.1f}"),
+        Column("optimum", lambda row: _number(row, "optimal_steps", ".2f")),
+        Column("steps", lambda row: f"{row[f'{name}_steps']:.2f}"),
+        Column("success", lambda row: f"{100 * row[f'{name}_success']:.2f} %"),
+        Column("gap", lambda row: _number(row, f"{name}_gap", "+.2f", 100, " %")),
+    ]
+    return ResultTable(found, columns)
+
+
+def _number(row: dict[str, Any], name: str, form: str, scale: float = 1, unit: str = "") -> str:
+    return f"{scale * row[name]:{form}}{unit}" if name in row else ""
+
+
+def draw_gaps(
+    path: Path,
+    rows: Sequence[dict[str, Any]],
+    role: str,
+    title: str,
+    names: Sequence[str] = ("learned",),
+    look: Look = PLAIN,
+) -> None:
+    """The gap of every maze over its difficulty, a dot a maze, for some of the policies.
+
+    Args:
+        path: of the figure.
+        rows: of `maze_rows`, with gaps.
+        role: of the policy.
+        title: of the figure.
+        names: of columns.
+        look: how it is drawn.
+    """
+    ease = EASE[role] if EASE[role] in rows[0] else "optimal_steps"
+    figure, axis = pyplot().subplots(figsize=(7, 4.2), layout="constrained")
+    for name, color, mark in zip(names, (BLUE, ORANGE, GREEN), "o^s", strict=False):
+        over = [row[ease] for row in rows]
+        gaps = [100 * row[f"{name}_gap"] for row in rows]
+        axis.plot(over, gaps, mark, color=color, ms=4, alpha=0.6, label=name.replace("_", " "))
+    axis.axhline(0, color=GREEN, lw=1.2, ls="--")
+    axis.set_yscale("symlog", linthresh=1.0)
+    short_numbers(axis.yaxis)
+    axis.set_xlabel(WORDS.get(ease, "optimum of the maze (steps)"))
+    axis.set_ylabel("gap to the optimum of the maze (%)")
+    axis.set_title(title, fontsize=11, loc="left", wrap=True)
+    if len(names) > 1:
+        axis.legend(frameon=False, fontsize=9)
+    tidy(axis)
+    save(figure, path, 150, look.formats)

@@ -1,0 +1,152 @@
+"""What a policy plays in each of many mazes, as tables, and their exact values maze by maze.
+
+A runner with one goal is solved as a chaser of an evader that stays where it is. A policy that
+remembers nothing is a table over (own cell, other cell); a network is asked about the pairs of
+cells of some mazes at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.policy import DistributionPolicy, Policy, TabularPolicy
+from pursuit.rules import layout
+from pursuit.rules.layout import Games
+from pursuit.task import Task
+from scripted_agents import (
+    AStarChaser,
+    NearestGoalRunner,
+    TourRunner,
+    evaluate_exactly,
+    mean_over_starts,
+    table_of,
+)
+
+PAIRS_AT_ONCE = 200_000
+"""Games that a network is asked about together: of some mazes."""
+
+
+class Value(NamedTuple):
+    """What a policy achieves in one maze.
+
+    Attributes:
+        steps: mean over starts.
+        caught: share of the starts, and of the chance in them, that ends within the time.
+    """
+
+    steps: float
+    caught: float
+
+
+def is_one_goal(task: Task) -> bool:
+    """Whether a runner alone looks for one goal, both anywhere."""
+    teams = (task.num_chasers, task.num_evaders, task.num_runners, task.num_goals)
+    return teams == (0, 0, 1, 1) and task.start == "random"
+
+
+def is_known(policy: Any) -> bool:
+    """Whether `tables_of` can say what a policy plays: scripted ones, and networks that remember
+    nothing and see cells and goals only."""
+    scripted = isinstance(policy, (NearestGoalRunner, TourRunner, TabularPolicy))
+    return scripted or isinstance(policy, DistributionPolicy)
+
+
+def tables_of(policy: Policy, task: Task, seat: int) -> Iterator[NDArray[np.float64]]:
+    """[self cell, other cell, action] of a policy in each maze of a task, one after the other.
+
+    "Other" is the other agent of a duel, or the goal of a runner alone.
+
+    Raises:
+        ValueError: the policy is not known to be such a table in these mazes.
+    """
+    if hasattr(policy, "task") and isinstance(policy, DistributionPolicy):  # a learned one
+        yield from _learned_tables(policy, task, seat)
+        return
+    if isinstance(policy, (NearestGoalRunner, TourRunner)):  # one goal: both go straight to it
+        policy = AStarChaser(policy.epsilon)
+    if not isinstance(policy, TabularPolicy):
+        raise ValueError(f"{policy!r}: what it plays at each pair of cells is not known")
+    for maze in task.mazes:
+        yield table_of(policy, maze, task.stay_action, task.move_order)
+
+
+def _learned_tables(
+    policy: DistributionPolicy, task: Task, seat: int
+) -> Iterator[NDArray[np.float64]]:
+    some: list[int] = []
+    sizes = [maze.num_cells for maze in task.mazes]
+    for number in range(len(sizes)):
+        some.append(number)
+        full = sum(sizes[each] ** 2 for each in some) + max(sizes) ** 2 > PAIRS_AT_ONCE
+        if full or number == len(sizes) - 1:
+            found = policy.distribution(task, pairs_in(task, some, seat), seat)
+            for each in some:
+                size = sizes[each]
+                yield found[: size * size].reshape(size, size, -1)
+                found = found[size * size :]
+            some = []
+
+
+def pairs_in(task: Task, mazes: list[int], seat: int) -> Games:
+    """Games that were never played: of each of these mazes one for each (own cell, other cell).
+
+    The other is the other agent of a duel, or the goal of a runner alone.
+    """
+    sizes = [task.mazes[number].num_cells for number in mazes]
+    games = layout.empty_games(sum(size * size for size in sizes), task.num_agents, task.num_goals)
+    first = 0
+    for number, size in zip(mazes, sizes, strict=True):
+        here = slice(first, first + size * size)
+        own, other = np.divmod(np.arange(size * size, dtype=np.int32), size)
+        games.position[here, seat], games.maze[here] = own, number
+        if task.num_goals:
+            games.goal[here, 0] = other
+        else:
+            games.position[here, 1 - seat] = other
+        first += size * size
+    games.active[:] = 1
+    return games
+
+
+def stays(cells: int) -> NDArray[np.float64]:
+    """[cells, cells, 5]: the table of a goal, which stays where it is."""
+    table = np.zeros((cells, cells, 5))
+    table[..., 4] = 1.0
+    return table
+
+
+def opponent_tables(opponent: Policy | None, task: Task, seat: int) -> Iterator[NDArray[Any]]:
+    """The tables of whoever is met in each maze: of the opponent of a duel, or of the goal."""
+    if opponent is None:
+        return (stays(maze.num_cells) for maze in task.mazes)
+    return tables_of(opponent, task, 1 - seat)
+
+
+def values_of(
+    task: Task, seat: int, own: Iterator[NDArray[Any]], others: Iterator[NDArray[Any]]
+) -> list[Value]:
+    """The exact value of a policy in each maze, by its tables and those of whoever it meets."""
+    found = []
+    for maze, table, other in zip(task.mazes, own, others, strict=True):
+        evades = task.seat_roles[seat] == "evader"
+        tables = (other, table) if evades else (table, other)
+        steps = [
+            mean_over_starts(
+                evaluate_exactly(
+                    maze,
+                    *tables,
+                    horizon=horizon,
+                    move_order=task.move_order,  # type: ignore[arg-type]
+                ),
+                maze,
+                task.min_start_distance,
+            )
+            for horizon in (task.max_steps, task.max_steps + 1)
+        ]
+        # One step more is played exactly where nobody was caught in time.
+        found.append(Value(steps[0], 1.0 - (steps[1] - steps[0])))
+    return found
