@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pursuit import Simulator, Task, make_task
+from pursuit import Simulator, Task, load_maze, make_task
 from pursuit.policy import MemoryPolicy, pairs_of_cells, play
 from scripted_agents import (
     AStarChaser,
@@ -16,6 +16,7 @@ from scripted_agents import (
     BeliefChaser,
     BeliefFilter,
     best_response,
+    solve_hidden_chase,
 )
 
 EVADER = AStarEvader(epsilon=0.3)
@@ -177,3 +178,20 @@ def test_only_exact_opponents_are_believed_in() -> None:
     for wrong in ({"response": "worst"}, {"discount": 0.0}, {"view_radius": -1}, {"epsilon": 2}):
         with pytest.raises(ValueError):
             BeliefChaser(EVADER, **wrong)
+
+
+@pytest.mark.slow
+def test_the_filter_agrees_with_that_of_certified_policies() -> None:
+    solution = solve_hidden_chase(
+        "3x3", EVADER.action_probabilities(load_maze("3x3")), 1, seconds=2
+    )
+    certified, filter_ = solution.policy, BeliefFilter(EVADER, view_radius=1)
+    task = make_task("chase", maze="3x3", view_radius={"chaser": 1}, max_steps=40)
+    simulator = Simulator(task, 50, seed=4)
+    view, actions = simulator.view("chaser"), np.zeros((50, 2), dtype=np.int32)
+    for _ in range(60):
+        filter_.begin(view, np.flatnonzero(view.steps == 0))
+        belief, rows = filter_.update(view)
+        simulator.act([certified, EVADER], actions)
+        np.testing.assert_allclose(certified.memory.of(view)["belief"], belief[rows], atol=1e-9)
+        simulator.step(actions)
