@@ -27,6 +27,10 @@ from scripted_agents.equilibrium import (
     solve_matrix_game,
 )
 from scripted_agents.evader import AStarEvader
+from scripted_agents.hidden_chase import HiddenChaseSolution, solve_hidden_chase
+from scripted_agents.hidden_game import HiddenCell
+from scripted_agents.hidden_policy import BeliefOptimalChaser, BeliefOptimalEvader
+from scripted_agents.hidden_search import HiddenSearch
 from scripted_agents.least_steps import least_steps, least_steps_of
 from scripted_agents.optimal import (
     BestResponder,
@@ -73,11 +77,16 @@ __all__ = [
     "ActionValues",
     "BeliefChaser",
     "BeliefFilter",
+    "BeliefOptimalChaser",
+    "BeliefOptimalEvader",
     "BestResponder",
     "BestResponse",
     "ChaseSolution",
     "Difficulty",
     "Estimate",
+    "HiddenCell",
+    "HiddenChaseSolution",
+    "HiddenSearch",
     "InverseKinematics",
     "LeastStepsPolicy",
     "MatrixGame",
@@ -118,6 +127,7 @@ __all__ = [
     "shortest_path",
     "shortest_tour",
     "solve_chase",
+    "solve_hidden_chase",
     "solve_in_turns",
     "solve_matrix_game",
     "table_of",

@@ -227,6 +227,18 @@ def test_they_refuse_seats_of_others(agent: Any) -> None:
         agent.act(Simulator(task, 2).view(0))
 
 
+def test_games_that_are_over_do_no_harm() -> None:
+    for agent in everybody(1):
+        simulator = Simulator(make_task("chase", maze="2x2"), 50, seed=1, auto_restart=False)
+        actions = np.zeros((50, 2), dtype=np.int32)
+        seat = simulator.task.seat(agent.role)
+        for _ in range(40):
+            simulator.act([rest("evader"), agent] if seat else [agent, rest("chaser")], actions)
+            assert actions.min() >= 0 and actions.max() <= 3
+            simulator.step(actions)
+        assert simulator.terminated.any()
+
+
 def test_beliefs_are_of_duels_only() -> None:
     with pytest.raises(ValueError, match="SearchingChaser"):
         BeliefChaser(view_radius=1).act(Simulator(TEAMS, 2).view(0))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar
 
-from pursuit.own_observations import OBSERVATIONS
+from pursuit.own_observations import check_observation
 from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
 from pursuit.reacher.task import ReacherTask
 from pursuit.rewards import kept_rewards, rewards_text
@@ -114,7 +114,7 @@ class TaskSettings:
 
     def check_observation(self, name: str) -> None:
         """ValueError unless it can be observed."""
-        OBSERVATIONS.check(name)
+        check_observation(name)
 
 
 def who_learns(task: str, role: str) -> str:
