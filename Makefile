@@ -42,6 +42,7 @@ bench: $(SETUP)
 	$(BIN)/python tests/benchmarks/bench_curricula.py
 	$(BIN)/python tests/benchmarks/bench_self_play.py
 	$(BIN)/python tests/benchmarks/bench_viewer.py
+	$(BIN)/python tests/benchmarks/bench_searchers.py
 
 campaign: $(SETUP)
 	$(BIN)/python tests/campaign/campaign.py

@@ -9,6 +9,7 @@ from scripted_agents.arm import (
     ThesisInverseKinematics,
 )
 from scripted_agents.astar import shortest_path
+from scripted_agents.beliefs import BeliefChaser, BeliefFilter, why_no_belief
 from scripted_agents.best_response import (
     BestResponse,
     PairValues,
@@ -26,6 +27,10 @@ from scripted_agents.equilibrium import (
     solve_matrix_game,
 )
 from scripted_agents.evader import AStarEvader
+from scripted_agents.hidden_chase import HiddenChaseSolution, solve_hidden_chase
+from scripted_agents.hidden_game import HiddenCell
+from scripted_agents.hidden_policy import BeliefOptimalChaser, BeliefOptimalEvader
+from scripted_agents.hidden_search import HiddenSearch
 from scripted_agents.least_steps import least_steps, least_steps_of
 from scripted_agents.optimal import (
     BestResponder,
@@ -37,6 +42,12 @@ from scripted_agents.optimal import (
 )
 from scripted_agents.runner import NearestGoalRunner, TourRunner
 from scripted_agents.scripted import RandomAgent
+from scripted_agents.searchers import (
+    SearchingChaser,
+    SearchingRunner,
+    SweepingChaser,
+    WaryEvader,
+)
 from scripted_agents.table_policy import TablePolicy
 from scripted_agents.teams import (
     TeamResponse,
@@ -57,17 +68,25 @@ from scripted_agents.tour import (
     tour_length,
     tour_lengths,
 )
+from scripted_agents.worst_case import SearchPlan, fewest_searchers, fewest_steps_to_find
 
 __all__ = [
     "IK_METHODS",
     "AStarChaser",
     "AStarEvader",
     "ActionValues",
+    "BeliefChaser",
+    "BeliefFilter",
+    "BeliefOptimalChaser",
+    "BeliefOptimalEvader",
     "BestResponder",
     "BestResponse",
     "ChaseSolution",
     "Difficulty",
     "Estimate",
+    "HiddenCell",
+    "HiddenChaseSolution",
+    "HiddenSearch",
     "InverseKinematics",
     "LeastStepsPolicy",
     "MatrixGame",
@@ -77,12 +96,17 @@ __all__ = [
     "PairValues",
     "RandomAgent",
     "RandomArm",
+    "SearchPlan",
+    "SearchingChaser",
+    "SearchingRunner",
+    "SweepingChaser",
     "TablePolicy",
     "TeamResponse",
     "ThesisInverseKinematics",
     "Tour",
     "TourRunner",
     "TurnBasedSolution",
+    "WaryEvader",
     "action_values",
     "best_response",
     "best_team_response",
@@ -91,6 +115,8 @@ __all__ = [
     "evaluate_exactly",
     "evaluate_team",
     "expected_tour_length",
+    "fewest_searchers",
+    "fewest_steps_to_find",
     "has_distributions",
     "least_steps",
     "least_steps_of",
@@ -101,12 +127,14 @@ __all__ = [
     "shortest_path",
     "shortest_tour",
     "solve_chase",
+    "solve_hidden_chase",
     "solve_in_turns",
     "solve_matrix_game",
     "table_of",
     "team_survival",
     "tour_length",
     "tour_lengths",
+    "why_no_belief",
     "why_not_optimal",
     "why_not_team_chase",
     "work_of",

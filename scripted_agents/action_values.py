@@ -57,8 +57,7 @@ def action_values(
     horizon = whole("horizon", horizon, 1, 2**31)
     table = checked_table(maze, opponent_table, "opponent_table")
     actions = table.shape[2] if stay_action is None else 4 + bool(stay_action)
-    cells, neighbors = maze.num_cells, maze.neighbors
-    own, other = np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij")
+    cells = maze.num_cells
     if horizon > 1:
         rest = best_response(
             role, maze, table, horizon - 1, stay_action=stay_action, move_order=move_order
@@ -66,11 +65,36 @@ def action_values(
         later = rest if role == "chaser" else rest.T
     else:
         later = np.zeros((cells, cells))
-    steps = np.ones((cells, cells, actions))
-    for action in range(actions):
+    steps = worth_of_actions(role, maze, table, later, actions, move_order)
+    best = steps.min(axis=2) if role == "chaser" else steps.max(axis=2)
+    apart = ~np.eye(cells, dtype=bool)
+    optimal = (np.abs(steps - best[:, :, None]) <= TIE * best[:, :, None]) & apart[:, :, None]
+    return ActionValues(role, steps, np.where(apart, best, 0.0), optimal)
+
+
+def worth_of_actions(
+    role: Literal["chaser", "evader"],
+    maze: Maze,
+    opponent_table: NDArray[np.float64],
+    later: NDArray[np.float64],
+    num_actions: int,
+    move_order: MoveOrder,
+    discount: float = 1.0,
+) -> NDArray[np.float64]:
+    """[own cell, other cell, action] float64: one step, and the discounted values after it.
+
+    Args:
+        role, maze, opponent_table, move_order, discount: as for `best_response`.
+        later: [own cell, other cell], the values of what follows; capture counts 0.
+        num_actions: of the responder.
+    """
+    cells, neighbors = maze.num_cells, maze.neighbors
+    own, other = np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij")
+    steps = np.ones((cells, cells, num_actions))
+    for action in range(num_actions):
         mine = neighbors[own, action]
-        for reply in range(table.shape[2]):
-            chance, theirs = table[other, own, reply], neighbors[other, reply]
+        for reply in range(opponent_table.shape[2]):
+            chance, theirs = opponent_table[other, own, reply], neighbors[other, reply]
             caught = mine == theirs
             if move_order == "simultaneous":
                 caught |= (mine == other) & (theirs == own)
@@ -78,8 +102,5 @@ def action_values(
                 caught |= mine == other
             else:
                 caught |= theirs == own
-            steps[:, :, action] += np.where(caught, 0.0, chance * later[mine, theirs])
-    best = steps.min(axis=2) if role == "chaser" else steps.max(axis=2)
-    apart = own != other
-    optimal = (np.abs(steps - best[:, :, None]) <= TIE * best[:, :, None]) & apart[:, :, None]
-    return ActionValues(role, steps, np.where(apart, best, 0.0), optimal)
+            steps[:, :, action] += np.where(caught, 0.0, discount * chance * later[mine, theirs])
+    return steps

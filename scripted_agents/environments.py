@@ -13,12 +13,19 @@ from pursuit.policy import Policy
 from pursuit.single_agent import SingleAgentEnv, SingleAgentVectorEnv
 from pursuit.task import ROLES, Task, make_task
 from pursuit.vector_env import limited
+from scripted_agents.beliefs import BeliefChaser, check_duel
 from scripted_agents.best_response import MoveOrder
 from scripted_agents.chaser import AStarChaser
 from scripted_agents.evader import AStarEvader
-from scripted_agents.optimal import OptimalChaser, OptimalEvader
+from scripted_agents.optimal import OptimalChaser, OptimalEvader, check_optimal
 from scripted_agents.runner import NearestGoalRunner, TourRunner
 from scripted_agents.scripted import RandomAgent, Scripted
+from scripted_agents.searchers import (
+    SearchingChaser,
+    SearchingRunner,
+    SweepingChaser,
+    WaryEvader,
+)
 
 DEFAULTS: dict[str, type[Scripted]] = {
     "chaser": AStarChaser,
@@ -29,21 +36,31 @@ DEFAULTS: dict[str, type[Scripted]] = {
 
 
 SCRIPTED = ("astar", "random", "optimal")
-"""The names of scripted agents on the command line."""
+"""The names on the command line of scripted agents that see everything and play every role."""
+
+SEARCHERS: dict[str, dict[str, Callable[..., Policy]]] = {
+    "searching": {"chaser": SearchingChaser, "evader": WaryEvader, "runner": SearchingRunner},
+    "sweeping": {"chaser": SweepingChaser},
+    "belief": {"chaser": BeliefChaser},
+}
+"""Those of scripted agents that see what the task lets them see, by the roles that they play."""
+
+AGENTS = (*SCRIPTED, *SEARCHERS)
+"""All names of scripted agents."""
 
 POLICIES: Registry[Callable[[Task, str], Policy]] = Registry(
     "policy",
     "a class or function (task, role) -> Policy",
     callable,
     plural="policies",
-    ours=SCRIPTED,
+    ours=AGENTS,
 )
 """Policies of users' own. One that plays some roles only says which in `roles`."""
 
 
 def is_own_policy(name: str) -> bool:
     """Whether a name is that of a user's own policy."""
-    return is_reference(name) or (name not in SCRIPTED and name in POLICIES.names())
+    return is_reference(name) or (name not in AGENTS and name in POLICIES.names())
 
 
 def own_roles(name: str, task: Task) -> tuple[str, ...]:
@@ -74,16 +91,20 @@ def scripted_policy(
     move_order: MoveOrder = "simultaneous",
     discount: float = 0.95,
 ) -> Policy:
-    """A scripted agent by its name: astar (for runners the nearest goal), random, or optimal.
+    """A scripted agent by its name: one of AGENTS.
 
-    Optimal chasers and evaders play the equilibrium of the duel, optimal runners a shortest tour.
+    astar is the nearest goal for runners; optimal chasers and evaders play the equilibrium of the
+    duel, optimal runners a shortest tour. Those of SEARCHERS see what the task lets them see.
 
     Raises:
-        ValueError: another name, or epsilon outside [0, 1].
+        ValueError: another name, a role that it does not play, or epsilon outside [0, 1].
     """
-    if name not in SCRIPTED:
-        raise ValueError(f"unknown agent {name!r}; one of {', '.join(SCRIPTED)}")
+    if name not in AGENTS:
+        raise ValueError(f"unknown agent {name!r}; one of {', '.join(AGENTS)}")
     one_of("role", role, ROLES)
+    if name in SEARCHERS:
+        check_plays(name, role)
+        return SEARCHERS[name][role](epsilon=epsilon)
     if name == "random":
         return RandomAgent()
     if name == "astar":
@@ -92,6 +113,25 @@ def scripted_policy(
         return TourRunner(epsilon)
     form = OptimalChaser if role == "chaser" else OptimalEvader
     return form(epsilon, discount, move_order)
+
+
+def check_plays(name: str, role: str) -> None:
+    """ValueError where a scripted agent does not play a role."""
+    roles = SEARCHERS.get(name, dict.fromkeys(ROLES))
+    if role not in roles:
+        raise ValueError(
+            f"{name} plays {', '.join(roles)}; {role!r} is asked for. Take "
+            f"{', '.join(other for other in AGENTS if role in SEARCHERS.get(other, ROLES))}"
+        )
+
+
+def check_agent(name: str, task: Task, role: str) -> None:
+    """ValueError saying why, where a scripted agent does not play a role of a task."""
+    check_plays(name, role)
+    if name == "optimal":
+        check_optimal(task, role)
+    if name == "belief":
+        check_duel(task, "belief")
 
 
 def default_policies(
@@ -127,8 +167,8 @@ def single_agent_arguments(
         agent: yours, by name or role.
         maze: as in `pursuit.Task`.
         opponent_epsilon: share of random moves of the scripted agents in the other seats.
-        opponent: fills the seats of all other roles instead: a `Policy`, "astar", "random" or
-            "optimal", or a policy of your own as "package.module:Name". A* (of runners the nearest
+        opponent: fills the seats of all other roles instead: a `Policy`, one of AGENTS, or
+            a policy of your own as "package.module:Name". A* (of runners the nearest
             goal) where it is None.
         **settings: those of `pursuit.Task`.
     """
@@ -140,7 +180,7 @@ def single_agent_arguments(
             order: Any = task.move_order
             policies[role] = (
                 scripted_policy(opponent, role, opponent_epsilon, order)
-                if opponent in SCRIPTED
+                if opponent in AGENTS
                 else own_policy(opponent, task, role)
             )
     return {"task": task, "agent": agent, "policies": policies}
@@ -165,7 +205,7 @@ def make_env(
         mask_bumps: infos hold an "action_mask" that forbids moves into walls.
         mask_in_observation: observations are {"observation", "action_mask"}.
         **settings: maze, opponent_epsilon (share of random moves of the scripted agents, 0 by
-            default), opponent (for all other roles: a `Policy`, astar, random, optimal, or
+            default), opponent (for all other roles: a `Policy`, one of AGENTS, or
             package.module:Name of your own), and those of `pursuit.Task`.
     """
     arguments = single_agent_arguments(task, agent, **settings)

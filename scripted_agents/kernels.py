@@ -34,16 +34,12 @@ from pursuit.rules.layout import (
     stream_of,
     world_of,
 )
-from pursuit.rules.randomness import next_uniform, next_word
+from pursuit.rules.randomness import draw_action, next_uniform
 from pursuit.rules.step import legal_moves
 
 CHASER, EVADER, RUNNER, RANDOM = range(4)
 FAR = 2**30
 LOOK_DISTANCE, LOOK_QUEUE, PATH_DISTANCE, PATH_QUEUE, NUM_SCRATCH = range(5)
-
-_MASKS = [[action for action in range(5) if mask >> action & 1] for mask in range(32)]
-MASK_SIZE = np.array([len(actions) for actions in _MASKS])
-MASK_ITEM = np.array([actions + [0] * (5 - len(actions)) for actions in _MASKS])
 
 
 @inlined
@@ -56,24 +52,6 @@ def look_of(scratch: Any) -> Search:
 def path_of(scratch: Any) -> Search:
     """Room for searches for a path."""
     return Search(scratch[PATH_DISTANCE], scratch[PATH_QUEUE])
-
-
-@inlined
-def draw_action(
-    greedy: int, every: int, epsilon: float, stay_action: bool, streams: Any, stream: int
-) -> int:
-    """A uniformly random action of the mask `greedy`, or, with probability `epsilon`, of `every`.
-
-    One random word serves both draws. Staying, or a bump, where the mask is empty.
-    """
-    word = next_word(streams, stream)
-    mask = greedy
-    if np.float64(word >> np.uint64(32)) * 2.0**-32 < epsilon:
-        mask = every
-    if mask == 0:
-        return STAY if stay_action else 0
-    chosen = ((word & np.uint64(0xFFFFFFFF)) * np.uint64(MASK_SIZE[mask])) >> np.uint64(32)
-    return np.int64(MASK_ITEM[mask, np.int64(chosen)])
 
 
 @subroutine

@@ -119,15 +119,29 @@ class Scripted:
         tables = mazes.tables
         key = (id(tables), stay_action)
         if key not in self._greedy or self._greedy[key][0] is not tables:
-            greedy = np.zeros(len(tables), dtype=np.uint8)
-            if self.kind != kernels.RANDOM:
-                scratch = _scratch_for(len(mazes.neighbors))
-                settings = self._settings(stay_action)
-                kernels.fill_greedy_table(self.kind, *mazes, scratch, settings, greedy)
+            greedy = greedy_moves(self.kind, mazes, self._settings(stay_action))
             # Holding on to `tables` keeps its id from being given to another array; only a copied
             # agent holds ids of arrays that it does not have.
             self._greedy[key] = (tables, greedy)
         return self._greedy[key][1]
+
+
+def greedy_moves(
+    kind: int, mazes: MazeArrays, settings: tuple[float, int, int, bool]
+) -> NDArray[np.uint8]:
+    """The greedy moves at every [own, other], laid out as the distance tables, as bit masks.
+
+    Args:
+        kind: of agent, as `kernels` numbers them.
+        mazes: the arrays of the mazes.
+        settings: epsilon (not looked at), alert distance, look radius, stay action.
+    """
+    greedy = np.zeros(len(mazes.tables), dtype=np.uint8)
+    if kind != kernels.RANDOM:
+        kernels.fill_greedy_table(
+            kind, *mazes, _scratch_for(len(mazes.neighbors)), settings, greedy
+        )
+    return greedy
 
 
 def _scratch_for(room: int) -> NDArray[np.int32]:

@@ -13,6 +13,7 @@ from pursuit import Simulator, make_task
 from pursuit.policy import DistributionPolicy, MemoryPolicy, TabularPolicy, play
 from scripted_agents import AStarEvader
 from train.algorithms.ppo import PPO, ppo_loss
+from train.algorithms.recurrent_dqn import sequence_loss
 from train.algorithms.registry import ALGORITHMS, Build, entry
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import GameContest
@@ -20,9 +21,9 @@ from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
 from train.networks.policy import Seat
 from train.networks.recurrent import GATES, Cell
-from train.networks.remembering import RecurrentPolicy
+from train.networks.remembering import RememberingPolicy
 from train.runs.by_name import settings_of
-from train.settings.algorithms import PPOSettings
+from train.settings.algorithms import DQNSettings, PPOSettings
 
 TASK = make_task("chase", maze="3x3", max_steps=7)
 
@@ -116,6 +117,71 @@ def test_the_loss_of_ppo_over_sequences_equals_a_loop_over_steps(kind: str, shar
     learner.close()
 
 
+@pytest.mark.parametrize("double", [True, False])
+@pytest.mark.parametrize("kind", GATES)
+def test_the_loss_of_dqn_over_sequences_equals_a_loop_over_steps(kind: str, double: bool) -> None:
+    torch.manual_seed(0)
+    env = make_env(6)
+    settings = DQNSettings(
+        6, 0.9, kind, rollout_steps=9, burn_in=4, n_steps=3, batch_size=36, buffer_size=540,
+        double=double, learning_starts=10**9,
+    )  # fmt: skip
+    learner: Any = entry("dqn").build(settings, env, Build())  # type: ignore[arg-type]
+    rollouts = [next(learner._batches)]
+    learner.remember(rollouts[0])
+    rollouts.append(next(learner._batches))
+    learner.remember(rollouts[1])
+    learner.close()
+    network, target = learner.network, learner.target
+    with torch.no_grad():
+        for weight in target.parameters():
+            weight.add_(0.1 * torch.randn_like(weight))
+    # The second rollout, warmed up by the last four steps of the first one.
+    batch = learner.replay[6:]
+    ours, size = sequence_loss(network, target, batch, settings)
+    first, second = rollouts
+    assert (second["next", "truncated"] & ~second["next", "terminated"]).any()
+    goals, values = torch.zeros(2, 6, 9), torch.zeros(6, 9)
+    for game in range(6):
+        state = torch.zeros(1, network.sizes[0])
+        for step in range(5):  # what was remembered four steps before the end of the first
+            state = torch.where(first["fresh"][game, step], 0.0, state)
+            state = network.remember(first["observation"][game, step][None], state)[1].detach()
+        own = theirs = state
+        for step in range(5, 9):
+            own, theirs = (
+                torch.where(first["fresh"][game, step], 0.0, now) for now in (own, theirs)
+            )
+            seen = first["observation"][game, step][None]
+            own, theirs = network.remember(seen, own)[1], target.remember(seen, theirs)[1]
+        after = []
+        for step in range(9):
+            row = second[game, step]
+            own, theirs = (torch.where(row["fresh"], 0.0, now) for now in (own, theirs))
+            seen, coming = row["observation"][None], row["next_observation"][None]
+            q_values, own = network.remember(seen, own)
+            theirs = target.remember(seen, theirs)[1]
+            values[game, step] = q_values[0, row["action"]]
+            following = target.remember(coming, theirs)[0].detach()
+            chooser = network.remember(coming, own)[0] if double else following
+            best = float(following[0, chooser.argmax()])
+            after.append(0.0 if row["next", "terminated"] else best)
+        for step in range(9):
+            total, discount = 0.0, 1.0
+            for later in range(step, min(step + 3, 9)):
+                total += discount * float(second["next", "reward"][game, later])
+                discount *= 0.9
+                ended = bool(second["next", "done"][game, later])
+                if ended or later in (step + 2, 8):
+                    total += discount * after[later]
+                    break
+            goals[0, game, step] = total
+    error = (values - goals[0]).detach()
+    torch.testing.assert_close(ours, error.square().mean(), rtol=1e-4, atol=1e-5)
+    expected = 0.9 * error.abs().amax(1) + 0.1 * error.abs().mean(1)
+    torch.testing.assert_close(size, expected, rtol=1e-4, atol=1e-5)
+
+
 # -- what is remembered ----------------------------------------------------------------------------
 
 
@@ -174,7 +240,7 @@ def test_a_policy_remembers_in_any_batch_what_its_network_did(kind: str) -> None
     env = make_env(4)
     network = make_network(env, kind)
     policy = Seat(TASK, "chaser").policy(network, greedy=False)
-    assert isinstance(policy, RecurrentPolicy) and isinstance(policy, MemoryPolicy)
+    assert isinstance(policy, RememberingPolicy) and isinstance(policy, MemoryPolicy)
     assert not isinstance(policy, TabularPolicy) and not isinstance(policy, DistributionPolicy)
     whole, parts = Simulator(TASK, 10, seed=3), Simulator(TASK, 10, seed=3)
     halves = [np.arange(0, 10, 2), np.arange(1, 10, 2)]
@@ -214,7 +280,7 @@ def reward_of(learner: Any, env: Cues) -> float:
     return paid / sum(int(rollout["next", "done"].sum()) for rollout in rollouts)
 
 
-@pytest.mark.parametrize("recurrent", [None, *GATES])
+@pytest.mark.parametrize("recurrent", [None, "gru", pytest.param("lstm", marks=pytest.mark.slow)])
 def test_ppo_remembers_a_cue_with_a_memory_alone(recurrent: str | None) -> None:
     torch.manual_seed(0)
     chosen: dict[str, Any] = {"num_games": 64, "width": 16, "minibatch_size": 256}
@@ -226,6 +292,23 @@ def test_ppo_remembers_a_cue_with_a_memory_alone(recurrent: str | None) -> None:
     paid = reward_of(learner, env)
     learner.close()
     assert LENGTH == 4 and (paid > 0.95 if recurrent else paid < 0.6), paid
+
+
+@pytest.mark.parametrize("recurrent", [None, "gru"])
+def test_dqn_remembers_a_cue_with_a_memory_alone(recurrent: str | None) -> None:
+    torch.manual_seed(0)
+    settings = DQNSettings(
+        64, 0.95, recurrent, 1e-2, width=16, learning_starts=500, batch_size=256,
+        target_update_interval=10, gradient_steps=4, burn_in=4,
+    )  # fmt: skip
+    env = Cues(64)
+    learner: Any = entry("dqn").build(settings, env, Build(seed=1))  # type: ignore[arg-type]
+    for step in range(60):
+        learner.iterate(step / 60)
+    learner.explorer.epsilon = 0.0
+    paid = reward_of(learner, env)
+    learner.close()
+    assert paid > 0.95 if recurrent else paid < 0.6, paid
 
 
 # -- refusals --------------------------------------------------------------------------------------

@@ -148,6 +148,11 @@ def test_every_learner_resumes(algorithm: str, tmp_path: Path) -> None:
         {"algorithm": "ppo", "recurrent": "lstm", "shared": False},
         {"algorithm": "a2c", "recurrent": "gru", "mask_bumps": True},
         {"algorithm": "reinforce", "recurrent": "lstm"},
+        {"algorithm": "dqn", "recurrent": "gru", "burn_in": 2, "rollout_steps": 6, "max_steps": 9},
+        {"algorithm": "ppo", "frame_stack": 3, "observation": "planes"},
+        {"algorithm": "dqn", "frame_stack": 2},
+        {"algorithm": "cross_entropy", "frame_stack": 2, **CHASER},
+        {"algorithm": "dqn", "recurrent": "lstm", "burn_in": 0, "prioritized": True},
     ],
     ids=lambda flat: " ".join(map(str, flat.values())),
 )

@@ -11,10 +11,15 @@ from typing import Any
 import numpy as np
 
 from pursuit.compiled import compiled, inlined
-from pursuit.rules.layout import STARTS_STREAM
+from pursuit.rules.layout import STARTS_STREAM, STAY
 
 GOLDEN = 0x9E3779B97F4A7C15
 """2**64 divided by the golden ratio, made odd: how far a stream moves on."""
+
+
+_MASKS = [[action for action in range(5) if mask >> action & 1] for mask in range(32)]
+MASK_SIZE = np.array([len(actions) for actions in _MASKS])
+MASK_ITEM = np.array([actions + [0] * (5 - len(actions)) for actions in _MASKS])
 
 
 @inlined
@@ -44,6 +49,24 @@ def next_below(streams: Any, stream: int, bound: int) -> int:
 def next_uniform(streams: Any, stream: int) -> float:
     """A uniform float64 in [0, 1)."""
     return np.float64(next_word(streams, stream) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@inlined
+def draw_action(
+    greedy: int, every: int, epsilon: float, stay_action: bool, streams: Any, stream: int
+) -> int:
+    """A uniformly random action of the mask `greedy`, or, with probability `epsilon`, of `every`.
+
+    One random word serves both draws. Staying, or a bump, where the mask is empty.
+    """
+    word = next_word(streams, stream)
+    mask = greedy
+    if np.float64(word >> np.uint64(32)) * 2.0**-32 < epsilon:
+        mask = every
+    if mask == 0:
+        return STAY if stay_action else 0
+    chosen = ((word & np.uint64(0xFFFFFFFF)) * np.uint64(MASK_SIZE[mask])) >> np.uint64(32)
+    return np.int64(MASK_ITEM[mask, np.int64(chosen)])
 
 
 @compiled

@@ -12,6 +12,7 @@ from curricula import linear
 from pursuit.masks import ACTION_MASK
 from train.algorithms.learner import Build, Games, has_masks
 from train.algorithms.off_policy import NEXT_MASK, OffPolicyLearner, collector_of
+from train.algorithms.recurrent_dqn import Recording, sequence_loss
 from train.networks.masks import masked
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
@@ -33,14 +34,20 @@ class EpsilonGreedy(TensorDictModuleBase):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the action."""
         allowed = tensordict.get(ACTION_MASK, None)
-        values = masked(self.network(tensordict.get("observation")), allowed)
+        return tensordict.set(
+            "action", self.choose(self.network(tensordict["observation"]), allowed)
+        )
+
+    def choose(self, values: torch.Tensor, allowed: torch.Tensor | None) -> torch.Tensor:
+        """[games] actions, from values [games, actions] and what is allowed; None for anything."""
+        values = masked(values, allowed)
         action = values.argmax(dim=-1)
         anyhow = torch.rand(action.shape, device=action.device) < self.epsilon
         if allowed is None:
             drawn = torch.randint_like(action, values.shape[-1])
         else:
             drawn = masked(torch.rand_like(values), allowed).argmax(dim=-1)
-        return tensordict.set("action", torch.where(anyhow, drawn, action))
+        return torch.where(anyhow, drawn, action)
 
 
 def dqn_loss(
@@ -86,6 +93,8 @@ def dqn_loss(
 class DQN(OffPolicyLearner):
     """Mnih et al. (2015), with many games in step and several gradient steps for each rollout.
 
+    Of a network that remembers it learns from sequences: see `recurrent_dqn`.
+
     Args:
         settings: the hyperparameters.
         env: the games.
@@ -107,8 +116,15 @@ class DQN(OffPolicyLearner):
         seed: int,
     ) -> None:
         self.explorer = EpsilonGreedy(network, has_masks(env))
-        collector = collector_of(settings, env, self.explorer, device)
-        super().__init__(settings, env, network, collector, device, seed)
+        self.recording: Recording | None = None
+        collector, per_row = None, 1
+        if network.policy_memory is None:
+            collector = collector_of(settings, env, self.explorer, device)
+        else:
+            how = (self.explorer.choose, settings, device)
+            collector = self.recording = Recording(env, network, *how)
+            per_row = settings.rollout_steps
+        super().__init__(settings, env, network, collector, device, seed, per_row)
         self.settings, self.target = settings, target
         self.target.load_state_dict(network.state_dict())
 
@@ -125,9 +141,32 @@ class DQN(OffPolicyLearner):
         if self.updates % settings.target_update_interval == 0:
             self.target.load_state_dict(self.network.state_dict())
         self.updates += 1
-        loss, error = dqn_loss(self.network, self.target, batch, settings.gamma, settings.double)
+        networks = (self.network, self.target, batch)
+        if self.recording is None:
+            loss, error = dqn_loss(*networks, settings.gamma, settings.double)
+        else:
+            loss, error = sequence_loss(*networks, settings)
         self.descend(loss)
         return error, {"loss": loss.detach(), "td_error": error.mean()}
+
+    def remember(self, rollout: TensorDictBase) -> None:
+        """Put its transitions into the buffer, or with a memory a sequence for every game."""
+        if self.recording is None:
+            super().remember(rollout)
+            return
+        self.frames += rollout.numel()
+        self.replay.extend(self.recording.sequences(rollout))
+
+    def _row(self) -> dict[str, torch.Tensor]:
+        """A row of the buffer, empty."""
+        form, recording = super()._row(), self.recording
+        if recording is None:
+            return form
+        steps = self.settings.rollout_steps
+        del form["steps"]
+        form |= {name: form["terminated"] for name in ("truncated", "fresh")}
+        form = {name: one.expand(steps, *one.shape) for name, one in form.items()}
+        return form | {name: one[0] for name, one in recording.warm.items()}
 
     def policy(self, greedy: bool = True) -> Any:
         """The greedy policy; ValueError for another, as action values are no distribution."""
@@ -137,12 +176,15 @@ class DQN(OffPolicyLearner):
 
     def state_dict(self) -> dict[str, Any]:
         """Everything, the replay buffer and its priorities included."""
-        return super().state_dict() | {"target": self.target.state_dict()}
+        state = super().state_dict() | {"target": self.target.state_dict()}
+        return state | ({"memory": self.recording.state_dict()} if self.recording else {})
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take it all back."""
         super().load_state_dict(state)
         self.target.load_state_dict(state["target"])
+        if self.recording:
+            self.recording.load_state_dict(state["memory"])
 
 
 def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:

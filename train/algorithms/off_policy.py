@@ -64,6 +64,7 @@ class OffPolicyLearner(NetworkLearner):
         collector: plays the games.
         device: where the networks live.
         seed: of the draws from the replay buffer.
+        per_row: transitions in a row of the buffer, where it holds sequences.
     """
 
     def __init__(
@@ -74,25 +75,29 @@ class OffPolicyLearner(NetworkLearner):
         collector: Rollouts,
         device: str,
         seed: int,
+        per_row: int = 1,
     ) -> None:
         super().__init__(settings, env, network, device)
+        self.rows, self.batch = (
+            size // per_row for size in (settings.buffer_size, settings.batch_size)
+        )
         self.replayed, self.updates = settings, 0
         self.masks, self.collector = has_masks(env), collector
         self.multi_step = MultiStep(settings.gamma, settings.n_steps)
         self.generator = torch.Generator().manual_seed(seed)
         self.replay = TensorDictReplayBuffer(
-            storage=LazyTensorStorage(settings.buffer_size),
-            batch_size=settings.batch_size,
+            storage=LazyTensorStorage(self.rows),
+            batch_size=self.batch,
             priority_key="td_error",
             generator=self.generator,
-            **({"sampler": _sampler(settings)} if settings.prioritized else {}),
+            **({"sampler": self._sampler()} if settings.prioritized else {}),
         )
         self._batches = iter(self.collector)
 
     @property
     def learning(self) -> bool:
         """Whether there is enough in the buffer to learn from."""
-        enough = len(self.replay) >= self.replayed.batch_size
+        enough = len(self.replay) >= self.batch
         return enough and self.frames >= self.replayed.learning_starts
 
     def explore(self, progress: float) -> dict[str, float]:
@@ -130,9 +135,9 @@ class OffPolicyLearner(NetworkLearner):
             return self.replay.sample()
         # What TorchRL's uniform sampler draws, without its fixed cost of a third of a millisecond.
         storage = self.replay.storage
-        index = torch.randint(0, len(storage), (settings.batch_size,), generator=self.generator)
+        index = torch.randint(0, len(storage), (self.batch,), generator=self.generator)
         columns = {name: rows.index_select(0, index) for name, rows in storage._storage.items()}
-        return TensorDict(columns, batch_size=[settings.batch_size])
+        return TensorDict(columns, batch_size=[self.batch])
 
     def remember(self, rollout: TensorDictBase) -> None:
         """Put the transitions of a rollout [games, steps] into the buffer, n steps in one."""
@@ -200,28 +205,15 @@ class OffPolicyLearner(NetworkLearner):
         saved, where = state["replay"], "learner.replay"
         if not saved:
             return
-        player = self.env.player
-        seen = self.env.observation_spec["observation"]
-        observation = torch.zeros((0, *seen.shape[1:]), dtype=seen.dtype)
-        whole = torch.zeros(0, dtype=torch.int64)
-        form: dict[str, torch.Tensor] = {
-            "observation": observation,
-            "action": torch.zeros(0, player.num_actions) if player.continuous else whole,
-            "reward": torch.zeros(0),
-            "next_observation": observation,
-            "terminated": torch.zeros(0, dtype=torch.bool),
-            "steps": whole,
-        }
-        if self.masks:
-            form[NEXT_MASK] = torch.zeros(0, player.num_actions, dtype=torch.bool)
-        check_like(saved, form, where)
+        player, form = self.env.player, self._row()
+        check_like(saved, {name: one[None][:0] for name, one in form.items()}, where)
         if player.features.kind == "index":  # rows of a table: another number would be none
-            for name in ("observation", "next_observation"):
+            for name in (name for name in form if name.endswith("observation")):
                 high = torch.from_numpy(player.features.high)
                 if not ((saved[name] >= 0) & (saved[name] <= high)).all():
                     raise Misfit(f"{where}.{name}: rows of the first layer needed")
         counts = {len(column) for column in saved.values()}
-        actions, most = saved["action"], self.replayed.buffer_size
+        actions, most = saved["action"], self.rows
         bounds = (-1, 1) if player.continuous else (0, player.num_actions - 1)
         if (
             len(counts) > 1
@@ -235,11 +227,29 @@ class OffPolicyLearner(NetworkLearner):
                 shape = (len(actions),)
                 check_tensor(state["priorities"][name], torch.float32, shape, f"{where}.{name}")
 
+    def _row(self) -> dict[str, torch.Tensor]:
+        """A row of the buffer, empty."""
+        player = self.env.player
+        seen = self.env.observation_spec["observation"]
+        observation = torch.zeros(seen.shape[1:], dtype=seen.dtype)
+        whole = torch.zeros((), dtype=torch.int64)
+        form: dict[str, torch.Tensor] = {
+            "observation": observation,
+            "action": torch.zeros(player.num_actions) if player.continuous else whole,
+            "reward": torch.zeros(()),
+            "next_observation": observation,
+            "terminated": torch.zeros((), dtype=torch.bool),
+            "steps": whole,
+        }
+        if self.masks:
+            form[NEXT_MASK] = torch.zeros(player.num_actions, dtype=torch.bool)
+        return form
+
     def close(self) -> None:
         """Stop collecting."""
         self.collector.shutdown()
 
-
-def _sampler(settings: ReplaySettings) -> Any:
-    exponents = (settings.priority_exponent, settings.importance_exponent)
-    return prioritized_sampler(settings.buffer_size, *exponents)
+    def _sampler(self) -> Any:
+        settings = self.replayed
+        exponents = (settings.priority_exponent, settings.importance_exponent)
+        return prioritized_sampler(self.rows, *exponents)

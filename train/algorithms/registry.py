@@ -116,6 +116,11 @@ class Algorithm:
 
     def check_memory(self, settings: Hyperparameters, player: Player) -> None:
         """Raise ValueError where `settings` want a memory that it, or the player, cannot have."""
+        check(
+            not self.one_maze or not isinstance(player, Seat) or player.frame_stack == 1,
+            f"{self.name} has a table over states, which has no place for what was observed before "
+            "(frame_stack); leave it out",
+        )
         if settings.recurrent is None:
             return
         able = [name for name, other in ALGORITHMS.items() if other.recurrent]

@@ -177,7 +177,7 @@ class RolloutLearner(NetworkLearner):
         """A row for every game, with the state that it began with."""
         columns = {key: rollout[key] for key in (*self.keys, "fresh")}
         columns["prepared"] = self.network.policy_trunk.prepare(rollout["observation"])
-        columns["state"] = self.collector.start
+        columns["state"] = self.collector.states[0]
         if rollout.get("idle", None) is not None:
             columns["counts"] = ~rollout["idle"].squeeze(-1)
         return TensorDict(columns, batch_size=[len(rollout)])

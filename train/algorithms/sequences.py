@@ -33,7 +33,7 @@ class Sequences:
     Attributes:
         state: [batch, size] float32, what is remembered of every game now.
         fresh: [batch] bool, where an episode begins now: what is remembered there counts no more.
-        start: [batch, size], the states before the first step of the last rollout.
+        states: [batch, size] each, before every step of the last rollout.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Sequences:
         games = env.action_spec.shape[0]
         self.state = torch.zeros(games, size, device=device)
         self.fresh = torch.ones(games, dtype=torch.bool, device=device)
-        self.start = self.state
+        self.states: list[torch.Tensor] = []
         self._now: Any = None
 
     def __iter__(self) -> Iterator[TensorDict]:
@@ -71,7 +71,7 @@ class Sequences:
         """
         if self._now is None:
             self._now = self.env.reset()
-        self.start = self.state
+        self.states = []
         rows = [self._step(last=step == self.steps - 1) for step in range(self.steps)]
         columns: dict[Any, torch.Tensor] = {
             name: torch.stack([row[name] for row in rows], dim=1) for name in rows[0]
@@ -83,6 +83,7 @@ class Sequences:
         names = [name for name in ("observation", ACTION_MASK, "idle") if now.get(name) is not None]
         row: dict[Any, torch.Tensor] = {name: now.get(name).to(self.device) for name in names}
         row["fresh"] = self.fresh
+        self.states.append(self.state)
         chosen, self.state = self.act(row, self.state.masked_fill(self.fresh[:, None], 0.0))
         stepped, self._now = self.env.step_and_maybe_reset(
             now.set("action", chosen["action"].cpu())

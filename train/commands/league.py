@@ -37,8 +37,8 @@ class LeagueCommand:
     """All chasers against all evaders: payoff matrix, Elo, openskill, Nash averaging, cycles.
 
     Give the folders of runs (`pursuit train` of a chaser or evader, `pursuit self-play` for both),
-    and the names of scripted agents: astar, random, optimal. A folder of games played by hand
-    (`pursuit play --out`) has whoever played them rated with the rest.
+    and the names of scripted agents: astar, random, optimal, searching, sweeping, belief. A folder
+    of games played by hand (`pursuit play --out`) has whoever played them rated with the rest.
     """
 
     entries: Annotated[tuple[str, ...], tyro.conf.Positional] = ()

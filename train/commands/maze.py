@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 from PIL import Image
@@ -13,6 +13,7 @@ from PIL import Image
 from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.maze_generation import generate_maze
 from pursuit.rendering import Scene, draw_scene
+from scripted_agents import fewest_searchers, fewest_steps_to_find
 from scripted_agents.tour import expected_tour_length
 from train.commands.parse import Formats, parse
 from train.figures import BLUE, FORMATS, GREEN, Look, draw_walls, pyplot, save
@@ -42,6 +43,17 @@ class MazeCommand:
     """Open walls until no dead end is left."""
     seed: int = 0
     """Of the generator."""
+    search_number: bool = False
+    """Say how few searchers surely find an evader whom nobody sees before, and in how few steps."""
+    searchers: int | None = None
+    """With --search-number: this many searchers, instead of the fewest."""
+    view_radius: int | None = None
+    """With --search-number: path steps that every searcher sees; its own cell if left out."""
+    line_of_sight: bool = False
+    """With --search-number: searchers see along rows and columns until a wall."""
+    evader_speed: Literal["one", "unbounded"] = "one"
+    """With --search-number: cells that the evader moves in a step: one, or any number out of
+    view."""
     out: Path | None = None
     """Write the maze to this file."""
     picture: Path | None = None
@@ -56,6 +68,12 @@ def maze(arguments: Sequence[str]) -> None:
     check(
         (given.maze is None) != (given.generate is None),
         "give a maze (a name or a file), or --generate; not both",
+    )
+    asked = given.searchers is not None or given.view_radius is not None or given.line_of_sight
+    check(
+        given.search_number or not (asked or given.evader_speed != "one"),
+        "--searchers, --view-radius, --line-of-sight and --evader-speed are of --search-number; "
+        "give it too",
     )
     if given.generate is not None:
         made = generate_maze(
@@ -74,10 +92,28 @@ def maze(arguments: Sequence[str]) -> None:
     if max(made.height, made.width) <= 60:
         print(made.to_text(), end="")
     print(describe_maze(made))
+    if given.search_number:
+        print(describe_search(made, given))
     if given.out is not None:
         write_text(given.out, made.to_text())
     for form, path in pictures.items():
         draw_maze(made, path, form)
+
+
+def describe_search(maze: Maze, given: MazeCommand) -> str:
+    """The worst-case search of a maze, a line each, and where its searchers go."""
+    how = (given.view_radius, given.line_of_sight)
+    if given.searchers is None:
+        plan = fewest_searchers(maze, *how, given.evader_speed)
+    else:
+        plan = fewest_steps_to_find(maze, *how, given.searchers, None, given.evader_speed)
+    lines = [f"{'searchers':<26}{plan.searchers}"]
+    if plan.steps is None:
+        return "\n".join([*lines, f"{'steps to find for certain':<26}never"])
+    lines.append(f"{'steps to find for certain':<26}{plan.steps}")
+    for searcher, cells in enumerate(plan.cells.T.tolist()):
+        lines.append(f"{f'  cells of searcher {searcher}':<26}{' '.join(map(str, cells))}")
+    return "\n".join(lines)
 
 
 def pictures_of(picture: Path | None, formats: Formats) -> dict[str, Path]:

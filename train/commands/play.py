@@ -32,8 +32,8 @@ class PlayCommand:
 
     task: AnyTask = field(default_factory=TaskSettings)
     against: str | None = None
-    """Who plays the other side: astar (by default), optimal, random, package.module:Name, or the
-    folder of a run, whose game is played then."""
+    """Who plays the other side: astar (by default), optimal, random, searching, sweeping,
+    belief, package.module:Name, or the folder of a run, whose game is played then."""
     beside: str | None = None
     """Who plays the same starts in your seat, to compare: as --against; astar by default, the other
     side of the same run against self-play."""

@@ -17,6 +17,7 @@ from pursuit.policy import Policy
 from pursuit.simulator import Simulator
 from train.environments.hooks import EpisodeHook
 from train.environments.lockstep import LockstepEnv
+from train.networks.frames import FrameStack, shift
 from train.networks.policy import Seat
 
 
@@ -41,9 +42,11 @@ class SimulatorEnv(LockstepEnv):
 
     Attributes:
         seat, seats: the learner's first seat, and all of them.
-        central: whether each agent observes what all k do as well.
+        central: whether each agent observes what all k would in full sight as well.
         scale: rewards are multiplied by it.
         idle: [num_games, k] bool.
+        frames: [batch, frame_stack, ...], the last observations of every agent of the learner's,
+            where it is given more than one at once.
     """
 
     simulator: Simulator
@@ -69,15 +72,22 @@ class SimulatorEnv(LockstepEnv):
         if player.mask_bumps:
             warn_of_masks(simulator.task)
         self.action_spec = Categorical(player.num_actions, shape=(batch,), dtype=torch.int64)
+        self.stack, self.frames = None, np.zeros(0)
+        if player.frame_stack > 1:
+            self.stack = FrameStack(player.seen, player.frame_stack)
+            dtype = simulator.encoder(self.encoding).dtype
+            self.frames = self.stack.begun(self.num_games * members, dtype)
         self._specify_observation()
 
     def _specify_observation(self) -> None:
         batch, space = self.batch_size[0], self.simulator.encoder(self.encoding).space
         dtype = torch.from_numpy(np.zeros(1, dtype=space.dtype)).dtype
-        shape = (batch, *([self.members + 1] if self.central else []), *space.shape)
-        low, high = (
-            torch.as_tensor(bound, dtype=dtype).expand(shape) for bound in (space.low, space.high)
-        )
+        ends = [space.low, space.high]
+        if self.stack is not None:
+            one = np.concatenate([ends[0]] * self.stack.count)
+            ends = [one, self.player.features.high]
+        shape = (batch, *([self.members + 1] if self.central else []), *ends[0].shape)
+        low, high = (torch.as_tensor(bound, dtype=dtype).expand(shape) for bound in ends)
         spec: Any = {"observation": Bounded(low, high, shape=shape, dtype=dtype)}
         if self.members > 1:
             spec["idle"] = Binary(n=1, shape=(batch, 1), dtype=torch.bool)
@@ -88,6 +98,16 @@ class SimulatorEnv(LockstepEnv):
 
     def _restarted(self, games: NDArray[np.intp]) -> None:
         self.idle[games] = False
+        if self.stack is not None:
+            rows = self.frames.reshape(self.num_games, self.members, *self.frames.shape[1:])
+            self.stack.forget(rows, games)
+
+    def _stacked(self, seen: NDArray[Any]) -> NDArray[Any]:
+        """[games, k, *shape]: what is seen now with what was seen before it."""
+        if self.stack is None:
+            return seen
+        flat = self.stack.seen(self.frames, seen.reshape(-1, *seen.shape[2:]))
+        return flat.reshape(*seen.shape[:2], *flat.shape[1:])
 
     def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:
         returns = self.simulator.returns[games, self.seats]
@@ -96,9 +116,9 @@ class SimulatorEnv(LockstepEnv):
     def _seen(self) -> dict[str, torch.Tensor]:
         """The observations [batch, ...] of the learner's seats, who is idle, and the masks."""
         encoder = self.simulator.encoder(self.encoding)
-        seen = torch.from_numpy(encoder.encode(self.simulator.games, self.seats))
+        seen = torch.from_numpy(self._stacked(encoder.encode(self.simulator.games, self.seats)))
         if self.central:
-            team = seen[:, None].expand(-1, self.members, *seen.shape[1:])
+            team = self._whole()[:, None].expand(-1, self.members, *seen.shape[1:])
             seen = torch.cat([seen[:, :, None], team], dim=2)
         found = {"observation": seen.flatten(0, 1)}
         if self.members > 1:
@@ -107,6 +127,10 @@ class SimulatorEnv(LockstepEnv):
             found[ACTION_MASK] = torch.from_numpy(self.masks()).flatten(0, 1)
             self.action_spec.update_mask(found[ACTION_MASK])
         return found
+
+    def _whole(self) -> torch.Tensor:
+        """[games, k, ...]: what the central critic is shown of the agents of the role."""
+        raise NotImplementedError
 
     def masks(self) -> NDArray[np.bool_]:
         """[num_games, k, actions] bool: what the learner's agents may do."""
@@ -117,13 +141,15 @@ class SimulatorEnv(LockstepEnv):
 
     def observe(self) -> NDArray[Any]:
         """[num_games, ...]: what the learner's first seat observes."""
-        return self.simulator.observe(self.encoding, self.seat)
+        return self._stacked(self.simulator.observe(self.encoding, self.seat)[:, None])[:, 0]
 
     def _move(self, actions: NDArray[Any]) -> NDArray[np.bool_]:
         simulator = self.simulator
         simulator.act(self.policies, self._actions)
         self._actions[:, self.seat] = actions
         simulator.step(self._actions)
+        if self.stack is not None:
+            shift(self.frames)
         over = simulator.ended
         if simulator.task.num_evaders > 1:
             over |= simulator.active[:, self.seat] == 0
@@ -142,6 +168,8 @@ class SimulatorEnv(LockstepEnv):
         simulator.act(self.policies, self._actions)
         self._actions[:, self.seats] = actions.numpy().reshape(-1, self.members)
         simulator.step(self._actions)
+        if self.stack is not None:
+            shift(self.frames)
         caught = simulator.active[:, self.seats] == 0
         terminated = simulator.terminated[:, None] | caught
         truncated = simulator.truncated[:, None] & ~caught

@@ -35,6 +35,7 @@ from scripted_agents import (
     tour_lengths,
 )
 from scripted_agents.environments import DEFAULTS
+from scripted_agents.references import limited_references
 from scripted_agents.tour import MAX_EXACT_GOALS
 from train.evaluation.games import (
     half_width,
@@ -305,6 +306,8 @@ class GameContest:
             self.score("random", RandomAgent()),
             self.score(scripted[self.role], DEFAULTS[self.role](0.0)),
         ]
+        limited = limited_references(self.task, self.agent, self.opponents)
+        scores += [self.score(name, policy) for name, policy in limited.items()]
         optimum = self.optimal()
         if optimum is not None:
             scores.append(optimum)

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from scripted_agents.environments import SCRIPTED
+from scripted_agents.environments import AGENTS
 from train.experiments.kinds import with_mazes
 from train.files import write_bytes
 from train.runs.folder import CHECKPOINT, CONFIG
@@ -50,7 +50,7 @@ def named_policies(plain: Mapping[str, Any]) -> dict[str, str]:
     return {
         name: value
         for name, value in named.items()
-        if isinstance(value, str) and value not in (*SCRIPTED, LEARN)
+        if isinstance(value, str) and value not in (*AGENTS, LEARN)
     }
 
 
@@ -119,6 +119,11 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     for name in ("view_radius", "line_of_sight", "unknown_maze"):
         if not plain["task"].get(name):
             plain["task"].pop(name, None)  # runs of full sight are those of versions before it
+    if plain.get("frame_stack") == 1:  # and so are those that remember nothing
+        del plain["frame_stack"]
+    if plain["hyper"].get("recurrent") is None:
+        for name in ("recurrent", "burn_in"):
+            plain["hyper"].pop(name, None)
     if parts := provenance(settings):
         plain["parts"] = parts  # users' modules count by their source
     text = json.dumps({"kind": kind, "episodes": episodes, **plain}, sort_keys=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pursuit.parts import is_reference
-from scripted_agents.environments import SCRIPTED
+from scripted_agents.environments import AGENTS
 from train.experiments.forms import read_label
 from train.experiments.sweep import MEASURED, flat_plain
 from train.experiments.where_and_how import commands_told, where_it_ran
@@ -307,7 +307,7 @@ def _opponent(run: Facts) -> str:
     name = run.settings["opponent"]
     if name in (None, "astar"):
         return f"A* with {chance}"
-    if name in SCRIPTED:
+    if name in AGENTS:
         return str(name) if name == "random" else f"{name} with {chance}"
     how = run.settings["opponent_policy"]
     return f"{name} (its {how} policy where it was learned; A* with {chance} beside it)"

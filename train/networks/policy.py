@@ -15,14 +15,16 @@ from numpy.typing import NDArray
 from pursuit.masks import action_masks
 from pursuit.maze import Maze
 from pursuit.maze_arrays import lay_out
-from pursuit.observations import ENCODINGS, Encoder
+from pursuit.observations import Encoder
+from pursuit.own_observations import is_ours
 from pursuit.policy import GameView, pairs_of_cells
 from pursuit.rules.layout import Games
 from pursuit.simulator import Simulator
 from pursuit.task import Task
 from train.networks.features import Features, features_of
+from train.networks.frames import stacked
 from train.networks.remembering import (
-    RecurrentPolicy,
+    RememberingPolicy,
     check_looks,
     chosen_from,
     probabilities_of,
@@ -104,12 +106,14 @@ class Seat:
         agent: by name or role.
         encoding: what it observes.
         mask_bumps: whether moves into walls are forbidden to it, as it learns and as it plays.
+        frame_stack: how many observations its network is given at once, the last of the episode.
     """
 
     task: Task
     agent: str
     encoding: str = "index"
     mask_bumps: bool = False
+    frame_stack: int = 1
     continuous: ClassVar[bool] = False
 
     @property
@@ -145,16 +149,21 @@ class Seat:
         return action_masks(view.games, view.mazes.world, view.task.num_actions, own)[:, 0]
 
     @cached_property
-    def features(self) -> Features:
-        """Of its encoding."""
+    def seen(self) -> Features:
+        """Of one observation."""
         return features_of(Encoder(self.task, self.encoding), self.task.num_agents)
+
+    @cached_property
+    def features(self) -> Features:
+        """Of what its network is given."""
+        return stacked(self.seen, self.frame_stack)
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> Any:
         """A network in this seat; one that sees cells only is known as a distribution over them,
         one that remembers is not."""
-        if getattr(network, "policy_memory", None) is not None:
-            return RecurrentPolicy(network, self, greedy)
-        sees_more = self.encoding not in ENCODINGS and not sees_cells_only(self.task, self.encoding)
+        if self.frame_stack > 1 or getattr(network, "policy_memory", None) is not None:
+            return RememberingPolicy(network, self, greedy)
+        sees_more = not is_ours(self.encoding) and not sees_cells_only(self.task, self.encoding)
         return (NetworkPolicy if sees_more else LearnedPolicy)(network, self, greedy)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pursuit.policy import GameView, Memory
 from pursuit.task import Task
 from train.networks.features import Features
+from train.networks.frames import FrameStack, shift
 from train.networks.masks import masked
 
 
@@ -30,8 +31,12 @@ class Seated(Protocol):
         """What it observes."""
 
     @property
-    def features(self) -> Features:
-        """Of that."""
+    def frame_stack(self) -> int:
+        """Observations that the network is given at once."""
+
+    @property
+    def seen(self) -> Features:
+        """Of one observation."""
 
     def masks(self, view: GameView) -> NDArray[np.bool_] | None:
         """[games, actions]: what it may do; None for anything."""
@@ -86,36 +91,50 @@ def check_looks(
         )
 
 
-class RecurrentPolicy:
-    """A network with a GRU or an LSTM that fills a seat; a `MemoryPolicy`.
+class RememberingPolicy:
+    """A network that fills a seat and remembers; a `MemoryPolicy`.
 
-    What it does depends on all that it has seen in the episode, so it is no table and no known
-    distribution over what can be seen: what it achieves is played out, never solved.
+    It has a GRU or an LSTM, or is given the last observations, or both. What it does depends on
+    what it has seen in the episode, so it is no table and no known distribution over what can be
+    seen: what it achieves is played out, never solved.
 
     Args:
-        network: `remember(observation, state)` gives logits and the next state; `sizes` the numbers
-            of a state.
+        network: gives `logits(observation)`; where it remembers, `remember(observation, state)`
+            gives them and the next state, and `sizes` says how many numbers a state has.
         seat: in which it was trained.
         greedy: take the most probable action; False draws from the distribution.
 
     Attributes:
         network, seat, greedy: the arguments.
         task, agent, encoding: of the seat.
-        memory: "state" [games, numbers] float32, what the network remembers of every game.
+        memory: of every game "state" [games, numbers] float32, what the network remembers, and
+            "frames" [games, frame_stack, *shape], the last observations, the newest first; each
+            where there is such a thing.
     """
 
     def __init__(self, network: Any, seat: Seated, greedy: bool = True) -> None:
         self.network, self.seat, self.greedy = network, seat, greedy
         self.task, self.agent, self.encoding = seat.task, seat.agent, seat.encoding
-        self._shape = seat.features.shape
-        size = network.sizes[0]
-        self.memory = Memory(
-            lambda view: {"state": np.zeros((view.num_games, size), dtype=np.float32)}
-        )
+        self.memory = Memory(self._nothing)
+        self._recurrent = getattr(network, "policy_memory", None) is not None
+        self._stack = FrameStack(seat.seen, seat.frame_stack) if seat.frame_stack > 1 else None
+
+    def _nothing(self, view: GameView) -> dict[str, NDArray[Any]]:
+        """The memory of a batch in which nothing has been seen."""
+        found: dict[str, NDArray[Any]] = {}
+        if self._recurrent:
+            found["state"] = np.zeros((view.num_games, self.network.sizes[0]), dtype=np.float32)
+        if self._stack is not None:
+            found["frames"] = self._stack.begun(view.num_games, view.observe(self.encoding).dtype)
+        return found
 
     def begin(self, view: GameView, games: NDArray[np.intp]) -> None:
         """Forget all of these games of `view`."""
-        self.memory.of(view)["state"][view.rows[games]] = 0.0
+        kept, rows = self.memory.of(view), view.rows[games]
+        if self._recurrent:
+            kept["state"][rows] = 0.0
+        if self._stack is not None:
+            self._stack.forget(kept["frames"], rows)
 
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game; random numbers from the seat's stream.
@@ -123,13 +142,22 @@ class RecurrentPolicy:
         Raises:
             ValueError: the games look different from those that it was trained in.
         """
-        observed, kept = view.observe(self.encoding), self.memory.of(view)["state"]
-        check_looks(observed, self._shape, self.task, view)
+        observed = view.observe(self.encoding)
+        check_looks(observed, self.seat.seen.shape, self.task, view)
+        kept, rows = self.memory.of(view), view.rows
+        if self._stack is not None:
+            frames = kept["frames"][rows]
+            shift(frames)
+            observed = self._stack.seen(frames, observed)
+            kept["frames"][rows] = frames
         device = next(self.network.parameters()).device
         with torch.no_grad():
-            logits, state = self.network.remember(
-                torch.from_numpy(observed).to(device), torch.from_numpy(kept[view.rows]).to(device)
-            )
-        kept[view.rows] = state.cpu().numpy()
+            given = torch.from_numpy(observed).to(device)
+            if self._recurrent:
+                before = torch.from_numpy(kept["state"][rows]).to(device)
+                logits, state = self.network.remember(given, before)
+                kept["state"][rows] = state.cpu().numpy()
+            else:
+                logits = self.network.logits(given)
         found = probabilities_of(logits, self.seat.masks(view), self.greedy)
         return chosen_from(found, None if self.greedy else view.uniform())

@@ -8,9 +8,10 @@ from typing import Any
 
 from pursuit.policy import Policy
 from pursuit.task import Task
-from scripted_agents import InverseKinematics, LeastStepsPolicy, RandomArm, check_optimal
+from scripted_agents import InverseKinematics, LeastStepsPolicy, RandomArm
 from scripted_agents.environments import (
-    SCRIPTED,
+    AGENTS,
+    check_agent,
     is_own_policy,
     own_policy,
     scripted_policy,
@@ -92,9 +93,8 @@ def agent_in_seat(name: str, task: Task, role: str) -> Policy:
     Raises:
         ValueError: nobody of this name, or somebody who does not play this role in this game.
     """
-    if name in SCRIPTED:
-        if name == "optimal":
-            check_optimal(task, role)
+    if name in AGENTS:
+        check_agent(name, task, role)
         order: Any = task.move_order
         return scripted_policy(name, role, move_order=order)
     if is_own_policy(name):

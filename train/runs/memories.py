@@ -46,7 +46,7 @@ def put_memories(env: Any, saved: Any, where: str) -> None:
 def _arrays(env: Any) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
     """The live arrays by place."""
     if getattr(env, "stack", None) is not None:
-        yield "stack", {"frames": env.stack.frames}
+        yield "stack", {"frames": env.frames}
     for seat, policy in enumerate(getattr(env, "policies", ())):
         # A pool of opponents says which of its members remember.
         several = getattr(policy, "remembering", None)

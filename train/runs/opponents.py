@@ -7,9 +7,9 @@ from typing import Any
 
 from pursuit.policy import Policy
 from pursuit.task import Task
-from scripted_agents import check_optimal
 from scripted_agents.environments import (
-    SCRIPTED,
+    AGENTS,
+    check_agent,
     default_policies,
     is_own_policy,
     own_policy,
@@ -79,8 +79,8 @@ def opponents_of(
     Args:
         task: the game.
         agent: who learns.
-        opponent: random, optimal, astar, a user's own policy, the folder of a run or a model's
-            .zip; None for A*.
+        opponent: one of AGENTS, a user's own policy, the folder of a run or a model's .zip; None
+            for A*.
         epsilon: share of random moves of the scripted agents.
         played: how a learned opponent plays, "sampled" or "greedy".
 
@@ -88,7 +88,7 @@ def opponents_of(
         ValueError: no policy at `opponent`, or one that cannot play against the learner.
     """
     policies = default_policies(task, epsilon, own=agent)
-    if opponent in SCRIPTED:
+    if opponent in AGENTS:
         roles = set(task.seat_roles) - {agent.split("_")[0]}
         check(
             bool(roles),
@@ -96,8 +96,7 @@ def opponents_of(
             "out",
         )
         for other in roles:
-            if opponent == "optimal":
-                check_optimal(task, other)
+            check_agent(str(opponent), task, other)
             rest: Any = (epsilon, task.move_order)
             policies[other] = scripted_policy(str(opponent), other, *rest)
     elif opponent is not None and is_own_policy(opponent):

@@ -92,8 +92,13 @@ def player_of(settings: TrainSettings[Any]) -> Seat | ArmSeat:
     """Who learns in a run, as its training games have it; ValueError for settings of none."""
     given = settings.task
     if isinstance(given, ReacherSettings):
+        check(
+            settings.frame_stack == 1,
+            f"frame_stack={settings.frame_stack} on an arm, which sees all that there is; leave it "
+            "out",
+        )
         return ArmSeat(given.build(), settings.observation)
     task = task_of(given)
     agent = agent_of(given, task)
     played = training_task(settings.curriculum, settings.lessons, task)
-    return Seat(played, agent, settings.observation, given.mask_bumps)
+    return Seat(played, agent, settings.observation, given.mask_bumps, settings.frame_stack)

@@ -15,7 +15,7 @@ from pursuit.rendering import scene_to_text
 from pursuit.simulator import Simulator
 from pursuit.single_agent import fill_seats
 from pursuit.task import Task
-from scripted_agents.environments import SCRIPTED
+from scripted_agents.environments import AGENTS
 from train.environments.arm_env import ArmEnv
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.arm_contest import ArmContest
@@ -103,7 +103,7 @@ class GridWorld:
     def ground(self) -> Ground:
         """The task, and who plays in it."""
         given = self.settings
-        learned = None if given.opponent in SCRIPTED else given.opponent
+        learned = None if given.opponent in AGENTS else given.opponent
         return Ground(self.task, self.agent, self.opponents, given.opponent_epsilon, learned)
 
     def games(

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from pursuit.policy import Policy
 from pursuit.task import Task
-from scripted_agents import check_optimal
 from scripted_agents.environments import (
-    SCRIPTED,
+    AGENTS,
+    SEARCHERS,
+    check_agent,
     is_own_policy,
     own_policy,
     own_roles,
@@ -100,7 +101,7 @@ def enter(
         folder = Path(name)
         check(
             folder.is_dir(),
-            f"{name}: no folder of a run, and no scripted agent ({', '.join(SCRIPTED)}, or "
+            f"{name}: no folder of a run, and no scripted agent ({', '.join(AGENTS)}, or "
             "package.module:Name)",
         )
         check((folder / CONFIG).exists(), f"{name}: no run here ({CONFIG} is missing)")
@@ -128,11 +129,10 @@ def enter(
         check_fits(policy, role, task, name)
         entries.append(Entry(title[name], role, policy))
     for name in names:
-        if name in SCRIPTED:
+        if name in AGENTS:
             rest: Any = (opponent_epsilon if name == "astar" else 0.0, task.move_order)
-            for role in ROLES:
-                if name == "optimal":
-                    check_optimal(task, role)
+            for role in [role for role in ROLES if role in SEARCHERS.get(name, ROLES)]:
+                check_agent(name, task, role)
                 entries.append(Entry(title[name], role, scripted_policy(name, role, *rest)))
         elif is_own_policy(name):
             for role in own_roles(name, task):
@@ -147,7 +147,7 @@ def enter(
 
 def is_agent(name: str) -> bool:
     """Whether an entry names an agent, scripted or a user's own, and not a folder."""
-    return name in SCRIPTED or is_own_policy(name)
+    return name in AGENTS or is_own_policy(name)
 
 
 def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> LeagueTable:

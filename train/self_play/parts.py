@@ -11,9 +11,10 @@ import msgspec
 
 from pursuit.policy import Policy
 from pursuit.task import Task
-from scripted_agents import check_optimal
 from scripted_agents.environments import (
-    SCRIPTED,
+    AGENTS,
+    SEARCHERS,
+    check_agent,
     is_own_policy,
     own_policy,
     own_roles,
@@ -76,13 +77,14 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
             task.move_order,  # type: ignore[arg-type]
             discount,
         )
-        for name in SCRIPTED
+        for name in AGENTS
         for role in ROLES
+        if role in SEARCHERS.get(name, ROLES)
     }
     scripted |= {
         (name, role): own_policy(name, task, role)
         for name in settings.members
-        if name not in SCRIPTED
+        if name not in AGENTS
         for role in own_roles(name, task)
     }
     frozen = {
@@ -97,7 +99,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     for role in settings.learning:
         own = side_settings(settings, role)
         masks = settings.task.mask_bumps
-        seat = Seat(task, role, own.observation, masks)
+        seat = Seat(task, role, own.observation, masks, own.frame_stack)
         check_memory(own.hyper, seat)
         entry(own.algorithm).check_memory(own.hyper, seat)
         sides[role] = SideParts(
@@ -126,8 +128,10 @@ def check_sides(settings: SelfPlaySettings, task: Task) -> None:
     )
     check(not task.num_runners, f"task {task.name!r} has runners; take chase or heist")
     for role in ROLES:
-        if "optimal" in (getattr(settings, role), *settings.members):
-            check_optimal(task, role)
+        members = [name for name in settings.members if role in SEARCHERS.get(name, ROLES)]
+        for name in (getattr(settings, role), *members):
+            if name in AGENTS:
+                check_agent(name, task, role)
     for role in settings.learning:
         entry(settings.algorithm(role)).check_self_play(role, task.count(role))
 
@@ -150,7 +154,7 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
         hyper = replace(hyper, num_games=games)
     whole = {
         name: getattr(settings, name)
-        for name in ("observation", "seconds", "frames", "seed", "threads")
+        for name in ("observation", "frame_stack", "seconds", "frames", "seed", "threads")
     }
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
 

@@ -44,6 +44,17 @@ def check_threads(threads: int, least: int) -> None:
     )
 
 
+MOST_FRAMES = 64
+
+
+def check_frame_stack(count: int) -> None:
+    """ValueError for a number of observations that no network is given at once."""
+    check(
+        1 <= count <= MOST_FRAMES,
+        f"frame_stack={count}; from 1 (what is observed now) to {MOST_FRAMES}",
+    )
+
+
 def check_seed(seed: int) -> None:
     """ValueError for a seed that is not one to train with."""
     check(

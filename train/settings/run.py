@@ -6,7 +6,14 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from train.settings.algorithms import Hyperparameters, PPOSettings
-from train.settings.checks import check, check_budget, check_choice, check_seed, check_threads
+from train.settings.checks import (
+    check,
+    check_budget,
+    check_choice,
+    check_frame_stack,
+    check_seed,
+    check_threads,
+)
 from train.settings.curricula import CurriculumSettings, curriculum_form
 from train.settings.task import AnyTask, TaskSettings
 
@@ -38,6 +45,9 @@ class TrainSettings(Generic[S]):
     """What the network is given. In mazes: index (the same network as one_hot, faster), one_hot,
     positions, cells, walls or planes (convolutions), or package.module:Name of your own. Of an arm:
     positions or positions_angles. auto: the first of these."""
+    frame_stack: int = 1
+    """Observations that the network is given at once: the last so many of the episode, the older
+    ones empty at its start."""
     evaluate: str = "greedy"
     """Which policy is evaluated: greedy (the most probable action), or sampled (as learned: it
     gets away where the greedy one steps to and fro for ever). Final results have both."""
@@ -62,6 +72,7 @@ class TrainSettings(Generic[S]):
         if self.observation == "auto":
             object.__setattr__(self, "observation", self.task.OBSERVATION)
         self.task.check_observation(self.observation)
+        check_frame_stack(self.frame_stack)
         check_choice("evaluate", self.evaluate, EVALUATED)
         check_choice("precision", self.precision, PRECISIONS)
         check_choice("first_layer", self.first_layer, FIRST_LAYERS)

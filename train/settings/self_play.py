@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pursuit.own_observations import OBSERVATIONS
-from scripted_agents.environments import SCRIPTED, is_own_policy
+from pursuit.own_observations import check_observation
+from scripted_agents.environments import AGENTS, is_own_policy
 from train.settings.algorithms import PPOSettings
-from train.settings.checks import check, check_budget, check_choice, check_seed, check_threads
+from train.settings.checks import (
+    check,
+    check_budget,
+    check_choice,
+    check_frame_stack,
+    check_seed,
+    check_threads,
+)
 from train.settings.task import TaskSettings
 
 ROLES = ("chaser", "evader")
@@ -30,8 +37,8 @@ class SelfPlaySettings:
     hyper: PPOSettings = field(default_factory=self_play_ppo)
     """The settings of PPO, for every role that learns by it."""
     chaser: str = LEARN
-    """learn, or who plays the chasers instead: astar, random, optimal, the folder of a run, or
-    package.module:Name of your own."""
+    """learn, or who plays the chasers instead: astar, random, optimal, searching (or sweeping,
+    belief), the folder of a run, or package.module:Name of your own."""
     evader: str = LEARN
     """learn, or who plays the evaders instead."""
     chaser_algorithm: str = "ppo"
@@ -55,11 +62,13 @@ class SelfPlaySettings:
     """Snapshots kept for each role: a sample of all so far, each as likely as any other (of window
     the newest; of double-oracle all)."""
     members: tuple[str, ...] = ()
-    """Scripted agents in the pools from the start: astar, random, optimal, or package.module:Name
-    of your own."""
+    """Scripted agents in the pools from the start: astar, random, optimal, searching (or sweeping,
+    belief), or package.module:Name of your own."""
     observation: str = "index"
     """What the networks are given: index, one_hot, positions, cells, walls, planes, or
     package.module:Name of your own."""
+    frame_stack: int = 1
+    """Observations that the networks are given at once: the last so many of the episode."""
     seconds: float | None = None
     """Budget of training time; evaluations are not counted."""
     frames: int | None = None
@@ -76,7 +85,8 @@ class SelfPlaySettings:
     def __post_init__(self) -> None:
         object.__setattr__(self, "sampling", FORMER.get(self.sampling, self.sampling))
         check_choice("sampling", self.sampling, SAMPLING)
-        OBSERVATIONS.check(self.observation)
+        check_observation(self.observation)
+        check_frame_stack(self.frame_stack)
         check(
             self.task.role == "auto",
             f"role={self.task.role!r}; both sides learn here: freeze one by chaser or evader",
@@ -104,8 +114,8 @@ class SelfPlaySettings:
         check(bool(self.learning), "chaser and evader are both frozen; let one of them learn")
         for name in self.members:
             check(
-                name in SCRIPTED or is_own_policy(name),
-                f"unknown member {name!r}; of {', '.join(SCRIPTED)}, or package.module:Name",
+                name in AGENTS or is_own_policy(name),
+                f"unknown member {name!r}; of {', '.join(AGENTS)}, or package.module:Name",
             )
             check(self.members.count(name) == 1, f"member {name!r} is given twice")
         both = all(self.algorithm(role) == "ppo" and role in self.learning for role in ROLES)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar
 
-from pursuit.own_observations import OBSERVATIONS
+from pursuit.own_observations import check_observation
 from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
 from pursuit.reacher.task import ReacherTask
 from pursuit.rewards import kept_rewards, rewards_text
@@ -56,7 +56,8 @@ class TaskSettings:
     on_completion); or package.module:Name of a function of your own."""
     view_radius: str | None = None
     """Path steps up to which agents see: a number for all, or by role or agent, such as
-    chaser=2,evader_0=3; everything if left out. Scripted agents see everything all the same."""
+    chaser=2,evader_0=3; everything if left out. The scripted astar, random and optimal see
+    everything all the same."""
     line_of_sight: str = ""
     """Who sees along rows and columns only, until a wall: all, or roles and agents, such as
     chaser,evader_0; with a view_radius so far only. Nobody if left out."""
@@ -66,8 +67,9 @@ class TaskSettings:
     opponent_epsilon: float = 0.2
     """Share of random moves of the scripted agents in all other seats, in [0, 1]."""
     opponent: str | None = None
-    """Who plays the other side instead of A*: random, optimal (exactly), the folder of a run, a
-    saved Stable-Baselines3 model (.zip), or package.module:Name of your own. Learned ones play as
+    """Who plays the other side instead of A*: random, optimal (exactly), searching (chasers also
+    sweeping, belief; all three see what the task lets them), the folder of a run, a saved
+    Stable-Baselines3 model (.zip), or package.module:Name of your own. Learned ones play as
     opponent_policy says."""
     opponent_policy: str = "sampled"
     """How a learned opponent plays: sampled (as it was learned, where it is a distribution), or
@@ -112,7 +114,7 @@ class TaskSettings:
 
     def check_observation(self, name: str) -> None:
         """ValueError unless it can be observed."""
-        OBSERVATIONS.check(name)
+        check_observation(name)
 
 
 def who_learns(task: str, role: str) -> str:

@@ -1,0 +1,314 @@
+"""HiddenSearch: a proven interval of what a game with one hidden cell costs, ever narrower."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pursuit.declared import as_array, number, whole
+from pursuit.memory import check_memory
+from scripted_agents.hidden_game import NONE, HiddenCell, model_of, places
+from scripted_agents.hidden_kernels import improve, mark_best, prune_points, search
+from scripted_agents.hidden_layout import Lower, Model, Room, Roots, Upper
+from scripted_agents.hidden_plan_kernels import drop_plans, evaluate_plans, mark_followed
+from scripted_agents.hidden_start_kernels import inform, wander
+
+DEFAULT_MEMORY = 500_000_000
+"""Bytes that points and plans take at most."""
+
+LONGEST_TRIAL = 400
+
+LOOKS = 2000
+"""Beliefs looked at between two glances at the clock: some hundredths of a second."""
+
+SHARE = 0.5
+"""The share of the distance at its root to which a trial is to bring it."""
+
+GROWTH, FULL = 1.5, 0.8
+"""Points and plans are pruned when there are so many times those kept last; or when one cell has
+that share of what it may have."""
+
+FIRST_SLACK = 1e-6
+"""Share of the mean distance that a point must add, once memory is short; then ever more."""
+
+STEADY = 1e-12
+"""Largest change, relative to the largest value, at which the first bounds are good enough."""
+
+FIRST_SWEEPS = 2000
+
+Report = Callable[[float, float, float], None]
+"""Told the seconds gone, and both bounds."""
+
+
+class Plans(NamedTuple):
+    """What whoever plays the upper bound needs, as kernels take it.
+
+    Attributes:
+        seen: [own, hidden] float64, the cost where the other cell is known.
+        vectors: [own, slot, plan] float64, of the other cell out of view by plan.
+        sizes: [own] int64, how many plans there are.
+    """
+
+    seen: NDArray[np.float64]
+    vectors: NDArray[np.float64]
+    sizes: NDArray[np.int64]
+
+
+class HiddenSearch:
+    """Bounds of the least cost of a `HiddenCell`, of the mean over its starts and of any belief.
+
+    Heuristic search value iteration (Smith and Simmons, 2004) with a set of points and of plans for
+    every own cell. The lower bound begins with the fast informed bound (Hauskrecht, 2000) and rises
+    by points: what is known of a belief tells of all beliefs that hold a part of it. The upper
+    bound is what plans cost; it begins with a random walk. What rounding can do is taken off.
+
+    Args:
+        game: what is played.
+        memory: bytes that points and plans take at most.
+
+    Raises:
+        ValueError: more memory than there is, or too little for any search.
+    """
+
+    def __init__(self, game: HiddenCell, memory: int = DEFAULT_MEMORY) -> None:
+        self.game, self.model = game, model_of(game)
+        self.seconds, self.looks = 0.0, 0
+        own, actions = game.next_own.shape
+        hidden, slots = game.visible.shape[1], self.model.cells.shape[1]
+        a_point, a_plan = 8 * own * (slots + actions + 1), 8 * own * (slots + 1)
+        points = min(whole("memory", memory, 1, 2**62) // 4 * 3 // a_point, 50_000)
+        plans = min(memory // 4 // a_plan, 50_000)
+        if min(points, plans) < 20:
+            raise ValueError(
+                f"memory={memory:,} bytes; {own} own cells with {slots} cells out of view need "
+                f"{20 * 4 * a_plan:,} at least"
+            )
+        check_memory("the search", points * a_point + plans * a_plan, "give it less memory")
+        informed, walk = first_bounds(self.model)
+        least = informed.min(axis=2)
+        self.lower_bound = Lower(
+            least,
+            _by_slot(self.model, np.where(informed < 1e299, informed, 1e12).transpose(0, 2, 1)),
+            np.zeros((own, slots, points)),
+            np.zeros((own, points)),
+            np.zeros((own, actions, points)),
+            np.zeros(own, dtype=np.int64),
+        )
+        vectors = np.zeros((own, slots, plans))
+        vectors[:, :, 0] = _by_slot(self.model, walk[:, None])[:, 0]
+        self.upper_bound = Upper(
+            walk,
+            np.full((own, hidden), NONE, dtype=np.int32),
+            np.zeros((own, hidden), dtype=np.int32),
+            vectors,
+            np.full((own, plans), NONE, dtype=np.int32),
+            np.zeros((own, plans), dtype=np.int32),
+            np.ones(own, dtype=np.int64),
+        )
+        self._room = _room(own, actions, hidden, slots, points, plans)
+        self.roots = game.starts
+        cells, others = np.nonzero(game.visible)
+        self._in_view = places(game, cells.astype(np.int64), np.eye(hidden)[others])
+        self._cursor, self.slack, self._kept = 0, 0.0, 2 * own
+
+    # -- what is known ---------------------------------------------------------------------------
+
+    @property
+    def margin(self) -> float:
+        """What rounding can have done to either bound, generously: a value is at most so large, one
+        look adds up so many products, and what they are off by counts for 1 / (1 - discount) steps.
+        """
+        most = float(np.abs(self.game.costs).max()) / (1.0 - self.game.discount)
+        products = self.game.visible.shape[1] * (self.game.targets.shape[3] + 2)
+        return 4.0 * np.finfo(float).eps * products * most / (1.0 - self.game.discount)
+
+    @property
+    def lower(self) -> float:
+        """A proven lower bound of the mean cost over the starts."""
+        return float(self.roots.weight @ self.roots.low) - self.margin
+
+    @property
+    def upper(self) -> float:
+        """A proven upper bound of the same, which the plans reach."""
+        return float(self.roots.weight @ self.roots.up) + self.margin
+
+    @property
+    def width(self) -> float:
+        """How far the bounds are apart, relative to the larger one."""
+        largest = max(abs(self.lower), abs(self.upper))
+        return (self.upper - self.lower) / largest if largest > 0.0 else 0.0
+
+    @property
+    def points(self) -> int:
+        """Beliefs that the lower bound stands on."""
+        return int(self.lower_bound.count.sum())
+
+    @property
+    def num_plans(self) -> int:
+        """Plans that the upper bound consists of."""
+        return int(self.upper_bound.count.sum())
+
+    def bounds(self, own_cell: int, belief: ArrayLike) -> tuple[float, float]:
+        """Proven bounds of the least cost from a belief.
+
+        Args:
+            own_cell: where own stands.
+            belief: [hidden], chances of the other cell; cells in view may be among them, as if they
+                were not looked at before the next step.
+
+        Raises:
+            ValueError: no cell, or no distribution.
+        """
+        cell = whole("own_cell", own_cell, 0, len(self.model.sizes) - 1)
+        row = as_array("belief", belief, "biuf", "give chances").astype(np.float64)
+        if row.shape != (self.game.visible.shape[1],):
+            raise ValueError(f"belief has shape {row.shape}; {(self.game.visible.shape[1],)}")
+        if not (row >= 0.0).all() or abs(row.sum() - 1.0) > 1e-6:
+            raise ValueError(f"belief with the sum {row.sum():.6g}; chances, with the sum 1")
+        place = places(self.game, np.array([cell]), (row / row.sum())[None])
+        place.seen[0] = -2  # only look
+        self._improve(place)
+        return float(place.low[0]) - self.margin, float(place.up[0]) + self.margin
+
+    def plans(self) -> Plans:
+        """The upper bound for whoever plays it, a copy."""
+        upper = self.upper_bound
+        vectors = upper.vectors[..., : upper.count.max()]
+        return Plans(upper.seen.copy(), vectors.copy(), upper.count.copy())
+
+    # -- the search ------------------------------------------------------------------------------
+
+    def improve(
+        self, seconds: float, width: float | None = None, report: Report | None = None
+    ) -> None:
+        """Search on, for so many seconds or until the bounds are so close, relative to the larger.
+
+        Raises:
+            ValueError: seconds or a width below 0.
+        """
+        if number("seconds", seconds) < 0.0:
+            raise ValueError(f"seconds={seconds}; 0 or more")
+        if width is not None and number("width", width) < 0.0:
+            raise ValueError(f"width={width}; 0 or more, such as 0.001")
+        enough = 0.0 if width is None else width
+        self._compile()
+        began, before = perf_counter(), self.seconds
+        self._settle()
+        while self.seconds - before < seconds and self.width > enough:
+            if self.upper - self.lower <= 3.0 * self.margin:
+                break
+            arrays = self.model, self.lower_bound, self.upper_bound, self._room
+            search(*arrays, self.roots, SHARE, LOOKS)
+            self._improve(self._in_view)
+            for _ in range(3):
+                evaluate_plans(self.model, self.upper_bound)
+            self._improve(self._some_points(LOOKS // 2))
+            if self._is_full() or self.points + self.num_plans > GROWTH * self._kept + 100:
+                self.prune()
+            self.look_at_starts()
+            self.looks += LOOKS
+            self.seconds = before + perf_counter() - began
+            if report is not None:
+                report(self.seconds, self.lower, self.upper)
+        self.seconds = before + perf_counter() - began
+
+    def _settle(self) -> None:
+        """Bounds of what is seen and of the starts, as far as single looks lead."""
+        largest = float(np.abs(self.upper_bound.seen).max())
+        for _ in range(FIRST_SWEEPS if self.looks == 0 else 1):
+            if self._improve(self._in_view) <= STEADY * largest:
+                break
+        self.look_at_starts()
+
+    def look_at_starts(self) -> None:
+        """Bounds of the starts; the upper ones as the plans that are there reach them."""
+        self.roots.up[:] = np.inf
+        self._improve(self.roots)
+
+    def _compile(self) -> None:
+        """So that no time to search is lost by it: every kernel, with nothing to do."""
+        arrays = self.model, self.lower_bound, self.upper_bound, self._room
+        search(*arrays, self.roots, SHARE, 0)
+        self._improve(places(self.game, np.zeros(0, dtype=np.int64), np.zeros((0, 1))))
+        evaluate_plans(self.model, self.upper_bound)
+        if self.looks == 0:
+            self.prune()
+
+    def prune(self) -> None:
+        """Drop points that others imply, and plans that are best nowhere and that none leads to."""
+        slack = self.margin
+        if self.slack > 0.0:
+            slack += self.slack * max(self.upper - self.lower, 0.0)
+        for own in range(len(self.model.sizes)):
+            prune_points(self.model, self.lower_bound, self._room, own, slack)
+        upper = self.upper_bound
+        used = np.zeros(upper.action.shape, dtype=bool)
+        mark_best(self.model, self.lower_bound, upper, self._room, self.roots, used)
+        mark_followed(self.model, upper, used)
+        drop_plans(self.model, upper, used, np.zeros(used.shape, dtype=np.int32))
+        self._kept, self._cursor = self.points + self.num_plans, 0
+        if self._is_full():
+            self.slack = max(4.0 * self.slack, FIRST_SLACK)
+
+    def _is_full(self) -> bool:
+        points, plans = self.lower_bound.value.shape[1], self.upper_bound.action.shape[1]
+        most = int(self.lower_bound.count.max()), int(self.upper_bound.count.max())
+        return most[0] > FULL * points or most[1] > FULL * plans
+
+    def _improve(self, these: Roots) -> float:
+        arrays = self.model, self.lower_bound, self.upper_bound, self._room
+        return float(improve(*arrays, these))
+
+    def _some_points(self, count: int) -> Roots:
+        """The next so many points, as places."""
+        counts = self.lower_bound.count
+        first, total = self._cursor, self.points
+        numbers = np.arange(first, min(first + count, total))
+        self._cursor = first + count if first + count < total else 0
+        own = np.searchsorted(counts.cumsum(), numbers, side="right")
+        inverse = self.lower_bound.inverse[own, :, numbers - (counts.cumsum() - counts)[own]]
+        there, slot = np.nonzero((inverse < 1e299) & (inverse > 0.0))
+        beliefs = np.zeros((len(numbers), self.game.visible.shape[1]))
+        beliefs[there, self.model.cells[own[there], slot]] = 1.0 / inverse[there, slot]
+        return places(self.game, own.astype(np.int64), beliefs)
+
+
+def first_bounds(model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where the search begins: [own, hidden, action] what it costs at least to begin with an action
+    (1e300 where an earlier action does the same), and [own, hidden] what a random walk costs.
+    """
+    hidden, most = model.costs.shape[2], 1.0 / (1.0 - model.discount)
+    own, actions = model.next_own.shape
+    # Whoever ends the game pays nothing more, so 0 is always among the extremes.
+    informed = np.full((own, hidden, actions), min(float(model.costs.min()), 0.0) * most)
+    walk = np.full((own, hidden), max(float(model.costs.max()), 0.0) * most)
+    enough = STEADY * max(float(np.abs(model.costs).max()), 1e-300) * most
+    for _ in range(FIRST_SWEEPS):
+        if inform(model, informed) <= enough:
+            break
+    for _ in range(FIRST_SWEEPS):
+        if wander(model, walk) <= enough:
+            break
+    informed[np.broadcast_to(~model.useful[:, None], informed.shape)] = 1e300
+    return informed, walk
+
+
+def _by_slot(model: Model, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[own, kinds, slot] from [own, kinds, hidden]; 0 in slots that are none."""
+    taken = np.take_along_axis(values, model.cells[:, None].astype(np.int64), axis=2)
+    there = np.arange(model.cells.shape[1]) < model.sizes[:, None]
+    return np.ascontiguousarray(np.where(there[:, None], taken, 0.0))
+
+
+def _room(own: int, actions: int, hidden: int, slots: int, points: int, plans: int) -> Room:
+    low, up, hidden_low, hidden_up = np.zeros((4, actions))
+    return Room(
+        np.zeros((actions, slots)), np.zeros(hidden), np.zeros(slots), np.zeros(points),
+        np.zeros(points), np.zeros(plans), low, up, hidden_low, hidden_up,
+        np.zeros(actions, dtype=np.int64), np.zeros(LONGEST_TRIAL, dtype=np.int64),
+        np.zeros(LONGEST_TRIAL, dtype=np.int64), np.zeros((LONGEST_TRIAL, hidden)),
+    )  # fmt: skip
