@@ -59,11 +59,11 @@ class TaskSettings:
     chaser=2,evader_0=3; everything if left out. The scripted astar, random and optimal see
     everything all the same."""
     line_of_sight: str = ""
-    """Who sees along rows and columns only, until a wall: all, or roles and agents, such as
-    chaser,evader_0; with a view_radius so far only. Nobody if left out."""
+    """Who sees along rows and columns only, until a wall: all (or no value), or roles and agents,
+    such as chaser,evader_0; with a view_radius so far only. Nobody if left out."""
     unknown_maze: str = ""
-    """Who knows of the maze only what is within view: all, or roles and agents. Nobody if left
-    out."""
+    """Who knows of the maze only what is within view: all (or no value), or roles and agents.
+    Nobody if left out."""
     opponent_epsilon: float = 0.2
     """Share of random moves of the scripted agents in all other seats, in [0, 1]."""
     opponent: str | None = None
