@@ -42,9 +42,9 @@ def chase(
             if order == "simultaneous":
                 caught = mine == theirs or (mine, theirs) == (hidden, own)
             elif role == "chaser":
-                caught = mine == hidden or mine == theirs
+                caught = mine in (hidden, theirs)
             else:
-                caught = theirs == own or theirs == mine
+                caught = theirs in (own, mine)
             if chance > 0.0 and not caught:
                 chances[theirs] = chances.get(theirs, 0.0) + float(chance)
         return mine, 1.0 if role == "chaser" else -1.0, chances
@@ -67,7 +67,7 @@ def step(game: Game, own: int, action: int, belief: Numbers) -> tuple[int, float
 
 
 def exact_values(game: Game, steps: int, begin: float, slack: float = 1e-7) -> list[Numbers]:
-    """[own] of vectors [vectors, hidden]: after so many steps of value iteration from `begin` the least
+    """[own] of vectors [vectors, hidden]: after so many sweeps from `begin` the least
     cost of a belief out of view is the least of its products with them. Each vector is the cost of
     one way to act while nothing is seen; Monahan (1982), with pruning by linear programs.
     """
