@@ -1,6 +1,7 @@
 """What the learner is given next. Deals in numbers: imports nothing of the world, and no torch."""
 
 from curricula.levels import LevelReplay
+from curricula.pools import PoolReplay
 from curricula.protocol import Change, Curriculum, Outcomes
 from curricula.schedules import (
     Progress,
@@ -20,6 +21,7 @@ __all__ = [
     "LearningProgress",
     "LevelReplay",
     "Outcomes",
+    "PoolReplay",
     "Progress",
     "Schedule",
     "Scheduled",

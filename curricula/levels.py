@@ -15,6 +15,24 @@ MAX_SEED = 2**53
 """Seeds of levels lie below: a float64 holds them exactly."""
 
 
+def rank_probabilities(
+    scores: NDArray[np.float64], ages: NDArray[np.float64], temperature: float, staleness: float
+) -> NDArray[np.float64]:
+    """[levels], the chances with which prioritised level replay draws them (Jiang et al., 2021).
+
+    Args:
+        scores: [levels]; (1 / rank)^(1 / temperature) counts of them, rank 1 the highest.
+        ages: [levels], at least 0; their share counts with a weight of `staleness`.
+        temperature, staleness: as in `LevelReplay`.
+    """
+    ranks = np.empty(len(scores))
+    ranks[np.argsort(-scores, kind="stable")] = np.arange(1, len(scores) + 1)
+    by_score = ranks ** (-1.0 / temperature)
+    by_age = ages if ages.sum() > 0 else np.ones(len(ages))
+    mixed = (1.0 - staleness) * by_score / by_score.sum()
+    return mixed + staleness * by_age / by_age.sum()
+
+
 class LevelReplay:
     """Prioritised level replay (Jiang et al., 2021) over seeds of levels.
 
@@ -72,13 +90,8 @@ class LevelReplay:
 
     def probabilities(self) -> NDArray[np.float64]:
         """[levels] of the buffer being drawn for a game that replays."""
-        ranks = np.empty(len(self.seeds))
-        ranks[np.argsort(-self.scores, kind="stable")] = np.arange(1, len(self.seeds) + 1)
-        by_score = ranks ** (-1.0 / self.temperature)
-        age = (self.updates - self.played).astype(np.float64)
-        by_age = age if age.sum() > 0 else np.ones(len(age))
-        mixed = (1.0 - self.staleness) * by_score / by_score.sum()
-        return mixed + self.staleness * by_age / by_age.sum()
+        ages = (self.updates - self.played).astype(np.float64)
+        return rank_probabilities(self.scores, ages, self.temperature, self.staleness)
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """Score the levels that were played, and keep the better ones."""

@@ -5,6 +5,11 @@ from . import heist_v0 as heist_v0
 from . import maze_v0 as maze_v0
 from . import race_v0 as race_v0
 from . import reacher_v0 as reacher_v0
+from .maps import Scenario as Scenario
+from .maps import cell_at as cell_at
+from .maps import read_grid as read_grid
+from .maps import read_map as read_map
+from .maps import read_scenarios as read_scenarios
 from .maze import Maze as Maze
 from .maze import library_names as library_names
 from .maze import load_maze as load_maze

@@ -9,29 +9,23 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.compiled import compiled, inlined
+from pursuit.compiled import compiled
 from pursuit.rules.layout import Games
-from pursuit.rules.sight import goal_in_view, goal_rank, has_collected, in_view, view_of
-
-FLOOR, SELF, TEAM, OTHER, GOAL, WALL, UNSEEN = range(7)
-"""Codes of the "cells" and "walls" grids; where several share a cell: self, others, team, goal."""
-PLANES = (
-    "self",
-    "team",
-    "others",
-    "goals",
-    "just collected",
-    "walkable",
-    "wall north",
-    "wall south",
-    "wall east",
-    "wall west",
+from pursuit.rules.sight import (
+    COLLECTED_PLANE,
+    GOAL,
+    GOALS_PLANE,
+    IN_VIEW_PLANE,
+    MAZE_PLANES,
+    SELF,
+    UNSEEN,
+    code_of,
+    goal_in_view,
+    goal_rank,
+    has_collected,
+    in_view,
+    view_of,
 )
-"""The first three follow the codes from SELF on."""
-IN_VIEW = "in view"
-"""The plane that there is besides where anybody's sight is limited."""
-GOALS_PLANE, COLLECTED_PLANE = PLANES.index("goals"), PLANES.index("just collected")
-MAZE_PLANES, IN_VIEW_PLANE = PLANES.index("walkable"), len(PLANES)
 
 
 @compiled
@@ -136,12 +130,6 @@ def encode_positions(
                 entity = num_agents + goal_rank(games, table, view, game, number)
                 out[game, seat, entity] = goal_in_view(games, table, view, game, number) + 1
             out[game, seat, num_agents + num_goals] = has_collected(games, game, own)
-
-
-@inlined
-def code_of(entity: int, team_size: int) -> int:
-    """What an agent is to the observer, whose own team comes first in the order of entities."""
-    return SELF if entity == 0 else TEAM if entity < team_size else OTHER
 
 
 @compiled

@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit import encodings
-from pursuit.encodings import FLOOR, UNSEEN, WALL
-from pursuit.encodings import PLANES as PLANES
 from pursuit.own_observations import ENCODINGS as ENCODINGS
-from pursuit.own_observations import Observation, OwnEncoding
+from pursuit.own_observations import WINDOW, Observation, OwnEncoding, is_ours
 from pursuit.rules.layout import Games
+from pursuit.rules.sight import FLOOR, UNSEEN, WALL
+from pursuit.rules.sight import PLANES as PLANES
 from pursuit.task import Task, checked_task
+from pursuit.window import encode_window, grids_of, planes_of, radius_of
 
 
 class Encoder:
@@ -31,15 +32,19 @@ class Encoder:
     - "cells": uint8 [height, width]: the codes FLOOR, SELF, TEAM, OTHER, GOAL, WALL (blocked).
     - "walls": uint8 [2*height + 1, 2*width + 1]: the same with the walls between the cells.
     - "planes": float32 [10, height, width] of 0 and 1, named in PLANES.
+    - "window": float32 [10, 2R+1, 2R+1], the planes of what lies around the agent, who is in the
+      middle: the same for mazes of any size, outside of which nothing is walkable. "window:4" has
+      R = 4; "window" the largest view radius of the task, or one that always shows the whole maze.
     - "index": int32 [entities + 1]: the places of the ones of "one_hot" (gone: its size, a padding
       row), so that an embedding bag that sums rows equals a matrix times "one_hot".
 
     With several mazes, cells, height and width are those of the largest.
 
-    Where the task limits sight, who and what an agent does not see is as if gone, and "planes" have
-    one plane more, "in view": 1 for the cells that are seen. Who knows only what is within view of
-    the maze (`Task.unknown_maze`) is shown the code UNSEEN in place of all other cells, and of the
-    walls that are not beside a cell in view; on "planes" all planes of other cells are 0.
+    Where the task limits sight, who and what an agent does not see is as if gone, and "planes"
+    and "window" have one plane more, "in view": 1 for the cells that are seen. Who knows of the
+    maze only what is within view (`Task.unknown_maze`) is shown the code UNSEEN in place of all
+    other cells, and of the walls that are not beside a cell in view; on planes all numbers of other
+    cells are 0.
 
     Args:
         task: the task.
@@ -68,13 +73,14 @@ class Encoder:
         ]
         self._order = np.array(order, dtype=np.int64)
         self._team_size = np.array([roles.count(role) for role in roles], dtype=np.int64)
-        if encoding not in ENCODINGS:
+        if not is_ours(encoding):
             self._own = OwnEncoding(task, encoding)
             self.space = self._own.space
             self.shape, self.dtype = self.space.shape, self.space.dtype
             return
         self._sight = task.sight
         self._places, self._background = _grids(task, str(encoding))
+        self._is_window = str(encoding).startswith(WINDOW)
         entities = self.num_entities
         box: Any = gymnasium.spaces.Box
         if encoding == "one_hot":
@@ -84,6 +90,10 @@ class Encoder:
             self.space = box(np.zeros_like(high), high, dtype=np.int32)
         elif encoding == "index":
             self.space = box(0, (entities + 1) * self._size, (entities + 1,), np.int32)
+        elif self._is_window:
+            side = 2 * radius_of(task, str(encoding)) + 1
+            self.space = box(0.0, 1.0, (len(planes_of(task)), side, side), np.float32)
+            self._mazes = grids_of(task)
         elif encoding == "planes":
             self.space = box(0.0, 1.0, self._background.shape[1:], np.float32)
         else:
@@ -127,6 +137,8 @@ class Encoder:
             encodings.encode_index(*seen_from, self._size, out)
         elif self.encoding == "positions":
             encodings.encode_positions(*seen_from, out)
+        elif self._is_window:
+            encode_window(*seen_from, team, self._sight.hidden_maze, *self._mazes, out)
         else:
             self._draw(games, order, team, out)
         return out
@@ -162,8 +174,8 @@ def _grids(task: Task, encoding: str) -> tuple[NDArray[np.int64], NDArray[Any]]:
     with_walls = encoding == "walls"
     shape = (2 * height + 1, 2 * width + 1) if with_walls else (height, width)
     if encoding == "planes":
-        planes = len(PLANES) + task.sight.limited
-        background = np.zeros((len(task.mazes), planes, *shape), dtype=np.float32)
+        planes = (len(task.mazes), len(planes_of(task)), *shape)
+        background = np.zeros(planes, dtype=np.float32)
     else:
         background = np.full((len(task.mazes), *shape), WALL, dtype=np.uint8)
     for number, maze in enumerate(task.mazes):

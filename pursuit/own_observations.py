@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, Protocol
 
 import gymnasium
@@ -13,8 +14,43 @@ from pursuit.parts import Registry
 from pursuit.rules.layout import Games
 from pursuit.task import Task
 
-ENCODINGS = ("one_hot", "positions", "cells", "walls", "planes", "index")
-"""The names of ours; see `pursuit.observations.Encoder`."""
+ENCODINGS = ("one_hot", "positions", "cells", "walls", "planes", "index", "window")
+"""The names of ours; see `pursuit.observations.Encoder`. "window:R" is one too, for a number R."""
+WINDOW = "window"
+MAX_WINDOW = 255
+"""The largest R."""
+
+
+def is_ours(encoding: object) -> bool:
+    """Whether an encoding is one of ours, "window:R" included."""
+    if not isinstance(encoding, str):
+        return False
+    return encoding in ENCODINGS or re.fullmatch(rf"{WINDOW}:[0-9]+", encoding) is not None
+
+
+def given_radius(encoding: str) -> int | None:
+    """R of "window:R"; None of any other encoding.
+
+    Raises:
+        ValueError: it is too large.
+    """
+    _, colon, radius = encoding.partition(":")
+    if not colon:
+        return None
+    if int(radius) > MAX_WINDOW:
+        raise ValueError(
+            f"a window of radius {radius}; it is at most {MAX_WINDOW}: give a smaller one, such as "
+            "window:4"
+        )
+    return int(radius)
+
+
+def check_observation(name: object) -> None:
+    """ValueError unless it names one of ours, or a part of a user's."""
+    if is_ours(name):
+        given_radius(str(name))
+    else:
+        OBSERVATIONS.check(name)
 
 
 class Observation(Protocol):

@@ -14,7 +14,7 @@ import numpy as np
 
 from pursuit.compiled import compiled, inlined
 from pursuit.rules.distances import pair_index, table_distance
-from pursuit.rules.layout import World, stream_of, world_of
+from pursuit.rules.layout import STAY, World, stream_of, world_of
 from pursuit.rules.randomness import draw_action
 from pursuit.rules.step import legal_moves
 
@@ -191,6 +191,8 @@ def act_on_beliefs(
         )
         if expected:
             mask = least_expected(world, maze, own, mine, worth)
+            if not stay_action:  # nothing is expected in games that are over
+                mask &= ~(1 << STAY)
         else:
             mask = against_most_likely(world, maze, own, mine, best)
         every = legal_moves(world, maze, own)

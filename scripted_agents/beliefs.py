@@ -155,7 +155,8 @@ class BeliefChaser:
         return self.filter.memory
 
     def __repr__(self) -> str:
-        told = [repr(self.filter.opponent), repr(self.response), repr(self.filter.eyes)]
+        epsilon = f"epsilon={self.epsilon:g}" if self.epsilon else ""
+        told = [repr(self.filter.opponent), repr(self.response), repr(self.filter.eyes), epsilon]
         return f"{type(self).__name__}({', '.join(filter(None, told))})"
 
     def begin(self, view: GameView, games: NDArray[np.intp]) -> None:

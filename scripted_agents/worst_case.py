@@ -32,7 +32,7 @@ MAX_PLACES = 10_000_000
 """Bound on cells ** searchers."""
 
 MAX_STATES = 5_000_000
-"""States that are kept before a search is given up: 28 bytes each."""
+"""States that are kept before a search is given up: 20 bytes each."""
 
 Speed = Literal["one", "unbounded"]
 

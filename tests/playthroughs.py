@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pursuit import Maze, Policy, ReacherSimulator, ReacherTask, Simulator, Task, make_task
 from pursuit.masks import bump_masks
@@ -56,6 +57,17 @@ TASKS: dict[str, tuple[Task, int]] = {  # and a seed with which something happen
         ),
         4,
     ),
+    "hidden": (
+        make_task(
+            "heist",
+            maze="4x4",
+            num_goals=2,
+            view_radius={"chaser": 2},
+            line_of_sight="evader",
+            unknown_maze="chaser",
+        ),
+        9,
+    ),
 }
 ARM, ARM_SEED = ReacherTask(joints=3, hold=2, max_steps=10), 76
 NAMES = (*TASKS, "reacher")
@@ -82,6 +94,7 @@ def playthrough(name: str) -> str:
     lines = [
         f"{name}: {', '.join(task.agent_names)}, {task.num_goals} goals, {task.num_actions} "
         f"actions, {task.move_order}, start {task.start}, seed {seed}",
+        *sight_lines(task),
         "",
         *moment(simulator),
     ]
@@ -100,6 +113,19 @@ def playthrough(name: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+def sight_lines(task: Task) -> Iterator[str]:
+    """How far each agent sees, where that is limited."""
+    if task.sight.limited:
+        for agent, limit in zip(task.agent_names, task.sight.limits, strict=True):
+            yield f"{agent}: {limit}"
+
+
+def sketch(grid: NDArray[np.uint8]) -> Iterator[str]:
+    """What is seen of a maze with its walls, and `?` for what is not."""
+    for row in grid:
+        yield "".join(" STOG#?"[code] for code in row)
+
+
 def moment(simulator: Simulator) -> Iterator[str]:
     """The drawing, where everything is, what each may do and sees."""
     task = simulator.task
@@ -113,6 +139,8 @@ def moment(simulator: Simulator) -> Iterator[str]:
         legal = np.flatnonzero(bump_masks(maze, task.num_actions)[cells[seat]])
         seen = " ".join(map(str, simulator.observe("positions", seat)[0]))
         yield f"{agent}: may go {' '.join(ACTIONS[move] for move in legal)}; observes {seen}"
+        if task.sight.hidden_maze[seat]:
+            yield from sketch(simulator.observe("walls", seat)[0])
 
 
 def outcome(simulator: Simulator) -> Iterator[str]:

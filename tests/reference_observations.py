@@ -38,7 +38,11 @@ class Seen:
         radius, in_line, unknown = task.sight.limits[seat]
         self.unknown = unknown and (radius is not None or in_line)
         self.limited = task.sight.limited
-        self.view = cells_seen(self.maze, int(simulator.positions[game, seat]), radius, in_line)
+        self.at = int(simulator.positions[game, seat])
+        radii = [limit.view_radius for limit in task.sight.limits]
+        whole = max(max(each.height, each.width) for each in task.mazes) - 1
+        self.radius = max((r for r in radii if r is not None), default=whole)
+        self.view = cells_seen(self.maze, self.at, radius, in_line)
         cells = [
             int(cell) if active and cell in self.view else None
             for cell, active in zip(simulator.positions[game], simulator.active[game], strict=True)
@@ -136,3 +140,10 @@ class Seen:
                 if self.maze.neighbors[cell, action] == cell:
                     planes[f"wall {side}"][self.place(cell)] = 1.0
         return np.stack(list(planes.values()))
+
+    def window(self) -> NDArray[np.float32]:
+        """Cut out of the planes, laid in the middle of a large empty field."""
+        planes, radius = self.planes(), self.radius
+        field = np.pad(planes, ((0, 0), (radius, radius), (radius, radius)))
+        row, column = self.place(self.at)
+        return field[:, row : row + 2 * radius + 1, column : column + 2 * radius + 1]

@@ -101,6 +101,11 @@ PROMISES: dict[str, Callable[[dict[str, Any], Path], bool]] = {
     "docs/viewer.md": lambda names, _: (
         len(names["replay"].episodes) == 3 and "my games" in names["html"]
     ),
+    "docs/memory.md": lambda names, _: (
+        names["remembered"].shape == (100, 64)
+        and names["remembered"].any(axis=1).all()
+        and names["recurrent"].num_timesteps == names["maskable"].num_timesteps == 1024
+    ),
     "docs/own_parts.md": lambda names, _: parts.allowed() == ("my_parts",),
 }
 """What a page's examples come to, beyond running, from the names that they leave behind."""

@@ -48,10 +48,10 @@ def make_network(env: Any, kind: str = "gru", shared: bool = True) -> ActorCriti
 @pytest.mark.parametrize("kind", GATES)
 def test_a_cell_along_sequences_equals_its_steps_and_so_do_its_gradients(kind: str) -> None:
     torch.manual_seed(1)
-    cell = Cell(kind, 5, 7).double()
+    cell = Cell(kind, 7).double()
     for weight in cell.parameters():
         weight.data.normal_(std=0.5)
-    inputs = torch.randn(6, 9, 5, dtype=torch.double, requires_grad=True)
+    inputs = torch.randn(6, 9, 7, dtype=torch.double, requires_grad=True)
     state = torch.randn(6, cell.size, dtype=torch.double, requires_grad=True)
     fresh, counts = torch.rand(6, 9) < 0.3, torch.randn(6, 9, 7, dtype=torch.double)
     found, states = cell(inputs, state, fresh)

@@ -34,6 +34,14 @@ TINY = {
 }  # fmt: skip
 RUNNER = {"task": "maze", "maze": "3x3", "num_goals": 2, "max_steps": 12}
 CHASER = {"task": "chase", "maze": "3x3", "max_steps": 12}
+SUITE = {
+    "task": "maze",
+    "num_goals": 1,
+    "maze": "suite:5x5-train/0-9",
+    "observation": "planes",
+    "max_steps": 12,
+    "judge_every": 200,
+}
 ARM = {"task": "reacher", "joints": 2, "max_steps": 12}
 FRAMES = 900
 LONGER = {"q_learning": 6000}
@@ -170,7 +178,7 @@ def test_learners_of_discrete_actions_resume_on_an_arm(tmp_path: Path) -> None:
 
 def taught(algorithm: str, curriculum: str, **flat: Any) -> Any:
     """A run with a curriculum: of a runner; of a chaser or an arm where that has not what turns."""
-    for game in (RUNNER, CHASER):
+    for game in (RUNNER, CHASER, SUITE):
         with contextlib.suppress(ValueError):
             return tiny(algorithm, curriculum=curriculum, **game, **flat)
     return tiny(algorithm, curriculum=curriculum, **ARM, hold=3, **flat)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -22,6 +23,10 @@ from scripted_agents import (
     SweepingChaser,
     WaryEvader,
 )
+from scripted_agents.environments import scripted_policy
+from scripted_agents.references import limited_references
+from train.evaluation.contest import GameContest
+from train.runs.opponents import opponents_of
 
 FAR = 100
 CHASE = make_task("chase", maze=("5x5", "4x4"), max_steps=30)
@@ -227,6 +232,18 @@ def test_they_refuse_seats_of_others(agent: Any) -> None:
         agent.act(Simulator(task, 2).view(0))
 
 
+def test_games_that_are_over_do_no_harm() -> None:
+    for agent in everybody(1):
+        simulator = Simulator(make_task("chase", maze="2x2"), 50, seed=1, auto_restart=False)
+        actions = np.zeros((50, 2), dtype=np.int32)
+        seat = simulator.task.seat(agent.role)
+        for _ in range(40):
+            simulator.act([rest("evader"), agent] if seat else [agent, rest("chaser")], actions)
+            assert actions.min() >= 0 and actions.max() <= 3
+            simulator.step(actions)
+        assert simulator.terminated.any()
+
+
 def test_beliefs_are_of_duels_only() -> None:
     with pytest.raises(ValueError, match="SearchingChaser"):
         BeliefChaser(view_radius=1).act(Simulator(TEAMS, 2).view(0))
@@ -234,3 +251,40 @@ def test_beliefs_are_of_duels_only() -> None:
         BeliefChaser(WaryEvader())  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="give an evader"):
         BeliefChaser(AStarChaser())
+
+
+def test_they_have_names_for_the_roles_that_they_play() -> None:
+    assert isinstance(scripted_policy("searching", "evader"), WaryEvader)
+    assert repr(scripted_policy("sweeping", "chaser", 0.3)) == "SweepingChaser(epsilon=0.3)"
+    assert repr(scripted_policy("belief", "chaser", 0.3)).endswith("'expected', epsilon=0.3)")
+    with pytest.raises(ValueError, match="belief plays chaser; 'evader' is asked for"):
+        scripted_policy("belief", "evader")
+    hidden = make_task("chase", maze="4x4", view_radius={"chaser": 1})
+    assert isinstance(opponents_of(hidden, "evader", "belief", 0.2)["chaser"], BeliefChaser)
+    with pytest.raises(ValueError, match="belief plays chaser"):
+        opponents_of(hidden, "chaser", "belief", 0.2)
+    with pytest.raises(ValueError, match="SearchingChaser"):
+        opponents_of(TEAMS, "evader", "belief", 0.2)
+    env = gymnasium.make("pursuit/Evader-v0", maze="4x4", opponent="searching", view_radius=2)
+    env.reset(seed=0)
+    for _ in range(20):
+        env.step(0)
+
+
+def test_they_stand_beside_learners_of_limited_sight() -> None:
+    hidden = make_task("chase", maze="4x4", view_radius=1, max_steps=60)
+    evader = AStarEvader(epsilon=0.5)
+    contest = GameContest(hidden, "chaser", {"evader": evader}, episodes=300)
+    names = [score.name for score in contest.baselines()]
+    assert names == ["random", "A* chaser", "searching chaser", "belief chaser", "optimal"]
+    belief = limited_references(hidden, "chaser", {"evader": evader})["belief chaser"]
+    assert isinstance(belief, BeliefChaser) and belief.filter.opponent is evader
+    assert list(limited_references(hidden, "evader", {})) == ["wary evader"]
+    assert list(limited_references(hidden, "chaser", {"evader": WaryEvader()})) == [
+        "searching chaser"
+    ]
+    assert not limited_references(TEAMS, "chaser", {"evader": evader})
+    # A searcher is no table: who plays against it is scored by games, without a best response.
+    against = GameContest(hidden, "evader", {"chaser": SearchingChaser()}, episodes=300)
+    assert not against.is_exact and against.optimal() is None
+    assert 1 < against.score("wary", WaryEvader(view_radius=2)).mean_steps <= 60

@@ -41,8 +41,8 @@ from train.settings.self_play import self_play_ppo
 # -- the games -------------------------------------------------------------------------------------
 
 
-def make_env(tmp_path: Path, role: str, central: bool = False, **counts: int) -> TeamEnv:
-    task = make_task("chase", maze="5x5", max_steps=12, **counts)
+def make_env(tmp_path: Path, role: str, central: bool = False, **settings: int) -> TeamEnv:
+    task = make_task("chase", maze="5x5", max_steps=12, **settings)
     simulator = Simulator(task, 32, seed=1, auto_restart=False)
     opponents = Opponents(simulator, role, 0.95, seed=0)
     opponents.policy.pool = OpponentPool(tmp_path, RandomAgent(), 3, lambda state: Always(0))
@@ -106,6 +106,22 @@ def test_a_central_critic_sees_the_whole_team_and_the_policy_does_not(tmp_path: 
     changed[:, 2] = changed[:, 2].flip(0)
     after_logits, after_value = network(changed)
     assert torch.equal(logits, after_logits) and not torch.allclose(value, after_value)
+
+
+def test_a_central_critic_sees_what_the_agents_themselves_do_not(tmp_path: Path) -> None:
+    env = make_env(tmp_path, "chaser", central=True, num_chasers=2, view_radius=1)
+    simulator = env.simulator
+    whole = Simulator(replace(simulator.task, view_radius=None), simulator.num_games)
+    now, hidden = env.reset(), 0
+    for _ in range(20):
+        whole.set_state(simulator.get_state())
+        own, team = simulator.observe("index")[:, :2], whole.observe("index")[:, :2]
+        seen = now["observation"].view(simulator.num_games, 2, 3, -1).numpy()
+        assert (seen[:, :, 0] == own).all()
+        assert (seen[:, :, 1:] == team[:, None]).all()
+        hidden += int((own != team).any(axis=(1, 2)).sum())
+        _, now = env.step_and_maybe_reset(env.rand_action(now))
+    assert hidden > 100
 
 
 def test_scores_are_the_share_of_the_discounted_payoff(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What one agent sees of a game: cells in view, goals in view, and what it has just collected.
+"""What one agent sees of a game, and by which numbers it is told: codes and planes.
 
 Kernels are given a task's sight as two arrays (`pursuit.sight.Sight` makes them), or as None and
 None where nobody's sight is limited: then the compiler drops every question, and full sight costs
@@ -20,6 +20,25 @@ from pursuit.compiled import inlined
 from pursuit.rules.layout import COLLECTED, Games
 
 SEES_ALL = -1
+FLOOR, SELF, TEAM, OTHER, GOAL, WALL, UNSEEN = range(7)
+"""Codes of the "cells" and "walls" grids; where several share a cell: self, others, team, goal."""
+PLANES = (
+    "self",
+    "team",
+    "others",
+    "goals",
+    "just collected",
+    "walkable",
+    "wall north",
+    "wall south",
+    "wall east",
+    "wall west",
+)
+"""The first three follow the codes from SELF on."""
+IN_VIEW = "in view"
+"""The plane that there is besides where anybody's sight is limited."""
+GOALS_PLANE, COLLECTED_PLANE = PLANES.index("goals"), PLANES.index("just collected")
+MAZE_PLANES, IN_VIEW_PLANE = PLANES.index("walkable"), len(PLANES)
 
 
 @inlined
@@ -66,3 +85,9 @@ def goal_rank(games: Games, table: Any, view: int, game: int, goal: int) -> int:
 def has_collected(games: Games, game: int, agent: int | np.uintp) -> bool:
     """Whether an agent collected a goal in the last step."""
     return (games.event[game, agent] & COLLECTED) != 0
+
+
+@inlined
+def code_of(entity: int, team_size: int) -> int:
+    """What an agent is to the observer, whose own team comes first in the order of entities."""
+    return SELF if entity == 0 else TEAM if entity < team_size else OTHER

@@ -14,6 +14,7 @@ from pursuit.maze import Maze
 from pursuit.observations import PLANES
 from pursuit.replay_worlds import State
 from pursuit.rules.layout import CAPTURED, COLLECTED
+from pursuit.rules.sight import IN_VIEW
 from pursuit.viewer.page import page
 
 MOVING = PLANES.index("walkable")
@@ -155,7 +156,8 @@ class Builder:
         marks, numbers = [], []
         maze = task.mazes[int(episode.start.get("maze") or 0)]
         for step in range(item["length"] + 1):
-            planes = simulator.observe("planes", seat)[0][:MOVING]
+            planes = simulator.observe("planes", seat)[0]
+            planes = np.concatenate([planes[:MOVING], planes[len(PLANES) :]])  # and what is in view
             marks.append(
                 [[int(p), int(maze.cell_numbers[r, c])] for p, r, c in np.argwhere(planes)]
             )
@@ -165,7 +167,7 @@ class Builder:
                 replay.world.step(simulator, episode.actions[step])
         item["seen"] = {
             "agent": task.agent_names[seat],
-            "names": list(PLANES[:MOVING]),
+            "names": list(PLANES[:MOVING]) + [IN_VIEW] * task.sight.limited,
             "steps": marks,
         }
         if numbers and len(numbers[0]) <= MOST_NUMBERS:

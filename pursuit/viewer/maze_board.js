@@ -139,7 +139,7 @@ class MazeBoard {
     this.layers.seen.replaceChildren();
     for (const [plane, cell] of seen || []) {
       const [x, y] = this.middle(cell);
-      draw(this.layers.seen, "rect", { class: `plane plane-${plane % 4}`, x: x - 4.6, y: y - 4.6, width: 9.2, height: 9.2 });
+      draw(this.layers.seen, "rect", { class: `plane plane-${plane === 5 ? "view" : plane % 4}`, x: x - 4.6, y: y - 4.6, width: 9.2, height: 9.2 });
     }
   }
 }

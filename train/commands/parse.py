@@ -18,6 +18,8 @@ from train.settings.task import AnyTask, task_form
 Form = TypeVar("Form")
 Formats = tuple[str, ...]
 """Of --format: formats of figures, as `train.figures.Look` takes them."""
+OF_EVERYBODY = ("--line-of-sight", "--unknown-maze")
+"""Options that name agents, and without a name mean all."""
 
 
 def fail(message: str, status: int = 2) -> NoReturn:
@@ -82,6 +84,16 @@ def taken_allowed(arguments: Sequence[str]) -> list[str]:
     return rest
 
 
+def meant_for_all(arguments: Sequence[str]) -> list[str]:
+    """The arguments, with "all" after options of `OF_EVERYBODY` that stand without a value."""
+    found: list[str] = []
+    for argument, after in zip(arguments, [*arguments[1:], "--"], strict=True):
+        found.append(argument)
+        if argument.replace("_", "-") in OF_EVERYBODY and after.startswith("--"):
+            found.append("all")
+    return found
+
+
 def parse(
     form: type[Form], arguments: Sequence[str], prog: str, default: Form | None = None
 ) -> Form:
@@ -90,7 +102,7 @@ def parse(
     Raises:
         ValueError: arguments that the form does not have, or values that it does not allow.
     """
-    arguments = taken_allowed(arguments)
+    arguments = meant_for_all(taken_allowed(arguments))
     boxed = io.StringIO()
     extra: Any = {} if default is None else {"default": default}
     try:

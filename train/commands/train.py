@@ -69,6 +69,7 @@ class _First:
     algorithm: str | None = None
     preset: str = TUNED
     curriculum: str | None = None
+    recurrent: str | None = None
 
 
 def train(arguments: Sequence[str]) -> None:
@@ -115,7 +116,7 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
             ),
         )
     algorithm = first.algorithm or preset_algorithm(first.preset) or "ppo"
-    setting = setting_of(first.task)
+    setting = replace(setting_of(first.task), recurrent=first.recurrent is not None)
     hyper = hyperparameters(algorithm, setting, first.preset)
     curriculum, lessons = lessons_for(algorithm, setting, first.preset, first.curriculum)
     budget = budget_of(arguments, 60.0)

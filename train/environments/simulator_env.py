@@ -42,7 +42,7 @@ class SimulatorEnv(LockstepEnv):
 
     Attributes:
         seat, seats: the learner's first seat, and all of them.
-        central: whether each agent observes what all k do as well.
+        central: whether each agent observes what all k would in full sight as well.
         scale: rewards are multiplied by it.
         idle: [num_games, k] bool.
         frames: [batch, frame_stack, ...], the last observations of every agent of the learner's,
@@ -118,7 +118,7 @@ class SimulatorEnv(LockstepEnv):
         encoder = self.simulator.encoder(self.encoding)
         seen = torch.from_numpy(self._stacked(encoder.encode(self.simulator.games, self.seats)))
         if self.central:
-            team = seen[:, None].expand(-1, self.members, *seen.shape[1:])
+            team = self._whole()[:, None].expand(-1, self.members, *seen.shape[1:])
             seen = torch.cat([seen[:, :, None], team], dim=2)
         found = {"observation": seen.flatten(0, 1)}
         if self.members > 1:
@@ -127,6 +127,10 @@ class SimulatorEnv(LockstepEnv):
             found[ACTION_MASK] = torch.from_numpy(self.masks()).flatten(0, 1)
             self.action_spec.update_mask(found[ACTION_MASK])
         return found
+
+    def _whole(self) -> torch.Tensor:
+        """[games, k, ...]: what the central critic is shown of the agents of the role."""
+        raise NotImplementedError
 
     def masks(self) -> NDArray[np.bool_]:
         """[num_games, k, actions] bool: what the learner's agents may do."""

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
+import torch
+
+from pursuit.observations import Encoder
 from pursuit.policy import Policy
 from pursuit.simulator import Simulator
 from train.environments.hooks import EpisodeHook
@@ -21,8 +25,9 @@ class TeamEnv(SimulatorEnv):
         player: its agent is a role.
         policies: whoever fills each seat; None in those of the role.
         hook: changes the next episodes.
-        central: observe also what every agent of the role observes, for a central critic: [k + 1,
-            *shape], the own observation first.
+        central: observe also what every agent of the role would in full sight, for a central
+            critic: [k + 1, *shape], the own observation first. That is the whole state, however
+            little the agents themselves see.
         scale: rewards are multiplied by it.
     """
 
@@ -38,4 +43,14 @@ class TeamEnv(SimulatorEnv):
     ) -> None:
         super().__init__(simulator, player, policies, hook, player.members)
         self.central, self.scale = central, scale
+        task = replace(simulator.task, view_radius=None, line_of_sight=False, unknown_maze=False)
+        self._all = Encoder(task, player.encoding)
         self._specify_observation()
+
+    def _whole(self) -> torch.Tensor:
+        whole = self._all.encode(self.simulator.games, self.seats)
+        if self.stack is not None:  # what was before is nothing new to who sees everything now
+            flat = whole.reshape(-1, *whole.shape[2:])
+            whole = self.stack.seen(self.stack.begun(len(flat), flat.dtype), flat)
+            whole = whole.reshape(self.num_games, self.members, *whole.shape[1:])
+        return torch.from_numpy(whole)

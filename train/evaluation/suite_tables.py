@@ -130,23 +130,27 @@ def values_of(
     task: Task, seat: int, own: Iterator[NDArray[Any]], others: Iterator[NDArray[Any]]
 ) -> list[Value]:
     """The exact value of a policy in each maze, by its tables and those of whoever it meets."""
-    found = []
+    least = task.min_start_distance
+    return [
+        Value(*(mean_over_starts(each, maze, least) for each in found))
+        for maze, found in zip(task.mazes, pairs_of_values(task, seat, own, others), strict=True)
+    ]
+
+
+def pairs_of_values(
+    task: Task, seat: int, own: Iterator[NDArray[Any]], others: Iterator[NDArray[Any]]
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Steps, and the chance that it ends within the time, from every pair of cells of each maze.
+
+    Both are [chaser cell, evader cell], or [runner cell, goal cell] float64.
+    """
     for maze, table, other in zip(task.mazes, own, others, strict=True):
         evades = task.seat_roles[seat] == "evader"
         tables = (other, table) if evades else (table, other)
-        steps = [
-            mean_over_starts(
-                evaluate_exactly(
-                    maze,
-                    *tables,
-                    horizon=horizon,
-                    move_order=task.move_order,  # type: ignore[arg-type]
-                ),
-                maze,
-                task.min_start_distance,
-            )
+        order: Any = task.move_order
+        steps, longer = (
+            evaluate_exactly(maze, *tables, horizon=horizon, move_order=order).values
             for horizon in (task.max_steps, task.max_steps + 1)
-        ]
+        )
         # One step more is played exactly where nobody was caught in time.
-        found.append(Value(steps[0], 1.0 - (steps[1] - steps[0])))
-    return found
+        yield steps, 1.0 - (longer - steps)

@@ -119,6 +119,11 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     for name in ("view_radius", "line_of_sight", "unknown_maze"):
         if not plain["task"].get(name):
             plain["task"].pop(name, None)  # runs of full sight are those of versions before it
+    if plain.get("frame_stack") == 1:  # and so are those that remember nothing
+        del plain["frame_stack"]
+    if plain["hyper"].get("recurrent") is None:
+        for name in ("recurrent", "burn_in"):
+            plain["hyper"].pop(name, None)
     if parts := provenance(settings):
         plain["parts"] = parts  # users' modules count by their source
     text = json.dumps({"kind": kind, "episodes": episodes, **plain}, sort_keys=True)

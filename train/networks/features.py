@@ -8,7 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.observations import ENCODINGS, Encoder
+from pursuit.observations import Encoder
+from pursuit.own_observations import is_ours
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +44,12 @@ def features_of(encoder: Encoder, num_agents: int) -> Features:
         num_agents: entities before the goals.
     """
     shape, high = tuple(encoder.shape), np.asarray(encoder.space.high)
-    if encoder.encoding not in ENCODINGS:  # a user's own, whose bounds may be anything
+    if not is_ours(encoder.encoding):  # a user's own, whose bounds may be anything
         largest = np.maximum(np.abs(encoder.space.low.astype(np.float64)), np.abs(high))
         bounds = np.where(np.isfinite(largest), largest, 1.0)
         return Features("planes" if len(shape) == 3 else "flat", shape, bounds)
     if encoder.encoding != "index":
-        return Features("planes" if encoder.encoding == "planes" else "flat", shape, high)
+        return Features("planes" if len(shape) == 3 else "flat", shape, high)
     cells, entities = encoder.num_cells, encoder.num_entities
     blocks = [min(entity, num_agents) for entity in range(entities)]
     blocks.append(num_agents + (entities > num_agents))  # of the goal that was just collected

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from pursuit.masks import action_masks
 from pursuit.maze import Maze
 from pursuit.maze_arrays import lay_out
-from pursuit.observations import ENCODINGS, Encoder
+from pursuit.observations import Encoder
+from pursuit.own_observations import is_ours
 from pursuit.policy import GameView, pairs_of_cells
 from pursuit.rules.layout import Games
 from pursuit.simulator import Simulator
@@ -162,7 +163,7 @@ class Seat:
         one that remembers is not."""
         if self.frame_stack > 1 or getattr(network, "policy_memory", None) is not None:
             return RememberingPolicy(network, self, greedy)
-        sees_more = self.encoding not in ENCODINGS and not sees_cells_only(self.task, self.encoding)
+        sees_more = not is_ours(self.encoding) and not sees_cells_only(self.task, self.encoding)
         return (NetworkPolicy if sees_more else LearnedPolicy)(network, self, greedy)
 
 

@@ -25,20 +25,22 @@ aten: Any = torch.ops.aten
 class Cell(nn.Module):
     """A GRU (Cho et al., 2014) or an LSTM (Hochreiter and Schmidhuber, 1997) in torch's form.
 
-    Its state is one row of numbers for every game: of a GRU what it puts out, of an LSTM that and
-    its cell. Nothing is remembered where it is 0.
+    What comes in is added to what comes out: without a memory the heads would see that alone, and
+    what can be done without one is learned as fast so.
+
+    Its state is one row of numbers for every game: of a GRU its output, of an LSTM that and its
+    cell. Nothing is remembered where it is 0.
 
     Args:
         kind: "gru" or "lstm".
-        inputs: numbers that come in.
-        width: numbers that come out.
+        width: numbers that come in, and that come out.
     """
 
-    def __init__(self, kind: str, inputs: int, width: int) -> None:
+    def __init__(self, kind: str, width: int) -> None:
         super().__init__()
         self.kind, self.width = kind, width
         gates = GATES[kind]
-        self.weight_ih = nn.Parameter(torch.empty(gates * width, inputs))
+        self.weight_ih = nn.Parameter(torch.empty(gates * width, width))
         self.weight_hh = nn.Parameter(torch.empty(gates * width, width))
         self.bias_ih = nn.Parameter(torch.zeros(gates * width))
         self.bias_hh = nn.Parameter(torch.zeros(gates * width))
@@ -55,15 +57,15 @@ class Cell(nn.Module):
         """What comes out [games, width], and the state [games, size] after it.
 
         Args:
-            inputs: [games, inputs].
+            inputs: [games, width].
             state: [games, size].
         """
         weights = (self.weight_ih, self.weight_hh, self.bias_ih, self.bias_hh)
         if self.kind == "gru":
             hidden = torch.gru_cell(inputs, state, *weights)
-            return hidden, hidden
+            return inputs + hidden, hidden
         hidden, cell = torch.lstm_cell(inputs, state.chunk(2, dim=-1), *weights)
-        return hidden, torch.cat([hidden, cell], dim=-1)
+        return inputs + hidden, torch.cat([hidden, cell], dim=-1)
 
     def forward(
         self, inputs: torch.Tensor, state: torch.Tensor, fresh: torch.Tensor
@@ -71,7 +73,7 @@ class Cell(nn.Module):
         """A step after the other, with gradients through all of them.
 
         Args:
-            inputs: [games, steps, inputs].
+            inputs: [games, steps, width].
             state: [games, size] before the first step.
             fresh: [games, steps] bool: an episode begins here, so nothing is remembered.
 
@@ -83,12 +85,12 @@ class Cell(nn.Module):
         keep = (~fresh.T).to(gates.dtype)[:, :, None]
         run: Any = GRUSteps if self.kind == "gru" else LSTMSteps
         hidden, states = run.apply(gates, state, keep, self.weight_hh, self.bias_hh)
-        return hidden.transpose(0, 1), states.transpose(0, 1)
+        return inputs + hidden.transpose(0, 1), states.transpose(0, 1)
 
 
 def cell_of(hidden: Hidden) -> Cell | None:
     """What follows the hidden layers, where something is to be remembered."""
-    return Cell(hidden.recurrent, hidden.width, hidden.width) if hidden.recurrent else None
+    return Cell(hidden.recurrent, hidden.width) if hidden.recurrent else None
 
 
 def flattened(frames: TensorDictBase, more: Mapping[str, torch.Tensor]) -> TensorDict:

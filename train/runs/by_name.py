@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from difflib import get_close_matches
 from typing import Any, TypeVar
 
@@ -30,7 +30,7 @@ def settings_of(**flat: Any) -> TrainSettings[Any]:
     preset = given.pop("preset", TUNED)
     algorithm = given.get("algorithm", preset_algorithm(preset) or "ppo")
     task = picked(task_form(given.get("task")), given)
-    setting = setting_of(task)
+    setting = replace(setting_of(task), recurrent=given.get("recurrent") is not None)
     hyper = hyperparameters(algorithm, setting, preset)
     curriculum, lessons = lessons_for(algorithm, setting, preset, given.get("curriculum"))
     check_names(

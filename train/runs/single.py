@@ -57,6 +57,9 @@ class SingleAgent:
             self.env.resume = True
         self.learner = parts.algorithm.build(parts.hyper, self.env, parts.build)
         self.policy = self.learner.policy(greedy=evaluate == "greedy")
+        if self.teacher is not None:
+            draws = parts.algorithm.learns_distribution
+            self.teacher.examined = self.learner.policy(greedy=not draws)
         if state is not None:
             check_like(state.get("learner"), self.learner.state_dict(), "trainee.learner")
             self.learner.load_state_dict(state["learner"])

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import Any
 
 from curricula import Curriculum, Schedule
 from curricula.levels import SCORES
 from curricula.schedules import SHAPES, UNITS
 from pursuit.parts import Registry
 from train.settings.checks import check
+from train.settings.curriculum_form import CurriculumSettings as CurriculumSettings
+from train.settings.curriculum_form import check_temperature
+from train.settings.maze_curricula import MazeEditingSettings as MazeEditingSettings
+from train.settings.maze_curricula import MazeLearnabilitySettings as MazeLearnabilitySettings
+from train.settings.maze_curricula import MazeReplaySettings as MazeReplaySettings
 
 AXES = (
     "opponent-epsilon",
@@ -37,39 +42,6 @@ AXIS_PARTS: Registry[Any] = Registry(
     "axis", "a train.teaching.axes.Maker", is_axis, plural="axes", ours=("auto", *AXES)
 )
 """Axes of users' own."""
-
-
-@dataclass(frozen=True)
-class CurriculumSettings:
-    """No curriculum: the task as it is, from the start."""
-
-    SHARES: ClassVar[frozenset[str]] = frozenset(
-        {
-            "promote_at", "demote_at", "average_fast", "average_slow", "explore_share",
-            "replay_share", "staleness",
-        }
-    )  # fmt: skip
-
-    @property
-    def solved_within(self) -> float:
-        """Success is an episode within this many times the exact optimum; 0: as the task says."""
-        return 0.0
-
-    @property
-    def needs_optimum(self) -> bool:
-        """Whether the exact optimum of every start must be known."""
-        return self.solved_within > 0
-
-    @property
-    def needs_advantages(self) -> bool:
-        """Whether the learner must tell its advantages."""
-        return False
-
-    def __post_init__(self) -> None:
-        for name in (field.name for field in fields(self)):
-            value = getattr(self, name)
-            if name in self.SHARES:
-                check(0.0 <= value <= 1.0, f"{name}={value}; it lies in [0, 1]")
 
 
 @dataclass(frozen=True)
@@ -276,10 +248,7 @@ class LevelReplaySettings(CurriculumSettings):
         super().__post_init__()
         check_choice("level_score", self.level_score, SCORES)
         check(self.level_buffer >= 2, f"level_buffer={self.level_buffer}; at least 2")
-        check(
-            self.level_temperature > 0,
-            f"level_temperature={self.level_temperature}; it is above 0",
-        )
+        check_temperature(self.level_temperature)
         check_solved_within(self.solved_within)
 
 
@@ -306,6 +275,9 @@ CURRICULA: dict[str, type[CurriculumSettings]] = {
     "learning-progress": LearningProgressSettings,
     "level-replay": LevelReplaySettings,
     "learnability": LearnabilitySettings,
+    "maze-replay": MazeReplaySettings,
+    "maze-learnability": MazeLearnabilitySettings,
+    "maze-editing": MazeEditingSettings,
     "uniform": UniformSettings,
     "reversed": ReversedSettings,
     "shuffled": ShuffledSettings,

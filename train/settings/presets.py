@@ -37,6 +37,7 @@ class Setting:
         random_start: or from the marks of the maze.
         duel: whether one chaser plays against one evader.
         joints: of an arm.
+        recurrent: whether the network remembers.
     """
 
     task: str
@@ -45,6 +46,7 @@ class Setting:
     random_start: bool = True
     duel: bool = False
     joints: int = 0
+    recurrent: bool = False
 
     @property
     def large_chase(self) -> bool:
@@ -264,6 +266,10 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
                 hyper, num_games=2048, minibatch_size=8192, learning_rate=8e-3, entropy_coef=3e-3
             )
         hyper = replace(hyper, gamma=0.97)
+    elif setting.recurrent and isinstance(hyper, PPOSettings):
+        # Longer sequences: a chaser that sees 2 steps far on 5x5 ended 0.8 % above the certified
+        # optimum so, and 1.5 % with the sequences of 16 steps (1.5 M frames, seed 100).
+        hyper = replace(hyper, num_games=512, rollout_steps=32, gae_lambda=0.95)
     return hyper
 
 

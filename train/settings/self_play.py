@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pursuit.own_observations import OBSERVATIONS
+from pursuit.own_observations import check_observation
 from scripted_agents.environments import AGENTS, is_own_policy
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import (
@@ -85,7 +85,7 @@ class SelfPlaySettings:
     def __post_init__(self) -> None:
         object.__setattr__(self, "sampling", FORMER.get(self.sampling, self.sampling))
         check_choice("sampling", self.sampling, SAMPLING)
-        OBSERVATIONS.check(self.observation)
+        check_observation(self.observation)
         check_frame_stack(self.frame_stack)
         check(
             self.task.role == "auto",

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar
 
-from pursuit.own_observations import OBSERVATIONS
+from pursuit.own_observations import check_observation
 from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
 from pursuit.reacher.task import ReacherTask
 from pursuit.rewards import kept_rewards, rewards_text
@@ -59,11 +59,11 @@ class TaskSettings:
     chaser=2,evader_0=3; everything if left out. The scripted astar, random and optimal see
     everything all the same."""
     line_of_sight: str = ""
-    """Who sees along rows and columns only, until a wall: all, or roles and agents, such as
-    chaser,evader_0; with a view_radius so far only. Nobody if left out."""
+    """Who sees along rows and columns only, until a wall: all (or no value), or roles and agents,
+    such as chaser,evader_0; with a view_radius so far only. Nobody if left out."""
     unknown_maze: str = ""
-    """Who knows of the maze only what is within view: all, or roles and agents. Nobody if left
-    out."""
+    """Who knows of the maze only what is within view: all (or no value), or roles and agents.
+    Nobody if left out."""
     opponent_epsilon: float = 0.2
     """Share of random moves of the scripted agents in all other seats, in [0, 1]."""
     opponent: str | None = None
@@ -114,7 +114,7 @@ class TaskSettings:
 
     def check_observation(self, name: str) -> None:
         """ValueError unless it can be observed."""
-        OBSERVATIONS.check(name)
+        check_observation(name)
 
 
 def who_learns(task: str, role: str) -> str:

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.maze import Maze
+from pursuit.maze import Maze, table_of_distances
 from pursuit.placements import check_placeable
 from pursuit.policy import Policy
+from pursuit.rules import UNREACHABLE
 from pursuit.simulator import Simulator
 from pursuit.task import Task
 from train.settings.checks import check
@@ -190,8 +191,7 @@ def goal_spread_fixed(name: str, ground: Ground, ends: AxisSettings) -> Axis:
 
 def goal_spread_start(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     """Steps from the learner's start to the goals."""
-    maze = ground.task.mazes[0]
-    longest = maze.longest_distance
+    maze, longest = ground.task.mazes[0], longest_in(ground.task)
     first, last = _radius(name, ends, (min(3, longest), longest), 1, maze)
 
     def apply(simulator: Simulator, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
@@ -204,7 +204,7 @@ def goal_spread_start(name: str, ground: Ground, ends: AxisSettings) -> Axis:
 def start_distance(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     """Steps between chasers and evaders at the start, at most."""
     maze, least = ground.task.mazes[0], ground.task.min_start_distance
-    longest = maze.longest_distance
+    longest = longest_in(ground.task)
     near = min(max(3, least), longest)
     first, last = _radius(name, ends, (near, longest), least, maze)
     check_placeable(ground.task.apart(0, -1, least, int(min(first, last))))
@@ -267,6 +267,14 @@ def _radius(
             )
         values.append(min(value, float(longest)))
     return values[0], values[1]
+
+
+def longest_in(task: Task) -> int:
+    """The longest of all shortest paths in the mazes of a task, in steps."""
+    if len(task.mazes) == 1:
+        return task.mazes[0].longest_distance
+    tables = (table_of_distances(maze) for maze in task.mazes)
+    return max(int(table[table != UNREACHABLE].max()) for table in tables)
 
 
 def _limit(values: NDArray[np.float64], anywhere: float) -> NDArray[np.int64]:

@@ -27,6 +27,7 @@ class Axis:
             with its value.
         whole: whether only whole numbers make sense.
         mazes: of the training games, where these are what changes; the last is the task's.
+        ordered: False where its values are numbers of things that are not from easy to hard.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Axis:
     apply: Apply
     whole: bool = True
     mazes: tuple[Maze, ...] = ()
+    ordered: bool = True
 
     def stages(self, count: int) -> list[float]:
         """At most `count` values from easy to hard, evenly spaced, all different."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,12 +15,14 @@ from curricula import (
     Curriculum,
     LearningProgress,
     LevelReplay,
+    PoolReplay,
     Scheduled,
     Shuffled,
     SuccessGated,
     Uniform,
 )
 from curricula.schedules import Schedule
+from pursuit.maze import Maze
 from train.algorithms.registry import Algorithm
 from train.settings.checks import check
 from train.settings.curricula import (
@@ -30,6 +33,9 @@ from train.settings.curricula import (
     LearnabilitySettings,
     LearningProgressSettings,
     LevelReplaySettings,
+    MazeEditingSettings,
+    MazeLearnabilitySettings,
+    MazeReplaySettings,
     OwnCurriculum,
     ReversedSettings,
     ScheduleSettings,
@@ -38,8 +44,10 @@ from train.settings.curricula import (
     SuccessGatedSettings,
     UniformSettings,
 )
-from train.teaching.axes import axis_of, maker_of
+from train.teaching.axes import Ground, axis_of, maker_of
 from train.teaching.axis import Axis
+from train.teaching.edits import BASE, with_edits
+from train.teaching.exams import Exam
 from train.teaching.mazes import training_mazes
 
 
@@ -55,6 +63,8 @@ class Plan:
         optimum: (simulator, games [n]) -> [n] the exact optimum of where these games begin, where
             the lessons need it.
         seed: of what the curriculum draws.
+        parents: of the mazes of a pool, by number: see `curricula.PoolReplay`; None without one.
+        exam: what judges those mazes.
     """
 
     name: str
@@ -63,9 +73,13 @@ class Plan:
     task: Any
     optimum: Callable[[Any, NDArray[np.intp]], NDArray[np.float64]] | None
     seed: int
+    parents: tuple[int, ...] | None = None
+    exam: Exam | None = None
 
     def curriculum(self) -> Curriculum:
         """A fresh curriculum."""
+        if self.parents is not None and isinstance(self.lessons, MazeReplaySettings):
+            return make_pool(self.lessons, self.parents)
         return make_curriculum(self.name, self.lessons, self.axis, self.seed)
 
 
@@ -101,6 +115,8 @@ def plan_lessons(name: str, lessons: CurriculumSettings, ground: Terrain, seed: 
     """
     if name == "none":
         return None
+    if isinstance(lessons, MazeReplaySettings):
+        return plan_pool(name, lessons, ground, seed)
     axis, turned, task = None, None, ground.task
     if isinstance(lessons, AxisSettings):
         turned = axis_name(name, lessons)
@@ -131,6 +147,42 @@ def plan_lessons(name: str, lessons: CurriculumSettings, ground: Terrain, seed: 
     return plan
 
 
+def plan_pool(name: str, lessons: MazeReplaySettings, ground: Any, seed: int) -> Plan:
+    """What is to be taught in many mazes, judged exactly; ValueError as `plan_lessons`."""
+    check(
+        isinstance(ground, Ground) and len(ground.task.mazes) > 1,
+        f"curriculum={name!r} chooses among mazes, and task {ground.task.name!r} has one; take "
+        "--maze suite:7x7-train",
+    )
+    mazes, parents = pool_of(lessons, ground.task)
+    played = replace(ground.task, maze=mazes)
+    exam = Exam(played, ground.agent, ground.opponents, lessons.SCORE)
+
+    def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
+        simulator.configure(games, maze=values.astype(np.int64))
+
+    last = float(len(mazes) - 1)
+    axis = Axis(f"{lessons.SCORE}-of mazes", 0.0, last, apply, mazes=mazes, ordered=False)
+    return Plan(name, lessons, axis, played, None, seed, tuple(parents), exam)
+
+
+@lru_cache(maxsize=4)
+def pool_of(lessons: MazeReplaySettings, task: Any) -> tuple[tuple[Maze, ...], tuple[int, ...]]:
+    """The mazes of a pool, edits among them, and the parent of each by number."""
+    if not isinstance(lessons, MazeEditingSettings):
+        return task.mazes, (BASE,) * len(task.mazes)
+    shape = (lessons.edit_children, lessons.edit_depth, lessons.edit_walls)
+    mazes, parents = with_edits(task.mazes, *shape, lessons.edit_seed)
+    return mazes, tuple(parents)
+
+
+def make_pool(given: MazeReplaySettings, parents: Sequence[int]) -> PoolReplay:
+    """A fresh curriculum over a pool."""
+    edit_share = given.edit_share if isinstance(given, MazeEditingSettings) else 0.0
+    rest = (given.replay_share, given.level_temperature, given.staleness, edit_share)
+    return PoolReplay(parents, given.judged, *rest)
+
+
 def axis_name(name: str, lessons: AxisSettings) -> str:
     """What a curriculum turns: what its settings say, or what it is called after."""
     return lessons.axis if isinstance(lessons, StagedSettings) else name
@@ -142,6 +194,8 @@ def training_task(name: str, lessons: CurriculumSettings, task: Any) -> Any:
     Raises:
         ValueError: mazes that the curriculum cannot have.
     """
+    if isinstance(lessons, MazeEditingSettings) and len(task.mazes) > 1:
+        return replace(task, maze=pool_of(lessons, task)[0])
     if not isinstance(lessons, AxisSettings):
         return task
     turned = axis_name(name, lessons)
@@ -216,12 +270,19 @@ def _scheduled(given: ScheduleSettings, axis: Axis, seed: int) -> Curriculum:
     return Scheduled(given.build(axis.easiest, axis.hardest), axis.whole)
 
 
+def _pool_of_axis(given: MazeReplaySettings, axis: Axis, seed: int) -> Curriculum:
+    return make_pool(given, [BASE] * len(axis.mazes))
+
+
 CURRICULUM_MAKERS: dict[type[CurriculumSettings], Callable[[Any, Any, int], Curriculum]] = {
     ScheduleSettings: _scheduled,
     SuccessGatedSettings: _gated,
     LearningProgressSettings: _progress,
     LevelReplaySettings: _replay,
     LearnabilitySettings: _replay,
+    **dict.fromkeys(
+        (MazeReplaySettings, MazeLearnabilitySettings, MazeEditingSettings), _pool_of_axis
+    ),
     UniformSettings: lambda given, axis, seed: Uniform(axis.stages(given.num_stages)),
     ReversedSettings: _reversed,
     ShuffledSettings: _shuffled,

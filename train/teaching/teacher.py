@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from curricula import Curriculum, Outcomes, Progress
 from train.environments.hooks import EpisodeHook
 from train.settings.checks import check
+from train.settings.curricula import MazeReplaySettings
 from train.teaching.log import NUMBERS, REASON, row_of
 from train.teaching.plan import Plan
 from train.tensors import Misfit, check_like, check_tensor
@@ -49,12 +50,18 @@ class Teacher(EpisodeHook):
         optima: [num_games] float64, the least steps from where that began; NaN where unknown.
         episodes: ended so far.
         rows: of `curriculum.csv`.
+        examined: the policy that exams are of, always as the learner is now; whoever has both sets
+            it.
     """
 
     def __init__(self, plan: Plan, simulator: Any, judge: Judge) -> None:
         self.name, self.axis, self.optimum = plan.name, plan.axis, plan.optimum
         self.curriculum, self.simulator, self.judge = plan.curriculum(), simulator, judge
         self.solved_within = plan.lessons.solved_within
+        self.exam, self.judge_every = plan.exam, 0
+        self.examined: Any = None
+        if isinstance(plan.lessons, MazeReplaySettings):
+            self.judge_every = plan.lessons.judge_every
         self.wants_advantages = plan.lessons.needs_advantages
         self.rng = np.random.default_rng([plan.seed, 0xC0551])
         games = simulator.num_games
@@ -135,7 +142,15 @@ class Teacher(EpisodeHook):
                 self.error_sums[ended] = self.error_counts[ended] = 0
 
     def update(self, share: float, frames: int, seconds: float) -> None:
-        """Hand the outcomes since the last update over, and log what changes by them."""
+        """Hand the outcomes since the last update over, and log what changes by them.
+
+        Mazes that are due are judged first, with the policy `examined`.
+        """
+        if self.exam is not None and self.examined is not None:
+            pool: Any = self.curriculum
+            if frames >= pool.rounds * self.judge_every:
+                mazes = pool.to_judge(self.rng)
+                pool.note(mazes, self.exam.marks(self.examined, mazes))
         if self._outcomes:
             lessons, won, returns, lengths, regrets = map(
                 np.concatenate, zip(*self._outcomes, strict=True)
@@ -158,7 +173,9 @@ class Teacher(EpisodeHook):
         lessons, won = np.concatenate(self._played), np.concatenate(self._won)
         self._played, self._won = [], []
         figures = {"training_success": float(won.mean())}
-        return figures if self.axis is None else {"lesson": float(lessons.mean()), **figures}
+        if self.axis is None or not self.axis.ordered:
+            return figures
+        return {"lesson": float(lessons.mean()), **figures}
 
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain values: what a resumed run needs to go on exactly."""
