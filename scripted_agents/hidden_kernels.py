@@ -290,8 +290,7 @@ def explore(model: Any, lower: Any, upper: Any, room: Any, epsilon: float) -> An
         depth += 1
     for place in range(depth, -1, -1):
         own, belief = room.own[place], room.belief[place]
-        if place < depth:
-            look(model, lower, upper, room, own, belief)
+        look(model, lower, upper, room, own, belief)
         if room.seen[place] != NONE:
             update_seen(model, lower, upper, room, own, room.seen[place])
         else:

@@ -123,6 +123,11 @@ class BeliefOptimal:
             raise ValueError(
                 f"{self!r} plays a duel in {self.maze.name}; task {task.name!r} is another game"
             )
+        if (self._visible & ~task.sees(view.seat)).any():
+            raise ValueError(
+                f"{self!r} plays by a wider view than its seat of task {task.name!r}, which sees "
+                "less; solve it for the radius of the task"
+            )
         if (task.move_order, task.stay_action) != (rules.move_order, rules.stay_action):
             raise ValueError(
                 f"{self!r} is solved for move_order={rules.move_order!r} and "

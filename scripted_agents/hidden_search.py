@@ -92,7 +92,7 @@ class HiddenSearch:
         least = informed.min(axis=2)
         self.lower_bound = Lower(
             least,
-            _by_slot(self.model, np.where(informed < 1e299, informed, 1e12).transpose(0, 2, 1)),
+            _by_slot(self.model, informed.transpose(0, 2, 1)),
             np.zeros((own, slots, points)),
             np.zeros((own, points)),
             np.zeros((own, actions, points)),
@@ -210,6 +210,8 @@ class HiddenSearch:
             if self._is_full() or self.points + self.num_plans > GROWTH * self._kept + 100:
                 self.prune()
             self.look_at_starts()
+            if self.lower > self.upper:
+                raise AssertionError(f"bounds {self.lower} and {self.upper} have crossed: a fault")
             self.looks += LOOKS
             self.seconds = before + perf_counter() - began
             if report is not None:
@@ -278,8 +280,8 @@ class HiddenSearch:
 
 
 def first_bounds(model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where the search begins: [own, hidden, action] what it costs at least to begin with an action
-    (1e300 where an earlier action does the same), and [own, hidden] what a random walk costs.
+    """Where the search begins: [own, hidden, action] what it costs at least to begin with an action,
+    and [own, hidden] what a random walk costs.
     """
     hidden, most = model.costs.shape[2], 1.0 / (1.0 - model.discount)
     own, actions = model.next_own.shape
@@ -293,7 +295,9 @@ def first_bounds(model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64]
     for _ in range(FIRST_SWEEPS):
         if wander(model, walk) <= enough:
             break
-    informed[np.broadcast_to(~model.useful[:, None], informed.shape)] = 1e300
+    first = model.useful.argmax(axis=1)  # in place of those that do the same as an earlier one
+    instead = np.where(model.useful, np.arange(actions), first[:, None])
+    informed = np.take_along_axis(informed, instead[:, None], axis=2)
     return informed, walk
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from scripted_agents import why_not_team_chase
 from scripted_agents.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
 from train.commands.parse import named_task, parse
-from train.commands.scores import print_bounds, print_scores
+from train.commands.scores import certificate_of, print_bounds, print_scores
 from train.evaluation.arm_contest import ArmContest
 from train.runs.parts import contest_of
 from train.settings.checks import check
@@ -34,7 +34,7 @@ def baseline(arguments: Sequence[str]) -> None:
     contest = contest_of(given.task, given.episodes, given.seed)
     print(contest.line())
     scores = contest.baselines()
-    print_scores(scores)
+    print_scores(scores, certificate_of(contest))
     if isinstance(contest, ArmContest):
         print_bounds(contest)
         return

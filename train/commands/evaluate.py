@@ -12,7 +12,7 @@ import tyro
 from pursuit.replay import with_suffix
 from train.algorithms.registry import entry
 from train.commands.parse import heard, parse, warn
-from train.commands.scores import print_bounds, print_floor, print_scores
+from train.commands.scores import certificate_of, print_bounds, print_floor, print_scores
 from train.commands.suites import compared, exact_where_known, judged
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.closeups import recorded
@@ -102,7 +102,7 @@ def evaluate(arguments: Sequence[str]) -> None:
             "--table and --picture are of a suite of mazes; give --maze suite:7x7-test",
         )
         scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
-        print_scores(scores)
+        print_scores(scores, certificate_of(contest))
     if isinstance(contest, ArmContest):
         print_bounds(contest)
     floor = objective_floor(contest, settings.hyper.gamma)

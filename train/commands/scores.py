@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
 from train.evaluation.arm_contest import ArmContest
-from train.evaluation.contest import Score, optimality_gap
+from train.evaluation.contest import GameContest, Score, optimality_gap
+from train.evaluation.hidden_contest import Certificate
 
 
 def print_floor(floor: float | None, discount: float) -> None:
@@ -38,22 +40,40 @@ def print_bounds(contest: ArmContest) -> None:
         )
 
 
-def print_scores(scores: Sequence[Score]) -> None:
-    """A table of scores with the gap to the optimal one."""
+def certificate_of(contest: Any) -> Certificate | None:
+    """What is proven of the optimum of a contest, of an agent with limited sight only."""
+    return contest.certificate() if isinstance(contest, GameContest) else None
+
+
+def print_certificate(certificate: Certificate | None) -> None:
+    """One line on what is proven of the optimum of an agent with limited sight."""
+    if certificate is not None:
+        print(certificate.line() + "; the gaps above are to its far end")
+
+
+def print_scores(scores: Sequence[Score], certificate: Certificate | None = None) -> None:
+    """A table of scores with the gap to the optimal one, or to what is proven of it."""
     optimum = next((score for score in scores if score.name == "optimal"), None)
     table = Table(box=None, pad_edge=False)
     table.add_column("")
-    for column in ("steps", "95 % interval", "success", "gap to optimum"):
+    certain = () if certificate is None else ("discounted", "gap at most")
+    for column in ("steps", "95 % interval", "success", "gap to optimum", *certain):
         table.add_column(column, justify="right")
     for score in scores:
         gap = optimality_gap(score, optimum)
         interval = "exact" if score.exact else f"± {score.ci95:.3f}"
+        steps = score.discounted_steps
+        proven = ["", ""]
+        if certificate is not None and steps is not None:
+            proven = [f"{steps:.3f}", f"{100 * certificate.gap(steps):+.2f} %"]
         table.add_row(
             score.name,
             f"{score.mean_steps:.3f}",
             interval,
             f"{100 * score.success_rate:.1f} %",
             "" if gap is None or score is optimum else f"{100 * gap:+.2f} %",
+            *(proven if certain else ()),
             style="bold" if score.name == "learned" else "",
         )
     Console(width=None if sys.stdout.isatty() else 100).print(table)
+    print_certificate(certificate)

@@ -14,7 +14,7 @@ import tyro
 
 from train.commands.parse import Formats, budget_of, heard, named_task, parse
 from train.commands.progress import carry_out, leave
-from train.commands.scores import print_bounds, print_floor, print_scores
+from train.commands.scores import certificate_of, print_bounds, print_floor, print_scores
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import Score
 from train.experiments.kinds import resume, start
@@ -133,7 +133,8 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
     """Print and draw what was found: what stands at the end of every run, interrupted or not."""
     trainee: SingleAgent = run.trainee
     print()
-    print_scores([Score(**score) for score in content["scores"]])
+    scores = [Score(**score) for score in content["scores"]]
+    print_scores(scores, certificate_of(trainee.contest))
     if isinstance(trainee.contest, ArmContest):
         print_bounds(trainee.contest)
     contest, teacher = trainee.contest, trainee.teacher

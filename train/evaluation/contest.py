@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,6 +23,7 @@ from pursuit.single_agent import fill_seats
 from pursuit.task import ROLES, Task
 from scripted_agents import (
     BestResponse,
+    HiddenChaseSolution,
     PairValues,
     RandomAgent,
     TablePolicy,
@@ -46,6 +48,13 @@ from train.evaluation.games import (
     table_in,
     won_by,
 )
+from train.evaluation.hidden_contest import (
+    Certificate,
+    certificate_of,
+    discounted,
+    has_limited_sight,
+    solution_of,
+)
 from train.settings.checks import EVALUATION_SEED
 
 
@@ -61,6 +70,8 @@ class Score:
             step, all goals were collected.
         episodes: played for this score (or, where exact, for the success rate alone).
         exact: whether `mean_steps` is an exact mean over all starts.
+        discounted_steps, discounted_ci95: the same of discounted steps, for agents with limited
+            sight, whose optimum is certified in these; None elsewhere.
     """
 
     name: str
@@ -69,6 +80,8 @@ class Score:
     success_rate: float
     episodes: int
     exact: bool
+    discounted_steps: float | None = None
+    discounted_ci95: float | None = None
 
 
 def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
@@ -220,7 +233,25 @@ class GameContest:
         elif is_exact_team(self.task, self._with(policy)):
             team = evaluate_team(self.task, self._with(policy), self.task.max_steps)
             mean, ci95, exact = mean_over_team_starts(team, self.task), 0.0, True
-        return Score(name, mean, ci95, float(won.mean()), len(lengths), exact)
+        certain: tuple[float, float] | tuple[()] = ()
+        if self.is_limited and self.is_exact:
+            certain = discounted(self.task, self.role, policy, self.opponent_table(), lengths)
+        return Score(name, mean, ci95, float(won.mean()), len(lengths), exact, *certain)
+
+    @cached_property
+    def is_limited(self) -> bool:
+        """Whether anything is hidden from the agent: then a best response is not its optimum."""
+        return has_limited_sight(self.task, self.agent)
+
+    def solution(self) -> HiddenChaseSolution | None:
+        """What is proven of the agent's optimum under its limited sight; None where nothing is."""
+        if not self.is_limited or not self.is_exact:
+            return None
+        return solution_of(self.task, self.agent, self.opponent_table())
+
+    def certificate(self) -> Certificate | None:
+        """The proven interval alone."""
+        return certificate_of(self.solution())
 
     def _pair_values(self, policy: Policy) -> PairValues:
         """The expected lengths from every pair of cells, where `is_exact` with this policy."""
@@ -267,8 +298,10 @@ class GameContest:
 
         Known for one agent of a chase of one evader (the best response to all others) and for one
         runner (the shortest tours, up to MAX_EXACT_GOALS goals: beyond, tours are heuristic), while
-        `max_steps` is enough for one start at least.
+        `max_steps` is enough for one start at least. Not under limited sight: see `certificate`.
         """
+        if self.is_limited:
+            return None
         task, best = self.task, self.best_response()
         among = self.best_team_response()
         if among is not None:
@@ -308,6 +341,11 @@ class GameContest:
         ]
         limited = limited_references(self.task, self.agent, self.opponents)
         scores += [self.score(name, policy) for name, policy in limited.items()]
+        solution, full = self.solution(), self.best_response() if self.is_limited else None
+        if solution is not None:
+            scores.append(self.score("certified", solution.policy))
+        if full is not None:
+            scores.append(self._score_of("optimal, full sight", full))
         optimum = self.optimal()
         if optimum is not None:
             scores.append(optimum)
@@ -342,6 +380,8 @@ class GameContest:
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """As `Contest`; for a duel and for a runner alone."""
+        if self.is_limited:
+            return None
         best = self.best_response()
         if best is not None:
             return best.values[tuple(self.starts().positions.T)]

@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 
-from train.evaluation.contest import Score, optimality_gap
+from train.evaluation.contest import GameContest, Score, optimality_gap
 from train.evaluation.floor import objective_floor
+from train.evaluation.hidden_contest import Certificate
 from train.runs.folder import MISFITS, RUN, misfit, part_of
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.memories import memories_of, put_memories
@@ -114,12 +115,13 @@ class SingleAgent:
             scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
         build, plan = self.parts.build, self.parts.plan
         floor = objective_floor(contest, self.parts.hyper.gamma)
+        certificate = contest.certificate() if isinstance(contest, GameContest) else None
         return {
             **contest.describe(),
             "algorithm": self.parts.algorithm.name,
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
-            **evaluation_of(scores, self.evaluated, floor),
+            **evaluation_of(scores, self.evaluated, floor, certificate),
             "device": build.device,
             "precision": "bfloat16" if build.bfloat16 else "float32",
         }
@@ -148,12 +150,28 @@ class SingleAgent:
 
 
 def evaluation_of(
-    scores: list[Score], evaluated: str, floor: float | None = None
+    scores: list[Score],
+    evaluated: str,
+    floor: float | None = None,
+    certificate: Certificate | None = None,
 ) -> dict[str, Any]:
-    """ "evaluation" and "scores" of `results.json`; `floor` is that of the objective."""
+    """ "evaluation" and "scores" of `results.json`; `floor` is that of the objective.
+
+    Under limited sight no optimum is known, but what is certain of it.
+    """
     by_name = {score.name: score for score in scores}
     learned = by_name["learned" if evaluated == "greedy" else "learned, sampled"]
     optimum = by_name.get("optimal")
+    certified = {}
+    if certificate is not None and learned.discounted_steps is not None:
+        certified = {
+            "discount": certificate.discount,
+            "discounted_steps": learned.discounted_steps,
+            "discounted_ci95": learned.discounted_ci95,
+            "certified_lower": certificate.lower,
+            "certified_upper": certificate.upper,
+            "certified_gap": certificate.gap(learned.discounted_steps),
+        }
     return {
         "evaluation": {
             "episodes": learned.episodes,
@@ -164,6 +182,7 @@ def evaluation_of(
             "optimal_steps": optimum.mean_steps if optimum else None,
             "optimality_gap": optimality_gap(learned, optimum),
             "objective_floor": floor if optimum else None,
+            **certified,
         },
         "scores": [asdict(score) for score in scores],
     }

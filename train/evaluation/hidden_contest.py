@@ -1,0 +1,130 @@
+"""What is certain of the optimum of an agent with limited sight, beside every score of its contest.
+
+The best response to an opponent is the optimum of an agent that sees everything. Of one that does
+not only an interval is proven, in discounted steps (`solve_hidden_chase`), so scores are given in
+those as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.maze import Maze
+from pursuit.policy import Policy, TabularPolicy
+from pursuit.task import Task
+from scripted_agents import (
+    HiddenChaseSolution,
+    evaluate_exactly,
+    mean_over_starts,
+    solve_hidden_chase,
+)
+from train.evaluation.games import table_in
+
+DISCOUNT = 0.95
+
+SECONDS, WIDTH = 20.0, 1e-3
+"""The search for the interval ends after so many seconds, or when upper / lower - 1 is so small."""
+
+MAX_CELLS = 100
+"""Above this number of cells nothing is certified: the interval would be too wide to say much."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The proven interval of the optimum's mean over the starts, in discounted steps."""
+
+    role: str
+    discount: float
+    lower: float
+    upper: float
+
+    def gap(self, discounted_steps: float) -> float:
+        """Achieved / optimal - 1 at the end of the interval that is worse for the achiever.
+
+        A chaser's true gap is at most this; an evader's (negative ones fall short) at least.
+        """
+        return discounted_steps / (self.lower if self.role == "chaser" else self.upper) - 1.0
+
+    def line(self) -> str:
+        """One line on what is proven."""
+        return (
+            f"optimum under limited sight, proven: {self.lower:.4f} to {self.upper:.4f} discounted "
+            f"steps (discount {self.discount:g}; {100 * (self.upper / self.lower - 1):.2f} % wide)"
+        )
+
+
+def has_limited_sight(task: Task, agent: str) -> bool:
+    """Whether anything is hidden from an agent of the task."""
+    if task.sight.limits[task.seat(agent)].sees_all:
+        return False
+    return not all(task.sees(agent, number).all() for number in range(len(task.mazes)))
+
+
+def solution_of(task: Task, agent: str, table: NDArray[np.float64]) -> HiddenChaseSolution | None:
+    """What is proven of a duel in one maze against a table; None where the maze is too large.
+
+    Found once for all that ask.
+    """
+    if task.max_cells > MAX_CELLS:
+        return None
+    limit = task.sight.limits[task.seat(agent)]
+    rules = (limit.view_radius, limit.line_of_sight, task.seat_roles[task.seat(agent)])
+    rest = (task.stay_action, task.move_order, task.min_start_distance)
+    return _solution(task.mazes[0], table.tobytes(), table.shape, *rules, *rest)
+
+
+@lru_cache(maxsize=16)
+def _solution(
+    maze: Maze, table: bytes, shape: tuple[int, ...], radius: int | None, in_line: bool, role: Any,
+    stay_action: bool, move_order: Any, min_start_distance: int,
+) -> HiddenChaseSolution:  # fmt: skip
+    return solve_hidden_chase(
+        maze,
+        np.frombuffer(table).reshape(shape),
+        radius,
+        in_line,
+        DISCOUNT,
+        SECONDS,
+        WIDTH,
+        role,
+        stay_action,
+        move_order,
+        min_start_distance,
+    )
+
+
+def certificate_of(solution: HiddenChaseSolution | None) -> Certificate | None:
+    """The interval alone."""
+    if solution is None:
+        return None
+    return Certificate(solution.role, solution.discount, solution.lower, solution.upper)
+
+
+def discounted(
+    task: Task,
+    role: str,
+    policy: Policy,
+    table: NDArray[np.float64],
+    lengths: NDArray[np.int64],
+) -> tuple[float, float]:
+    """The mean discounted steps of a policy, and half the width of its 95 % confidence interval.
+
+    Exact over all starts, and without a last step, of a policy that is a table itself. Else from
+    games that were played, `lengths` [games]: those that were cut off count as what is worst for
+    the agent in `role`, as never ended for a chaser, as ended there for an evader.
+    """
+    if isinstance(policy, TabularPolicy):
+        maze, order = task.mazes[0], task.move_order
+        own = table_in(task, policy)
+        pair = (own, table) if role == "chaser" else (table, own)
+        values = evaluate_exactly(maze, *pair, None, DISCOUNT, order)  # type: ignore[arg-type]
+        return mean_over_starts(values, maze, task.min_start_distance), 0.0
+    steps = (1.0 - DISCOUNT ** lengths.astype(np.float64)) / (1.0 - DISCOUNT)
+    if role == "chaser":
+        steps = np.where(lengths >= task.max_steps, 1.0 / (1.0 - DISCOUNT), steps)
+    return float(steps.mean()), 1.96 * float(steps.std(ddof=1)) / len(steps) ** 0.5
