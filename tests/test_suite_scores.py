@@ -176,7 +176,8 @@ def test_a_run_is_judged_in_unseen_mazes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run, out = tmp_path / "run", tmp_path / "out.json"
-    command = "train --task maze --num-goals 1 --maze suite:5x5-train/0-9 --observation window:4 --network flat "
+    command = "train --task maze --num-goals 1 --maze suite:5x5-train/0-9 --observation window:4 "
+    command += "--network flat "
     command += "--max-steps 30 --frames 1000 --num-games 64 --rollout-steps 4 --minibatch-size 128 "
     command += f"--width 8 --episodes 40 --threads 1 --out {run}"
     assert main(command.split()) in (0, None)
