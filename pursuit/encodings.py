@@ -51,16 +51,18 @@ def encode_index(
         for seat in range(out.shape[1]):
             own = np.uintp(order[seat, 0])  # unsigned: faster
             view = view_of(begin, games, game, own)
-            for entity in range(num_agents):
+            at = games.position[game, own]
+            out[game, seat, 0] = at if games.active[game, own] else padding
+            for entity in range(1, num_agents):  # oneself, who is always in view, is done
                 agent = np.uintp(order[seat, entity])
                 cell = games.position[game, agent]
-                shown = games.active[game, agent] and in_view(table, view, cell)
+                shown = (games.active[game, agent] != 0) & in_view(table, view, cell)
                 out[game, seat, entity] = entity * size + cell if shown else padding
             for number in range(num_goals):
                 cell = goal_in_view(games, table, view, game, number)
                 entity = num_agents + goal_rank(games, table, view, game, number)
                 out[game, seat, entity] = entity * size + cell if cell >= 0 else padding
-            place = last * size + games.position[game, own]
+            place = last * size + at
             out[game, seat, last] = place if has_collected(games, game, own) else padding
 
 

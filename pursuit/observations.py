@@ -79,6 +79,7 @@ class Encoder:
             self.shape, self.dtype = self.space.shape, self.space.dtype
             return
         self._sight = task.sight
+        self._table, self._begin = self._sight.table, self._sight.begin
         self._places, self._background = _grids(task, str(encoding))
         self._is_window = str(encoding).startswith(WINDOW)
         entities = self.num_entities
@@ -130,11 +131,13 @@ class Encoder:
         elif seen is not None or not out.flags.c_contiguous:
             out[:] = self.encode(games, seats) if seen is None else seen
             return out
-        seen_from = (*games, self._sight.table, self._sight.begin, order)
+        table, begin = self._table, self._begin
+        if self.encoding == "index":
+            encodings.encode_index(*games, table, begin, order, self._size, out)
+            return out
+        seen_from = (*games, table, begin, order)
         if self.encoding == "one_hot":
             encodings.encode_one_hot(*seen_from, self._size, out)
-        elif self.encoding == "index":
-            encodings.encode_index(*seen_from, self._size, out)
         elif self.encoding == "positions":
             encodings.encode_positions(*seen_from, out)
         elif self._is_window:

@@ -25,6 +25,7 @@ import gymnasium
 import numpy as np
 
 from pursuit.maze_generation import generate_maze
+from pursuit.simulator import Simulator
 from pursuit.task import Task, make_task
 from train.commands.bench import parallel_env_rate, rate, simulator_rate
 
@@ -88,6 +89,43 @@ def peers() -> dict[str, Callable[[float], float]]:
     except ImportError:
         pass
     return found
+
+
+SIGHTS: dict[str, dict[str, object]] = {
+    "full": {},
+    "radius 2": {"view_radius": 2},
+    "line of sight": {"line_of_sight": True},
+    "radius 2, unknown maze": {"view_radius": 2, "unknown_maze": True},
+}
+
+
+def sights(seconds: float, turns: int = 5) -> None:
+    """Print steps per second by encoding and sight, the best of turns, and their share of full."""
+    drawn = np.random.default_rng(0).integers(4, size=(16, 4096, 2), dtype=np.int32)
+    for encoding in ("index", "one_hot", "planes", "window:2"):
+
+        def step(
+            simulator: Simulator, out: np.ndarray, turn: int, encoding: str = encoding
+        ) -> None:
+            simulator.step(drawn[turn % 16])
+            simulator.observe(encoding, out=out)
+
+        games = [
+            Simulator(make_task("chase", maze="7x7", **sight), 4096) for sight in SIGHTS.values()
+        ]
+        outs = [simulator.observe(encoding) for simulator in games]
+        best = [float("inf")] * len(games)
+        for _ in range(turns):
+            for number, (simulator, out) in enumerate(zip(games, outs, strict=True)):
+                began = perf_counter()
+                while perf_counter() - began < seconds / turns:
+                    start = perf_counter()
+                    for turn in range(8):
+                        step(simulator, out, turn)
+                    best[number] = min(best[number], (perf_counter() - start) / 8)
+        for name, least in zip(SIGHTS, best, strict=True):
+            share = best[0] / least
+            print(f"{encoding:>10}  {name:<24}{4096 / least:>14,.0f}{share:>8.0%}")
 
 
 # -- two versions in turns -------------------------------------------------------------------------
@@ -234,6 +272,8 @@ def main() -> None:
         maze = generate_maze("prim", size, loops=0.1, seed=0)
         speed = simulator_rate(make_task("chase", maze=maze), 4096, seconds)
         print(f"{f'{size}x{size}':>10}{speed:>16,.0f}")
+    print("\nby sight, 7x7, random actions, both agents observe, 4096 games: steps/s in turns")
+    sights(seconds)
     print("\nby agents, 7x7, all but the first chaser scripted, 4096 games")
     for team in (1, 2, 4, 8):
         task = Task("7x7", num_chasers=team, num_evaders=team)

@@ -106,6 +106,7 @@ class Seat:
         agent: by name or role.
         encoding: what it observes.
         mask_bumps: whether moves into walls are forbidden to it, as it learns and as it plays.
+        flat: whether planes are one vector to its network, without convolutions.
         frame_stack: how many observations its network is given at once, the last of the episode.
     """
 
@@ -114,6 +115,7 @@ class Seat:
     encoding: str = "index"
     mask_bumps: bool = False
     frame_stack: int = 1
+    flat: bool = False
     continuous: ClassVar[bool] = False
 
     @property
@@ -156,7 +158,8 @@ class Seat:
     @cached_property
     def features(self) -> Features:
         """Of what its network is given."""
-        return stacked(self.seen, self.frame_stack)
+        found = stacked(self.seen, self.frame_stack)
+        return replace(found, kind="flat") if self.flat and found.kind == "planes" else found
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> Any:
         """A network in this seat; one that sees cells only is known as a distribution over them,

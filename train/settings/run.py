@@ -20,6 +20,7 @@ from train.settings.task import AnyTask, TaskSettings
 S = TypeVar("S", bound=Hyperparameters, covariant=True)
 EVALUATED = ("greedy", "sampled")
 PRECISIONS = ("auto", "float32", "bfloat16")
+NETWORKS = ("auto", "convolutions", "flat")
 FIRST_LAYERS = ("auto", "bag", "dense")
 
 
@@ -38,16 +39,19 @@ class TrainSettings(Generic[S]):
     curriculum: str = "none"
     """What is taught when. Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start,
     start-distance, num-goals, maze-size, loops; of an arm target-distance, free-joints, hold,
-    tolerance. Adaptive: success-gated, learning-progress, level-replay, learnability. Controls:
-    none, uniform, reversed, shuffled. Or package.module:Name, of a curriculum or an axis of your
+    tolerance. Adaptive: success-gated, learning-progress, level-replay, learnability; over the
+    mazes of a suite maze-replay, maze-learnability, maze-editing. Controls: none, uniform, reversed, shuffled. Or package.module:Name, of a curriculum or an axis of your
     own."""
     observation: str = "auto"
     """What the network is given. In mazes: index (the same network as one_hot, faster), one_hot,
-    positions, cells, walls or planes (convolutions), or package.module:Name of your own. Of an arm:
+    positions, cells, walls, planes or window:R (convolutions), or package.module:Name of your own. Of an arm:
     positions or positions_angles. auto: the first of these."""
     frame_stack: int = 1
     """Observations that the network is given at once: the last so many of the episode, the older
     ones empty at its start."""
+    network: str = "auto"
+    """How planes are seen: by convolutions, or flat, as one vector (many times faster, so more
+    frames for the same time). auto: by convolutions."""
     evaluate: str = "greedy"
     """Which policy is evaluated: greedy (the most probable action), or sampled (as learned: it
     gets away where the greedy one steps to and fro for ever). Final results have both."""
@@ -73,6 +77,7 @@ class TrainSettings(Generic[S]):
             object.__setattr__(self, "observation", self.task.OBSERVATION)
         self.task.check_observation(self.observation)
         check_frame_stack(self.frame_stack)
+        check_choice("network", self.network, NETWORKS)
         check_choice("evaluate", self.evaluate, EVALUATED)
         check_choice("precision", self.precision, PRECISIONS)
         check_choice("first_layer", self.first_layer, FIRST_LAYERS)
