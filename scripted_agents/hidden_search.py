@@ -140,6 +140,8 @@ class HiddenSearch:
     def width(self) -> float:
         """How far the bounds are apart, relative to the larger one."""
         largest = max(abs(self.lower), abs(self.upper))
+        if np.isinf(largest):  # nothing has been looked at
+            return np.inf
         return (self.upper - self.lower) / largest if largest > 0.0 else 0.0
 
     @property

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from scripted_agents import why_not_team_chase
 from scripted_agents.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
+from train.commands.blindness import print_blindness
 from train.commands.parse import named_task, parse
 from train.commands.scores import certificate_of, print_bounds, print_scores
 from train.evaluation.arm_contest import ArmContest
@@ -14,6 +16,8 @@ from train.evaluation.suite_contest import SuiteContest
 from train.runs.parts import contest_of
 from train.settings.checks import check
 from train.settings.task import AnyTask, TaskSettings
+
+OTHER = {"chaser": "evader", "evader": "chaser"}
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,8 @@ class BaselineCommand:
     task: AnyTask = field(default_factory=TaskSettings)
     episodes: int = 10_000
     """Episodes played where there is no exact answer."""
+    blindness: float = 0.0
+    """Seconds a view radius: also what is proven of the optimum of a duel by radius of sight."""
     seed: int = 0
     """Of those episodes: 0 for those of every evaluation, or others; none is ever trained on."""
 
@@ -57,3 +63,10 @@ def baseline(arguments: Sequence[str]) -> None:
     elif why_not_team_chase(task) is None:
         cells, chasers = maze.num_cells, task.num_chasers
         print(f"distinct states: {(cells - 1) ** chasers * cells:,}")
+    if given.blindness > 0.0:
+        check(task.is_duel, "blindness is for duels: one chaser, one evader, no goals")
+        role: Any = contest.role
+        check(role in ("chaser", "evader"), "blindness is for chasers and evaders")
+        epsilon = float(getattr(contest.opponents.get(OTHER[role]), "epsilon", 0.0))
+        rest = (given.blindness, 0.95, task.stay_action, task.move_order)
+        print_blindness(maze, [0, 1, 2, 3, None], role, epsilon, *rest)

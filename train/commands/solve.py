@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.declared import one_of
 from pursuit.maze import Maze, load_maze
 from scripted_agents import ChaseSolution, cop_number, solve_chase
+from train.commands.blindness import print_blindness, radii_of
 from train.commands.parse import Formats, parse
 from train.commands.progress import Alive
 from train.figures import BLUE, FORMATS, ORANGE, PLAIN, Look, draw_walls, pyplot, save
@@ -40,6 +42,15 @@ class SolveCommand:
     """Where the chaser stands in the right picture; a telling cell if left out."""
     evader_cell: int | None = None
     """Where the evader stands in the left picture; likewise."""
+    view_radius: str | None = None
+    """Solve for one agent with limited sight against a scripted one instead: path steps, or several
+    for a table, such as 0,1,2,full; an interval is proven."""
+    role: str = "chaser"
+    """Who has the limited sight: chaser or evader."""
+    opponent_epsilon: float = 0.2
+    """Share of random moves of its A* opponent."""
+    seconds: float = 20.0
+    """To search for each view radius."""
     out: Path | None = None
     """The picture (.png, .pdf or .svg); solve-MAZE.png if left out."""
     format: Formats = ()
@@ -50,6 +61,12 @@ def solve(arguments: Sequence[str]) -> None:
     """`pursuit solve`."""
     given = parse(SolveCommand, arguments, "solve")
     maze = load_maze(given.maze)
+    if given.view_radius is not None:
+        role: Any = one_of("role", given.role, ("chaser", "evader"))
+        rest = (given.seconds, given.discount, given.stay_action, given.move_order)
+        radii = radii_of(given.view_radius)
+        print_blindness(maze, radii, role, given.opponent_epsilon, *rest)
+        return
     for name in ("chaser_cell", "evader_cell"):
         cell = getattr(given, name)
         check(

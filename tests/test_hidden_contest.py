@@ -1,0 +1,59 @@
+"""Under limited sight scores stand beside what is certain, and nothing else is called optimal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from pursuit import make_task
+from scripted_agents import AStarChaser, AStarEvader, RandomAgent
+from train.evaluation import hidden_contest
+from train.evaluation.contest import GameContest
+from train.runs.single import evaluation_of
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hidden_contest, "SECONDS", 0.5)
+
+
+def contest_for(role: str, **task: Any) -> GameContest:
+    opponents: Any = {"chaser": AStarChaser(epsilon=0.6), "evader": AStarEvader(epsilon=0.2)}
+    return GameContest(make_task("chase", maze="3x3", **task), role, opponents, episodes=300)
+
+
+@pytest.mark.parametrize("role", ["chaser", "evader"])
+def test_scores_stand_beside_the_certified_interval(role: str) -> None:
+    contest = contest_for(role, view_radius={role: 1})
+    assert contest.optimal() is None and contest.optimal_lengths() is None
+    certificate = contest.certificate()
+    assert certificate is not None and certificate.lower <= certificate.upper
+    scores = {score.name: score for score in contest.baselines()}
+    assert "optimal" not in scores and "optimal, full sight" in scores
+    certified = scores["certified"]
+    assert certified.discounted_steps is not None and certified.discounted_ci95 is not None
+    slack = 2.0 * certified.discounted_ci95 + 1e-9
+    assert certificate.lower - slack <= certified.discounted_steps <= certificate.upper + slack
+    for name in ("random", "optimal, full sight"):  # tables, so exact; the random one is blind
+        assert scores[name].discounted_ci95 in (0.0, None)
+    blind = scores["random"].discounted_steps
+    assert blind is not None
+    assert blind >= certificate.lower if role == "chaser" else blind <= certificate.upper
+
+
+def test_results_claim_no_optimum_that_is_none() -> None:
+    contest = contest_for("chaser", view_radius={"chaser": 1})
+    learned = contest.score("learned", RandomAgent())
+    found = evaluation_of([learned], "greedy", None, contest.certificate())["evaluation"]
+    assert found["optimal_steps"] is None and found["optimality_gap"] is None
+    assert found["discount"] == 0.95 and found["certified_lower"] <= found["certified_upper"]
+    expected = found["discounted_steps"] / found["certified_lower"] - 1.0
+    assert found["certified_gap"] == pytest.approx(expected) and expected > 0.0
+
+
+@pytest.mark.parametrize("task", [{}, {"view_radius": {"evader": 1}}, {"view_radius": 9}])
+def test_with_all_in_view_the_optimum_is_the_best_response(task: Any) -> None:
+    contest = contest_for("chaser", **task)
+    assert contest.optimal() is not None and contest.certificate() is None
+    assert contest.score("random", RandomAgent()).discounted_steps is None
