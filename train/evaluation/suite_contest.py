@@ -322,4 +322,6 @@ def suite_called(task: Task) -> str:
         return f"{names[0]} and {len(names) - 1} more"
     whole = suite in suite_names() and len(names) == len(rows_of(suite))
     last = names[-1].partition("/")[2]
+    if not whole and int(last) - int(first) + 1 != len(names):
+        return f"{len(names)} of suite:{suite}"
     return f"suite:{suite}" if whole else f"suite:{suite}/{first}-{last}"
