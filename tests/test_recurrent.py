@@ -294,7 +294,7 @@ def test_ppo_remembers_a_cue_with_a_memory_alone(recurrent: str | None) -> None:
     assert LENGTH == 4 and (paid > 0.95 if recurrent else paid < 0.6), paid
 
 
-@pytest.mark.parametrize("recurrent", [None, "gru"])
+@pytest.mark.parametrize("recurrent", [pytest.param(None, marks=pytest.mark.slow), "gru"])
 def test_dqn_remembers_a_cue_with_a_memory_alone(recurrent: str | None) -> None:
     torch.manual_seed(0)
     settings = DQNSettings(

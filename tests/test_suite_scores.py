@@ -177,6 +177,7 @@ def test_a_run_is_judged_in_unseen_mazes(
 ) -> None:
     run, out = tmp_path / "run", tmp_path / "out.json"
     command = "train --task maze --num-goals 1 --maze suite:5x5-train/0-9 --observation window:4 "
+    command += "--network flat "
     command += "--max-steps 30 --frames 1000 --num-games 64 --rollout-steps 4 --minibatch-size 128 "
     command += f"--width 8 --episodes 40 --threads 1 --out {run}"
     assert main(command.split()) in (0, None)
@@ -200,7 +201,14 @@ def test_a_run_is_judged_in_unseen_mazes(
     assert (tmp_path / "p.png").stat().st_size > 1000
     # Exact in one maze of another size, too.
     assert main(f"evaluate {run} --maze 3x3 --episodes 10".split()) in (0, None)
-    assert load_policy(run).encoding == "window:4"
+    policy = load_policy(run)
+    assert policy.encoding == "window:4" and policy.seat.features.kind == "flat"
+
+
+def test_the_references_of_a_suite_are_exact(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(f"baseline --task chase --maze {MAZES} --episodes 8".split()) in (0, None)
+    said = capsys.readouterr().out
+    assert said.count("exact") == 3 and "distinct states" not in said
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from scripted_agents import why_not_team_chase
@@ -12,6 +12,7 @@ from train.commands.blindness import print_blindness
 from train.commands.parse import named_task, parse
 from train.commands.scores import certificate_of, print_bounds, print_scores
 from train.evaluation.arm_contest import ArmContest
+from train.evaluation.suite_contest import SuiteContest
 from train.runs.parts import contest_of
 from train.settings.checks import check
 from train.settings.task import AnyTask, TaskSettings
@@ -38,11 +39,15 @@ def baseline(arguments: Sequence[str]) -> None:
     given = parse(BaselineCommand, arguments, "baseline", BaselineCommand(named_task(arguments)))
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     contest = contest_of(given.task, given.episodes, given.seed)
+    if isinstance(contest, SuiteContest):
+        contest = replace(contest, exact=True)
     print(contest.line())
     scores = contest.baselines()
     print_scores(scores, certificate_of(contest))
     if isinstance(contest, ArmContest):
         print_bounds(contest)
+        return
+    if isinstance(contest, SuiteContest):
         return
     task = contest.task
     maze = task.mazes[0]

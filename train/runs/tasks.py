@@ -101,11 +101,5 @@ def player_of(settings: TrainSettings[Any]) -> Seat | ArmSeat:
     task = task_of(given)
     agent = agent_of(given, task)
     played = training_task(settings.curriculum, settings.lessons, task)
-    return Seat(
-        played,
-        agent,
-        settings.observation,
-        given.mask_bumps,
-        settings.frame_stack,
-        settings.network == "flat",
-    )
+    how = (settings.observation, given.mask_bumps, settings.frame_stack, settings.network == "flat")
+    return Seat(played, agent, *how)

@@ -40,12 +40,12 @@ class TrainSettings(Generic[S]):
     """What is taught when. Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start,
     start-distance, num-goals, maze-size, loops; of an arm target-distance, free-joints, hold,
     tolerance. Adaptive: success-gated, learning-progress, level-replay, learnability; over the
-    mazes of a suite maze-replay, maze-learnability, maze-editing. Controls: none, uniform, reversed, shuffled. Or package.module:Name, of a curriculum or an axis of your
-    own."""
+    mazes of a suite maze-replay, maze-learnability, maze-editing. Controls: none, uniform,
+    reversed, shuffled. Or package.module:Name, of a curriculum or an axis of your own."""
     observation: str = "auto"
     """What the network is given. In mazes: index (the same network as one_hot, faster), one_hot,
-    positions, cells, walls, planes or window:R (convolutions), or package.module:Name of your own. Of an arm:
-    positions or positions_angles. auto: the first of these."""
+    positions, cells, walls, planes or window:R (convolutions), or package.module:Name of your own.
+    Of an arm: positions or positions_angles. auto: the first of these."""
     frame_stack: int = 1
     """Observations that the network is given at once: the last so many of the episode, the older
     ones empty at its start."""
