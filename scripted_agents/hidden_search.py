@@ -282,7 +282,7 @@ class HiddenSearch:
 
 
 def first_bounds(model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where the search begins: [own, hidden, action] what it costs at least to begin with an action,
+    """Where the search begins: [own, hidden, action] what it costs at least to begin with it,
     and [own, hidden] what a random walk costs.
     """
     hidden, most = model.costs.shape[2], 1.0 / (1.0 - model.discount)
