@@ -282,8 +282,8 @@ class HiddenSearch:
 
 
 def first_bounds(model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where the search begins: [own, hidden, action] what it costs at least to begin with an
-    action, and [own, hidden] what a random walk costs.
+    """Where the search begins: [own, hidden, action] what it costs at least to begin with it,
+    and [own, hidden] what a random walk costs.
     """
     hidden, most = model.costs.shape[2], 1.0 / (1.0 - model.discount)
     own, actions = model.next_own.shape

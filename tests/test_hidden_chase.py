@@ -87,7 +87,6 @@ def test_with_a_view_of_everything_it_closes_on_the_best_response(role: Any, ord
         ("line", 1, "evader", "simultaneous"),
         pytest.param("2x2", 0, "chaser", "simultaneous", marks=pytest.mark.slow),
         pytest.param("2x2", 0, "evader", "chasers_first", marks=pytest.mark.slow),
-        pytest.param("3x3", 1, "chaser", "simultaneous", marks=pytest.mark.slow),
     ],
 )
 def test_it_holds_the_values_of_exact_value_iteration(
