@@ -26,8 +26,8 @@ from train.networks.frames import stacked
 from train.networks.remembering import (
     RememberingPolicy,
     check_looks,
-    numbers_fit,
     chosen_from,
+    numbers_fit,
     probabilities_of,
 )
 
