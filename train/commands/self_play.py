@@ -94,5 +94,6 @@ def show(run: Run, content: dict[str, Any]) -> None:
         print(f"value {found['value']:.3f}, of the game{sight} {found['game_value']:.3f}")
     for kind in ("exact", "approximate"):
         for name, steps in content.get(f"{kind}_best_response", {}).items():
-            print(f"{kind} best response {name.replace('_', ' the ')}: {steps:.2f} steps")
+            full = " of full sight" if kind == "exact" and content.get("limited_sight") else ""
+            print(f"{kind} best response{full} {name.replace('_', ' the ')}: {steps:.2f} steps")
     print(f"results, curve, table, methods, pool and {REPORT}: {run.folder}")
