@@ -74,6 +74,6 @@ def baseline(arguments: Sequence[str]) -> None:
             isinstance(other, (AStarChaser, AStarEvader)),
             f"blindness is what {role}s lose against A*, and {other!r} plays; leave opponent out",
         )
-        epsilon = float(other.epsilon)  # type: ignore[union-attr]
+        epsilon = float(other.epsilon)
         rest = (given.blindness, 0.95, task.stay_action, task.move_order)
         print_blindness(maze, [0, 1, 2, 3, None], role, epsilon, *rest)
