@@ -49,6 +49,11 @@ def check_observation(name: object) -> None:
     """ValueError unless it names one of ours, or a part of a user's."""
     if is_ours(name):
         given_radius(str(name))
+    elif isinstance(name, str) and name.startswith(f"{WINDOW}:"):
+        raise ValueError(
+            f"observation {name!r}; of window:R, R is a whole number from 0 to {MAX_WINDOW}, such "
+            "as window:4"
+        )
     else:
         OBSERVATIONS.check(name)
 
@@ -94,6 +99,8 @@ class OwnEncoding:
     """
 
     def __init__(self, task: Task, encoding: Any) -> None:
+        if isinstance(encoding, str):
+            check_observation(encoding)
         part = OBSERVATIONS.take(encoding)
         self.task, self.encoding = task, encoding
         self.part: Observation = part() if isinstance(part, type) else part

@@ -178,10 +178,15 @@ def kept_radius(name: str, given: Any) -> Radius:
     if isinstance(given, str):
         if "=" not in given:
             return _one_radius(name, given.strip())
-        pairs = [part.partition("=") for part in given.split(",")]
+        text, pairs = given, [part.partition("=") for part in given.split(",")]
         given = {who.strip(): radius.strip() for who, _, radius in pairs}
         if len(given) < len(pairs):
-            raise ValueError(f"{name}={given!r}; somebody is named twice: name everybody once")
+            raise ValueError(f"{name}={text!r}; somebody is named twice: name everybody once")
+        if "" in given or "" in given.values():
+            raise ValueError(
+                f"{name}={text!r}; each is a role or agent and its path steps, or 'none' to see "
+                "everything, such as chaser=2,evader_0=3"
+            )
     if not isinstance(given, Mapping) or not all(isinstance(who, str) for who in given):
         raise ValueError(
             f"{name}={given!r}; path steps such as 2, None to see everything, or either by role "

@@ -88,7 +88,10 @@ def rows_of(given: str) -> tuple[Row, ...]:
     first = int(found.group(2))
     last = first if found.group(3) is None else int(found.group(3))
     if not first <= last < len(rows):
-        raise ValueError(f"{given!r}: the mazes of suite {suite} are 0 to {len(rows) - 1}")
+        raise ValueError(
+            f"{given!r}: the mazes of suite {suite} are 0 to {len(rows) - 1}; some of them are "
+            "FIRST-LAST, counting upwards"
+        )
     return rows[first : last + 1]
 
 

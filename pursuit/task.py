@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -51,12 +51,11 @@ def _kept_mazes(name: str, given: Any) -> Any:
     """One maze as it is; several as a tuple, so that a caller's list does not stay inside."""
     if isinstance(given, (str, Path, Maze)):
         return given
-    try:
-        mazes = tuple(given)
-    except TypeError:
+    mazes = tuple(given) if isinstance(given, Iterable) else (given,)
+    if not all(isinstance(maze, (str, Path, Maze)) for maze in mazes):
         raise ValueError(
             f"{name}={given!r}; give the name of a maze, a path, a Maze, or several of them"
-        ) from None
+        )
     if not mazes:
         raise ValueError(f"{name}: an empty list; give at least one maze")
     return mazes

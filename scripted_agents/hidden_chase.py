@@ -178,6 +178,8 @@ def solve_hidden_chase(
         table.shape[2] == 5 if stay_action is None else truth("stay_action", stay_action),
         whole("min_start_distance", min_start_distance, 0),
     )
+    if resume is not None and not isinstance(resume, HiddenChaseSolution):
+        raise ValueError(f"resume={resume!r}; give what solve_hidden_chase gave, or leave it out")
     if resume is None:
         resume = HiddenChaseSolution(
             maze, rules, table, HiddenSearch(_game(maze, table, rules), memory)

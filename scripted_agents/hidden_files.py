@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import struct
 import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -18,6 +20,11 @@ from scripted_agents.hidden_search import HiddenSearch
 
 FORMAT = 1
 
+UNREADABLE = (
+    ValueError, KeyError, TypeError, EOFError, NotImplementedError, RuntimeError, struct.error,
+    zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What reading a damaged .npz raises."""
 REMEDY = "give a file that HiddenChaseSolution.save wrote"
 
 
@@ -56,7 +63,7 @@ def load_search(
         maze = Maze.from_text(about["maze"], about["name"])
         table = arrays.pop("table")
         rules = dict(about["rules"])
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise ValueError(f"{path}: no solution that can be read ({error}); {REMEDY}") from None
 
     def put(search: HiddenSearch) -> None:

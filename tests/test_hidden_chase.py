@@ -262,9 +262,15 @@ def test_a_solution_goes_on_and_comes_back_from_a_file(tmp_path: Path) -> None:
     )
     assert further is read and told and further.seconds > first.seconds
     assert further.lower >= lower and further.upper <= upper + 1e-9
-    (tmp_path / "other.npz").write_bytes((tmp_path / "kept.npz").read_bytes()[:-500])
-    with pytest.raises(ValueError, match=r"other\.npz: no solution that can be read"):
-        HiddenChaseSolution.load(tmp_path / "other.npz")
+    kept = (tmp_path / "kept.npz").read_bytes()
+    flipped = bytearray(kept)
+    flipped[100] ^= 0x55  # within a compressed array
+    for damaged in (kept[:-500], bytes(flipped), b""):
+        (tmp_path / "other.npz").write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"other\.npz: no solution that can be read"):
+            HiddenChaseSolution.load(tmp_path / "other.npz")
+    with pytest.raises(ValueError, match="resume='kept'; give what solve_hidden_chase gave"):
+        solve_hidden_chase(*arguments, resume="kept")
     with pytest.raises(ValueError, match="another problem"):
         solve_hidden_chase(*arguments[:2], 1, seconds=0.1, resume=read)
 

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
-from pursuit import make_task
+from pursuit import Simulator, make_task
 from scripted_agents import AStarChaser, AStarEvader, RandomAgent
+from train.algorithms.q_learning import QTablePolicy, StateNumbers
 from train.evaluation import hidden_contest
+from train.evaluation.closeups import sides_of
 from train.evaluation.contest import GameContest
+from train.evaluation.floor import objective_floor
+from train.evaluation.suite_contest import SuiteContest
+from train.evaluation.suite_report import summary_of
+from train.runs.report import score_table, summary
 from train.runs.single import evaluation_of
+from train.self_play.report import told_exploitability
 
 
 @pytest.fixture(autouse=True)
@@ -45,11 +53,17 @@ def test_scores_stand_beside_the_certified_interval(role: str) -> None:
 def test_results_claim_no_optimum_that_is_none() -> None:
     contest = contest_for("chaser", view_radius={"chaser": 1})
     learned = contest.score("learned", RandomAgent())
-    found = evaluation_of([learned], "greedy", None, contest.certificate())["evaluation"]
+    results = evaluation_of([learned], "greedy", None, contest.certificate())
+    found = results["evaluation"]
     assert found["optimal_steps"] is None and found["optimality_gap"] is None
     assert found["discount"] == 0.95 and found["certified_lower"] <= found["certified_upper"]
     expected = found["discounted_steps"] / found["certified_lower"] - 1.0
     assert found["certified_gap"] == pytest.approx(expected) and expected > 0.0
+    results |= {"frames": 1, "seconds": 1.0, "interrupted": False}
+    assert "proven" in summary(results) and "discounted" in score_table(results)
+    assert objective_floor(contest, 0.95) is None
+    sides = [side.name for side in sides_of(contest, RandomAgent())]
+    assert sides == ["chaser_0 with full sight", "evader_0"]
 
 
 @pytest.mark.parametrize("task", [{}, {"view_radius": {"evader": 1}}, {"view_radius": 9}])
@@ -57,3 +71,29 @@ def test_with_all_in_view_the_optimum_is_the_best_response(task: Any) -> None:
     contest = contest_for("chaser", **task)
     assert contest.optimal() is not None and contest.certificate() is None
     assert contest.score("random", RandomAgent()).discounted_steps is None
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_in_suites_the_optimum_of_full_sight_is_called_that(exact: bool) -> None:
+    task = make_task("chase", maze="suite:5x5-test/0-1", view_radius={"chaser": 1})
+    contest = SuiteContest(task, "chaser", {"evader": AStarEvader(0.2)}, 20, exact=exact)
+    assert contest.best is None and contest.optimal() is None and contest.optimal_lengths() is None
+    found = contest.references()
+    assert [each.name for each in found] == ["random", "A* chaser", "optimal, full sight"]
+    assert (found[-1].steps <= found[1].steps + 1e-9).all() or not exact
+    assert "optimality_gap" not in summary_of(contest, found[0])
+
+
+def test_a_nash_conv_under_limited_sight_is_called_a_bound() -> None:
+    results: dict[str, Any] = {"evaluation": {"nash_conv": 1.0}, "frames": 1, "seconds": 1.0}
+    assert "0 is an equilibrium" in told_exploitability(results)[0]
+    told = told_exploitability({**results, "limited_sight": True})[0]
+    assert "0 is an equilibrium" not in told and "see everything" in told
+
+
+def test_a_table_over_states_refuses_a_seat_that_does_not_see_them() -> None:
+    task = make_task("chase", maze="3x3", view_radius={"chaser": 1})
+    policy = QTablePolicy(task, "chaser", np.zeros((StateNumbers(task).count, task.num_actions)))
+    simulator = Simulator(task, num_games=2, seed=0)
+    with pytest.raises(ValueError, match="sees everything"):
+        policy.act(simulator.view("chaser"))

@@ -327,3 +327,18 @@ def test_who_cannot_remember_says_so() -> None:
     assert {name for name, one in ALGORITHMS.items() if one.recurrent} == {
         "ppo", "a2c", "reinforce", "dqn",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("encoding", ["index", "positions"])
+@pytest.mark.parametrize("remembers", [True, False])
+def test_cells_of_mazes_of_another_size_are_refused(encoding: str, remembers: bool) -> None:
+    seat = Seat(TASK, "chaser", encoding)
+    hidden = Hidden(8, recurrent="gru" if remembers else None)
+    policy: Any = seat.policy(ActorCritic(seat.features, seat.num_actions, hidden), greedy=True)
+    for maze in ("2x2", "5x5"):  # their cells have numbers that mean others, or none
+        simulator = Simulator(make_task("chase", maze=maze), 4, 0)
+        with pytest.raises(ValueError, match="in mazes of 9 cells; these have"):
+            play(policy, simulator.view("chaser"))
+        if not remembers:
+            with pytest.raises(ValueError, match="in mazes of 9 cells"):
+                policy.distribution(simulator.task, simulator.games, 0)

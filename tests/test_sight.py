@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from pursuit import chase_v0
 from pursuit.maze import Maze
 from pursuit.observations import ENCODINGS
 from pursuit.replay_worlds import WORLDS
@@ -191,7 +192,8 @@ def test_sight_is_said_in_several_ways_and_kept_in_one() -> None:
         ({"view_radius": 1.5}, "view_radius=1.5; path steps"),
         ({"view_radius": "two"}, "view_radius='two'; path steps"),
         ({"view_radius": {"chaser": "x"}}, "view_radius of chaser='x'"),
-        ({"view_radius": "chaser=1,chaser=2"}, "named twice"),
+        ({"view_radius": "chaser=1,chaser=2"}, "view_radius='chaser=1,chaser=2'; .* named twice"),
+        ({"view_radius": "chaser="}, "view_radius='chaser='; each is a role or agent and"),
         ({"view_radius": {"runner": 2}}, "view_radius of 'runner', who does not play here; one of"),
         ({"line_of_sight": 1}, "line_of_sight=1; True for everybody"),
         ({"line_of_sight": "chaser,"}, "True for everybody"),
@@ -212,3 +214,9 @@ def test_a_replay_says_what_limited_sight() -> None:
     task = Task(maze=(HALL, "3x3"), **CROWD, **LIMITS["mixed"])
     assert world.task(world.settings(task)).sight.limits == task.sight.limits
     assert "view_radius" not in world.settings(make_task("chase"))
+
+
+@pytest.mark.parametrize("name", ["window:", "window:x", "window:-1", "window:1.5", "window:²"])
+def test_windows_that_are_none_are_refused_in_words(name: str) -> None:
+    with pytest.raises(ValueError, match=f"'{name}'; of window:R, R is a whole number from 0"):
+        chase_v0.parallel_env(maze="3x3", observation=name)

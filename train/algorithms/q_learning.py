@@ -213,7 +213,12 @@ class StateNumbers:
 
 
 def check_player(settings: QLearningSettings, seat: Seat) -> None:
-    """ValueError for a task without a table, or one whose values would grow without bound."""
+    """ValueError for a task without a table, limited sight, or values that grow without bound."""
+    if not sees_all(seat.task, seat.agent):
+        raise ValueError(
+            f"q_learning has a table over the states of the game, so it would see what the limited "
+            f"sight of {seat.agent} hides; take another algorithm, or leave its sight unlimited"
+        )
     StateNumbers(seat.task)
     paid = seat.task.role_rewards[seat.role]
     if settings.gamma >= 1.0 and (paid.step > 0.0 or paid.distance > 0.0):
@@ -237,6 +242,11 @@ def allowed_in(task: Task, mask_bumps: bool) -> NDArray[np.bool_]:
     """[cells, actions]: what may be done in a cell of the one maze."""
     masks = bump_masks(task.mazes[0], task.num_actions)
     return masks if mask_bumps else np.ones_like(masks)
+
+
+def sees_all(task: Task, agent: str | int) -> bool:
+    """Whether nothing of the games is hidden from an agent by the limits of its sight."""
+    return task.sight.limits[task.seat(agent)].sees_all
 
 
 class QTablePolicy:
@@ -272,6 +282,11 @@ class QTablePolicy:
             raise ValueError(
                 f"a table learned in task {own.name!r} on {own.mazes[0].name} fits no other mazes, "
                 "agents, goals or actions"
+            )
+        if not sees_all(other, view.seat):
+            raise ValueError(
+                f"a table over the states of task {own.name!r} sees everything, and "
+                f"{other.agent_names[view.seat]} does not here: leave its sight unlimited"
             )
         return self._best(view.games, view.seat).astype(np.int32)
 

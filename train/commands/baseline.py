@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from math import inf
 from typing import Any
 
-from scripted_agents import why_not_team_chase
+from scripted_agents import AStarChaser, AStarEvader, why_not_team_chase
 from scripted_agents.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
 from train.commands.blindness import print_blindness
 from train.commands.parse import named_task, parse
@@ -38,6 +39,7 @@ def baseline(arguments: Sequence[str]) -> None:
     """`pursuit baseline`."""
     given = parse(BaselineCommand, arguments, "baseline", BaselineCommand(named_task(arguments)))
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
+    check(0.0 <= given.blindness < inf, f"blindness={given.blindness}; seconds, 0 or more")
     contest = contest_of(given.task, given.episodes, given.seed)
     if isinstance(contest, SuiteContest):
         contest = replace(contest, exact=True)
@@ -67,6 +69,11 @@ def baseline(arguments: Sequence[str]) -> None:
         check(task.is_duel, "blindness is for duels: one chaser, one evader, no goals")
         role: Any = contest.role
         check(role in ("chaser", "evader"), "blindness is for chasers and evaders")
-        epsilon = float(getattr(contest.opponents.get(OTHER[role]), "epsilon", 0.0))
+        other = contest.opponents.get(OTHER[role])
+        check(
+            isinstance(other, (AStarChaser, AStarEvader)),
+            f"blindness is what {role}s lose against A*, and {other!r} plays; leave opponent out",
+        )
+        epsilon = float(other.epsilon)
         rest = (given.blindness, 0.95, task.stay_action, task.move_order)
         print_blindness(maze, [0, 1, 2, 3, None], role, epsilon, *rest)

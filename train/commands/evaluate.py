@@ -117,7 +117,7 @@ def evaluate(arguments: Sequence[str]) -> None:
         content = {
             **contest.describe(),
             **{name: getattr(settings, name) for name in same},
-            **evaluation_of(scores, settings.evaluate, floor),
+            **evaluation_of(scores, settings.evaluate, floor, certificate_of(contest)),
             **more,
             "versions": versions(),
             "machine": machine(),

@@ -56,7 +56,7 @@ def print_scores(scores: Sequence[Score], certificate: Certificate | None = None
     optimum = next((score for score in scores if score.name == "optimal"), None)
     table = Table(box=None, pad_edge=False)
     table.add_column("")
-    certain = () if certificate is None else ("discounted", "gap at most")
+    certain = () if certificate is None else ("discounted", certificate.head)
     for column in ("steps", "95 % interval", "success", "gap to optimum", *certain):
         table.add_column(column, justify="right")
     for score in scores:

@@ -20,7 +20,7 @@ from train.runs.folder import CURVE, REPORT, SELF_PLAY
 from train.runs.loop import Run
 from train.self_play.payoffs import matches_table
 from train.self_play.pictures import draw_self_play
-from train.self_play.report import write_self_play_report
+from train.self_play.report import meaning_of_nash_conv, write_self_play_report
 from train.settings.checks import check
 from train.settings.self_play import SelfPlaySettings
 
@@ -86,12 +86,14 @@ def show(run: Run, content: dict[str, Any]) -> None:
     if start is not None and end is not None:
         less = f"{reduction(start, end):.1f} % less"
         print(
-            f"\nNashConv {start:.3f} -> {end:.3f} discounted steps, {less} (exact; 0 is an "
-            "equilibrium)"
+            f"\nNashConv {start:.3f} -> {end:.3f} discounted steps, {less} "
+            f"({meaning_of_nash_conv(content)})"
         )
     if "game_value" in found and "value" in found:
-        print(f"value {found['value']:.3f}, of the game {found['game_value']:.3f}")
+        sight = " in full sight" if content.get("limited_sight") else ""
+        print(f"value {found['value']:.3f}, of the game{sight} {found['game_value']:.3f}")
     for kind in ("exact", "approximate"):
         for name, steps in content.get(f"{kind}_best_response", {}).items():
-            print(f"{kind} best response {name.replace('_', ' the ')}: {steps:.2f} steps")
+            full = " of full sight" if kind == "exact" and content.get("limited_sight") else ""
+            print(f"{kind} best response{full} {name.replace('_', ' the ')}: {steps:.2f} steps")
     print(f"results, curve, table, methods, pool and {REPORT}: {run.folder}")

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from train.commands.parse import warn
 from train.commands.scores import print_scores
 from train.commands.tables import print_table
 from train.evaluation.suite_contest import InMazes, SuiteContest
@@ -46,7 +47,9 @@ def judged(
     if table is not None:
         write_csv(table, rows)
         print(f"table: {table}")
-    if picture is not None and contest.best is not None:
+    if picture is not None and contest.best is None:
+        warn(f"{picture} is not drawn: it shows gaps to the optimum, which is not known here")
+    elif picture is not None:
         title = contest.line().split(", at most")[0]
         draw_gaps(picture, rows, contest.role, title)
         print(f"picture: {picture}")

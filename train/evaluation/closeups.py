@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from pursuit.policy import TabularPolicy
 from pursuit.recorder import Recorder
 from pursuit.replay import Replay
+from pursuit.task import Task
 from pursuit.viewer.data import Side
 from scripted_agents import action_values
 from train.evaluation.contest import Contest, GameContest, told
 from train.evaluation.games import is_exact, table_in
+from train.evaluation.hidden_contest import has_limited_sight
 from train.evaluation.suite_contest import SuiteContest
 
 MOST_OVERLAY_CELLS = 225
@@ -118,7 +120,8 @@ def players_of(contest: Any, player: str) -> dict[str, str]:
 def sides_of(contest: Any, policy: Any) -> list[Side]:
     """The exact values, and learned and optimal moves, of a duel; of its learner first.
 
-    None where it is no duel of tables, or in too large a maze.
+    What is optimal is so with full sight, and called that where the task limits it. None where it
+    is no duel of tables, or in too large a maze.
     """
     if not isinstance(contest, GameContest) or not contest.is_exact:
         return []
@@ -137,9 +140,15 @@ def sides_of(contest: Any, policy: Any) -> list[Side]:
     names, other = task.agent_names, 1 - seat
     own: Any = task.seat_roles[seat]
     found = action_values(own, maze, theirs, **rules)
-    sides = [Side(names[seat], seat, other, found.values, learned, found.optimal)]
+    called = {agent: called_by_sight(task, agent) for agent in names}
+    sides = [Side(called[names[seat]], seat, other, found.values, learned, found.optimal)]
     if learned is not None and maze.num_cells <= MOST_BOTH_CELLS:
         role: Any = task.seat_roles[other]
         found = action_values(role, maze, learned, **rules)
-        sides.append(Side(names[other], other, seat, found.values, theirs, found.optimal))
+        sides.append(Side(called[names[other]], other, seat, found.values, theirs, found.optimal))
     return sides
+
+
+def called_by_sight(task: Task, agent: str) -> str:
+    """What the side of an agent is called whose exact values are those of full sight."""
+    return f"{agent} with full sight" if has_limited_sight(task, agent) else agent

@@ -35,9 +35,9 @@ def objective_floor(contest: Any, discount: float) -> float | None:
         A ratio less 1, as `optimality_gap`: negative for evaders. None where it is not known:
         teams, goals among opponents, masks in a duel, rewards by distance or by a user's function,
         several mazes, starts at marks, more goals than can be enumerated, rewards by which it does
-        not pay to hurry (an evader: to live on), or a contest of another world.
+        not pay to hurry (an evader: to live on), limited sight, or a contest of another world.
     """
-    if not isinstance(contest, GameContest):
+    if not isinstance(contest, GameContest) or contest.is_limited:
         return None
     task = contest.task
     paid = task.role_rewards[contest.role]

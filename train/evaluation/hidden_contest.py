@@ -50,6 +50,11 @@ class Certificate:
         """
         return discounted_steps / (self.lower if self.role == "chaser" else self.upper) - 1.0
 
+    @property
+    def head(self) -> str:
+        """What a column of such gaps is called."""
+        return "gap at most" if self.role == "chaser" else "gap at least"
+
     def line(self) -> str:
         """One line on what is proven."""
         return (

@@ -217,9 +217,17 @@ class SuiteContest:
         """As `Contest`."""
         return self.in_mazes(name, policy).score(self.episodes)
 
-    @cached_property
+    @property
     def best(self) -> InMazes | None:
-        """The exact optimum in each of the mazes `played`, on the same starts; None if unknown."""
+        """The exact optimum in each of the mazes `played`, on the same starts; None if unknown.
+
+        Unknown under limited sight, too: `best_in_full_sight` is a bound then.
+        """
+        return None if self.one.is_limited else self.best_in_full_sight
+
+    @cached_property
+    def best_in_full_sight(self) -> InMazes | None:
+        """The same of an agent that sees everything."""
         task = self.task
         if self.solvable and task.is_duel:
             return self._best_responses()
@@ -240,8 +248,8 @@ class SuiteContest:
         """The optimum of a duel; what is won is what the best first steps win, played for ever."""
         solved = list(self._solutions.values())
         success = self._exactly("optimal", (found.policy for found in solved)).success
-        lengths = self.optimal_lengths()
-        if not self.is_exact and lengths is not None:
+        if not self.is_exact and (found := self._best_lengths()) is not None:
+            lengths = np.minimum(found, self.task.max_steps)
             steps = lengths.reshape(len(self.played), -1).mean(axis=1)
             return InMazes("optimal", steps, success, False, lengths)
         least = self.task.min_start_distance
@@ -280,7 +288,7 @@ class SuiteContest:
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """As `Contest`: of the starts that are played; of a duel the expected ones."""
-        lengths = self._best_lengths()
+        lengths = None if self.one.is_limited else self._best_lengths()
         return None if lengths is None else np.minimum(lengths, self.task.max_steps)
 
     def _best_lengths(self) -> NDArray[np.float64] | None:
@@ -311,7 +319,10 @@ class SuiteContest:
             self.in_mazes("random", RandomAgent()),
             self.in_mazes(scripted[self.role], DEFAULTS[self.role](0.0)),
         ]
-        return found if self.best is None else [*found, self.best]
+        best = self.best_in_full_sight
+        if best is not None and self.one.is_limited:
+            best = replace(best, name="optimal, full sight")
+        return found if best is None else [*found, best]
 
 
 def suite_called(task: Task) -> str:

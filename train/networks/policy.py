@@ -27,6 +27,7 @@ from train.networks.remembering import (
     RememberingPolicy,
     check_looks,
     chosen_from,
+    numbers_fit,
     probabilities_of,
 )
 
@@ -251,7 +252,7 @@ class NetworkPolicy:
         Raises:
             ValueError: as `act`.
         """
-        check_looks(observations, self._shape, self.task, view)
+        check_looks(observations, self._shape, self.task, view, self.encoding)
         return chosen_from(self.probabilities(observations, allowed), draws)
 
 
@@ -271,10 +272,13 @@ class LearnedPolicy(NetworkPolicy):
             role != self.seat.role
             or tuple(encoder.shape) != self._shape
             or task.num_actions != self.task.num_actions
+            or not numbers_fit(self.encoding, self.task, task)
         ):
             raise ValueError(
                 f"a policy of the {self.seat.role} of task {self.task.name!r}, for observations of "
-                f"shape {self._shape}; the {role} of task {task.name!r} observes {encoder.shape}"
+                f"shape {self._shape} in mazes of {self.task.max_cells} cells; the {role} of task "
+                f"{task.name!r} observes {encoder.shape} in {task.max_cells}. A policy that "
+                "observes window:R plays in mazes of any size"
             )
         return self._in_parts(encoder, task, games, seat)
 

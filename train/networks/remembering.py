@@ -71,8 +71,13 @@ def chosen_from(
     return (scaled >= cumulative).sum(axis=-1).clip(max=most).astype(np.int32)
 
 
+def numbers_fit(encoding: str, own: Task, other: Task) -> bool:
+    """Whether cells have numbers alike in two tasks, for encodings whose shape does not tell."""
+    return encoding not in ("index", "positions") or own.max_cells == other.max_cells
+
+
 def check_looks(
-    observations: NDArray[Any], shape: tuple[int, ...], own: Task, view: GameView
+    observations: NDArray[Any], shape: tuple[int, ...], own: Task, view: GameView, encoding: str
 ) -> None:
     """ValueError unless games look like those of a policy's training.
 
@@ -81,7 +86,14 @@ def check_looks(
         shape: of one in its training.
         own: the task of its training.
         view: of these games.
+        encoding: what is observed.
     """
+    if not numbers_fit(encoding, own, view.task):
+        raise ValueError(
+            f"a policy that observes {encoding!r} in mazes of {own.max_cells} cells; these have "
+            f"{view.task.max_cells}. Mazes must be of the size of those of its training (a policy "
+            "that observes window:R plays in mazes of any size)"
+        )
     if observations.shape[1:] != shape or view.task.num_actions != own.num_actions:
         raise ValueError(
             f"a policy for observations of shape {shape} and {own.num_actions} "
@@ -143,7 +155,7 @@ class RememberingPolicy:
             ValueError: the games look different from those that it was trained in.
         """
         observed = view.observe(self.encoding)
-        check_looks(observed, self.seat.seen.shape, self.task, view)
+        check_looks(observed, self.seat.seen.shape, self.task, view, self.encoding)
         kept, rows = self.memory.of(view), view.rows
         if self._stack is not None:
             frames = kept["frames"][rows]

@@ -111,6 +111,12 @@ def summary(results: Mapping[str, Any]) -> str:
         told += (
             f"; {optimum} {found['optimal_steps']:.3f}; gap {100 * found['optimality_gap']:+.2f} %"
         )
+    if "certified_lower" in found:
+        told += (
+            f", {found['discounted_steps']:.3f} discounted by {found['discount']:g} a step; "
+            f"optimum under limited sight, proven: {found['certified_lower']:.4f} to "
+            f"{found['certified_upper']:.4f}"
+        )
     floor = found.get("objective_floor")
     if floor is not None:
         told += f" (floor of the objective {100 * floor:+.2f} %)"
@@ -121,6 +127,7 @@ def summary(results: Mapping[str, Any]) -> str:
 def score_table(results: Mapping[str, Any]) -> str:
     """The learned policy beside the references."""
     optimum = results["evaluation"]["optimal_steps"]
+    certified = "certified_lower" in results["evaluation"]
     rows = []
     for score in results["scores"]:
         gap = score["mean_steps"] / optimum - 1.0 if optimum else None
@@ -131,9 +138,15 @@ def score_table(results: Mapping[str, Any]) -> str:
                 "exact" if score["exact"] else f"{score['ci95']:.3f}",
                 f"{100 * score['success_rate']:.1f} %",
                 "" if gap is None or score["name"] == "optimal" else f"{100 * gap:+.2f} %",
+                *([_plain(score["discounted_steps"])] if certified else ()),
             )
         )
-    return table(("", "steps", "± 95 %", "success", "gap to optimum"), rows)
+    head = ("", "steps", "± 95 %", "success", "gap to optimum")
+    return table((*head, "discounted") if certified else head, rows)
+
+
+def _plain(number: float | None) -> str:
+    return "" if number is None else f"{number:.3f}"
 
 
 def lost_parts(contest: Any, losses: Losses) -> list[str]:

@@ -16,7 +16,7 @@ from pursuit.simulator import Simulator
 from pursuit.task import Task
 from pursuit.viewer.data import Builder, Extras, Side
 from scripted_agents import action_values
-from train.evaluation.closeups import MOST_OVERLAY_CELLS
+from train.evaluation.closeups import MOST_OVERLAY_CELLS, called_by_sight
 from train.evaluation.games import is_exact, table_in
 from train.files import read_json
 from train.pages import PLAYER_ROOM, details, pairs, paragraph, picture, section, table, write_page
@@ -114,7 +114,8 @@ def sides_of_pair(task: Task, pair: Mapping[str, Policy]) -> list[Side]:
             move_order=task.move_order,  # type: ignore[arg-type]
         )
         seat = task.seat(role)
-        sides.append(Side(f"{role}_0", seat, 1 - seat, found.values, tables[role], found.optimal))
+        name = called_by_sight(task, f"{role}_0")
+        sides.append(Side(name, seat, 1 - seat, found.values, tables[role], found.optimal))
     return sides
 
 
@@ -136,13 +137,24 @@ def told_exploitability(results: Mapping[str, Any]) -> list[str]:
     if "nash_conv" in found:
         before = f" (at the start {start['nash_conv']:.3f})" if "nash_conv" in start else ""
         told.append(
-            f"NashConv {found['nash_conv']:.3f} discounted steps{before}; 0 is an equilibrium. "
-            "Exact."
+            f"NashConv {found['nash_conv']:.3f} discounted steps{before}; "
+            f"{meaning_of_nash_conv(results)}."
         )
     if "game_value" in found and "value" in found:
-        told.append(f"Value {found['value']:.3f}; of the game {found['game_value']:.3f}.")
+        sight = " in full sight" if results.get("limited_sight") else ""
+        told.append(f"Value {found['value']:.3f}; of the game{sight} {found['game_value']:.3f}.")
     told.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
     return [paragraph(text) for text in told]
+
+
+def meaning_of_nash_conv(results: Mapping[str, Any]) -> str:
+    """What a NashConv in `results.json` says, in words."""
+    if results.get("limited_sight"):
+        return (
+            "exact for best responses that see everything, so a bound under limited sight, where "
+            "an equilibrium need not reach 0"
+        )
+    return "exact; 0 is an equilibrium"
 
 
 def match_table(results: Mapping[str, Any]) -> str:
