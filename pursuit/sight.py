@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.declared import FrozenDict, is_whole, truth, whole
-from pursuit.maze import MAX_TABLE_CELLS, Maze
+from pursuit.maze import MAX_TABLE_CELLS, Maze, table_of_distances
 from pursuit.rules.layout import UNREACHABLE, Games
 from pursuit.rules.sight import SEES_ALL
 
@@ -68,7 +68,8 @@ def visible_cells(
                 own, at = own[free], after[free]
                 seen[own, at] = True
     if radius is not None:
-        seen &= (maze.distances <= radius) & (maze.distances != UNREACHABLE)
+        distances = table_of_distances(maze)
+        seen &= (distances <= radius) & (distances != UNREACHABLE)
     return seen
 
 

@@ -199,7 +199,7 @@ class Task:
         unknown: Any = self.unknown_maze
         return limits_of(self.agent_names, radius, in_line, unknown)
 
-    @property
+    @cached_property
     def sight(self) -> Sight:
         """Who sees what; the tables are made on first use."""
         return sight_of(self.mazes, self._limits)

@@ -27,6 +27,9 @@ LEAST = 1e-200
 NEGLIGIBLE = 1e-6
 """Shares of a belief below this are left out of the beliefs that are looked at further."""
 
+SAME = 1e-12
+"""Beliefs that differ by no more are one point; what that can change is in the margin."""
+
 LEAST_GAIN = 1e-3
 """Share of the distance of the bounds at a belief by which a point or a plan must improve them."""
 
@@ -165,7 +168,7 @@ def add_point(
         return
     index = lower.count[own]
     for i in range(index):  # ratios of the one level that was looked at: 1 is the same belief
-        if room.ratio[i] > 1.0 - 1e-9:
+        if room.ratio[i] > 1.0 - SAME:
             index = i
             break
     if index == lower.value.shape[1]:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pursuit.declared import as_array, number, whole
 from pursuit.memory import check_memory
 from scripted_agents.hidden_game import NONE, HiddenCell, model_of, places
-from scripted_agents.hidden_kernels import improve, mark_best, prune_points, search
+from scripted_agents.hidden_kernels import SAME, improve, mark_best, prune_points, search
 from scripted_agents.hidden_layout import Lower, Model, Room, Roots, Upper
 from scripted_agents.hidden_plan_kernels import drop_plans, evaluate_plans, mark_followed
 from scripted_agents.hidden_start_kernels import inform, wander
@@ -120,11 +120,13 @@ class HiddenSearch:
     @property
     def margin(self) -> float:
         """What rounding can have done to either bound, generously: a value is at most so large, one
-        look adds up so many products, and what they are off by counts for 1 / (1 - discount) steps.
+        look adds up so many products (and takes beliefs that are nearly the same for one), and what
+        they are off by counts for 1 / (1 - discount) steps.
         """
         most = float(np.abs(self.game.costs).max()) / (1.0 - self.game.discount)
         products = self.game.visible.shape[1] * (self.game.targets.shape[3] + 2)
-        return 4.0 * np.finfo(float).eps * products * most / (1.0 - self.game.discount)
+        off = 4.0 * np.finfo(float).eps * products + 2.0 * SAME
+        return off * most / (1.0 - self.game.discount)
 
     @property
     def lower(self) -> float:
@@ -138,11 +140,12 @@ class HiddenSearch:
 
     @property
     def width(self) -> float:
-        """How far the bounds are apart, relative to the larger one."""
-        largest = max(abs(self.lower), abs(self.upper))
-        if np.isinf(largest):  # nothing has been looked at
+        """How far the bounds are apart, relative to the one that is nearer to 0; inf around it."""
+        low, up = self.lower, self.upper
+        if np.isinf(low) or np.isinf(up) or low < 0.0 < up:  # or nothing has been looked at
             return np.inf
-        return (self.upper - self.lower) / largest if largest > 0.0 else 0.0
+        least = min(abs(low), abs(up))
+        return (up - low) / least if least > 0.0 else np.inf if up > low else 0.0
 
     @property
     def points(self) -> int:

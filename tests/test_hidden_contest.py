@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from pursuit import Simulator, make_task
-from scripted_agents import AStarChaser, AStarEvader, RandomAgent
+from pursuit.policy import pairs_of_cells
+from scripted_agents import AStarChaser, AStarEvader, RandomAgent, TablePolicy
 from train.algorithms.q_learning import QTablePolicy, StateNumbers
 from train.evaluation import hidden_contest
 from train.evaluation.closeups import sides_of
@@ -16,6 +18,9 @@ from train.evaluation.contest import GameContest
 from train.evaluation.floor import objective_floor
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
+from train.networks.actor_critic import ActorCritic
+from train.networks.layers import Hidden
+from train.networks.policy import Seat
 from train.runs.report import score_table, summary
 from train.runs.single import evaluation_of
 from train.self_play.report import told_exploitability
@@ -97,3 +102,18 @@ def test_a_table_over_states_refuses_a_seat_that_does_not_see_them() -> None:
     simulator = Simulator(task, num_games=2, seed=0)
     with pytest.raises(ValueError, match="sees everything"):
         policy.act(simulator.view("chaser"))
+
+
+def test_a_table_of_another_sight_is_not_taken_for_what_is_played() -> None:
+    seeing, blind = (make_task("chase", maze="3x3", view_radius=radius) for radius in (None, 0))
+    seat = Seat(seeing, "chaser")
+    torch.manual_seed(0)
+    policy = seat.policy(ActorCritic(seat.features, 4, Hidden(width=16)))
+    assert contest_for("chaser").score("learned", policy).exact
+    contest = GameContest(blind, "chaser", {"evader": AStarEvader(epsilon=0.2)}, episodes=300)
+    found = contest.score("learned", policy)
+    played = policy.distribution(blind, pairs_of_cells(blind, blind.mazes[0], "chaser"), 0)
+    table = TablePolicy(blind.mazes[0], played.reshape(9, 9, 4))
+    assert not found.exact
+    exact = contest.score("the same as a table", table)
+    assert exact.exact and abs(found.mean_steps - exact.mean_steps) <= 2.0 * found.ci95

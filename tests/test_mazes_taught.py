@@ -10,13 +10,14 @@ import pytest
 
 from curricula import Outcomes, PoolReplay, Progress
 from pursuit.maze import load_maze
-from pursuit.suites import load_suite
+from pursuit.suites import least_copy, load_suite
 from pursuit.task import make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent
 from train.evaluation.suite_contest import SuiteContest
 from train.experiments.kinds import start
 from train.runs.by_name import settings_of
 from train.runs.folder import RUN
+from train.runs.parts import parts_of
 from train.runs.worlds import GridWorld
 from train.teaching.edits import edited, with_edits
 from train.teaching.exams import Exam
@@ -178,3 +179,18 @@ def test_a_run_judges_its_mazes_and_plays_the_hard_ones(name: str, tmp_path: Pat
     assert "lesson" not in run.metrics.rows[-1] and teacher.rows
     exact = teacher.exam.marks(teacher.examined, np.arange(10))
     assert np.isfinite(exact).all()
+
+
+def test_no_edit_is_a_maze_that_is_kept_for_judging(monkeypatch: pytest.MonkeyPatch) -> None:
+    mazes = load_suite("5x5-train/0-3")
+    pool, _ = with_edits(mazes, 3, 2, 1, seed=1)
+    gone = least_copy(pool[len(mazes)])
+    monkeypatch.setattr("train.teaching.edits.held_out_copies", lambda: frozenset([gone]))
+    assert gone not in {least_copy(maze) for maze in with_edits(mazes, 3, 2, 1, seed=1)[0]}
+
+
+@pytest.mark.parametrize("memory", [{"recurrent": "gru"}, {"frame_stack": 3}])
+def test_a_memory_is_refused_before_anything_is_made(memory: dict[str, Any]) -> None:
+    flat = {"task": "maze", "maze": "suite:5x5-train/0-3", "num_goals": 1, "frames": 1000}
+    with pytest.raises(ValueError, match="leave out recurrent and frame_stack"):
+        parts_of(settings_of(**flat, curriculum="maze-replay", **memory))

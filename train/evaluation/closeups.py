@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.policy import TabularPolicy
 from pursuit.recorder import Recorder
 from pursuit.replay import Replay
 from pursuit.task import Task
@@ -130,7 +129,7 @@ def sides_of(contest: Any, policy: Any) -> list[Side]:
         return []
     maze, seat = task.mazes[0], task.seat(contest.agent)
     theirs = contest.opponent_table()
-    tabular = is_exact(task, policy) and isinstance(policy, TabularPolicy)
+    tabular = is_exact(task, policy)
     learned = table_in(task, policy) if tabular else None
     rules: dict[str, Any] = {
         "horizon": task.max_steps,

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.policy import Policy, TabularPolicy
+from pursuit.policy import Policy
 from pursuit.rendering import Scene
 from pursuit.simulator import Simulator
 from pursuit.single_agent import fill_seats
@@ -43,6 +43,7 @@ from train.evaluation.games import (
     half_width,
     is_exact,
     is_exact_team,
+    is_table_in,
     play_out,
     scenes_of,
     table_in,
@@ -226,7 +227,7 @@ class GameContest:
         """Play, and solve where it can be solved."""
         lengths, won = self.play(policy)
         mean, ci95, exact = float(lengths.mean()), half_width(lengths), False
-        if self.is_exact and isinstance(policy, TabularPolicy):
+        if self.is_exact and is_table_in(self.task, policy):
             values, task = self._pair_values(policy), self.task
             mean = mean_over_starts(values, task.mazes[0], task.min_start_distance)
             ci95, exact = 0.0, True
@@ -373,7 +374,7 @@ class GameContest:
 
     def lengths(self, policy: Policy) -> NDArray[np.float64]:
         """As `Contest`: expected ones in a duel of tables."""
-        if self.is_exact and isinstance(policy, TabularPolicy):
+        if self.is_exact and is_table_in(self.task, policy):
             values = self._pair_values(policy)
             return np.asarray(values)[tuple(self.starts().positions.T)]
         return self.play(policy)[0].astype(np.float64)

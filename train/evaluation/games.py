@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,8 +104,23 @@ def is_exact(task: Task, *policies: Policy) -> bool:
         and len(task.mazes) == 1
         and task.max_cells <= MAX_EXACT_CELLS
         and task.start == "random"
-        and all(isinstance(policy, TabularPolicy) for policy in policies)
+        and all(is_table_in(task, policy) for policy in policies)
     )
+
+
+def is_table_in(task: Task, policy: Any) -> bool:
+    """Whether a policy plays a table in the games of `task`.
+
+    A learned one only where it sees as much as in the games that it learned in: its table is that
+    of those.
+    """
+    own = getattr(policy, "task", None)
+    if not isinstance(policy, TabularPolicy) or not isinstance(own, Task):
+        return isinstance(policy, TabularPolicy)
+    learned: Any = policy
+    seat = own.seat(learned.agent)
+    here = task.seat(own.seat_roles[seat])
+    return own.sight.limits[seat] == task.sight.limits[here]
 
 
 def is_exact_team(task: Task, policies: Mapping[str, Policy], most: int = MAX_EXACT_WORK) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.maze import Maze
-from pursuit.policy import Policy, TabularPolicy
+from pursuit.policy import Policy
 from pursuit.task import Task
 from scripted_agents import (
     HiddenChaseSolution,
@@ -23,7 +23,7 @@ from scripted_agents import (
     mean_over_starts,
     solve_hidden_chase,
 )
-from train.evaluation.games import table_in
+from train.evaluation.games import is_table_in, table_in
 
 DISCOUNT = 0.95
 
@@ -123,7 +123,7 @@ def discounted(
     games that were played, `lengths` [games]: those that were cut off count as what is worst for
     the agent in `role`, as never ended for a chaser, as ended there for an evader.
     """
-    if isinstance(policy, TabularPolicy):
+    if is_table_in(task, policy):
         maze, order = task.mazes[0], task.move_order
         own = table_in(task, policy)
         pair = (own, table) if role == "chaser" else (table, own)

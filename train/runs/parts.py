@@ -84,6 +84,12 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
     plan = plan_lessons(settings.curriculum, settings.lessons, world.ground, settings.seed)
     if plan is not None:
         check_learner(plan, algorithm)
+        check(
+            plan.exam is None or (settings.hyper.recurrent is None and settings.frame_stack == 1),
+            f"curriculum={settings.curriculum!r} judges mazes by what a policy does in every cell, "
+            "and one that remembers does not go by that; leave out recurrent and frame_stack, or "
+            "take level-replay",
+        )
     algorithm.check_player(settings.hyper, seat)
     algorithm.check_memory(settings.hyper, seat)
     check_memory(settings.hyper, seat)

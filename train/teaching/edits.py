@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pursuit.maze import Maze
+from pursuit.suites import held_out_copies, least_copy
 from train.settings.checks import check
 
 BASE = -1
@@ -49,7 +50,8 @@ def with_edits(
         mazes: the base mazes, which come first; their parent is -1.
         children: edits of each maze.
         depth: generations of edits.
-        walls: inner walls that one edit toggles.
+        walls: inner walls that one edit toggles; an edit that is a maze of a validation or test
+            suite, turned or mirrored, is left out.
         seed: of what is drawn.
 
     Raises:
@@ -61,13 +63,14 @@ def with_edits(
     )
     rng = np.random.default_rng([seed, 0xED17])
     pool, parents = list(mazes), [BASE] * len(mazes)
+    held_out = held_out_copies()
     first = 0
     for _ in range(depth):
         last = len(pool)
         for number in range(first, last):
             for child in range(children):
                 found = edited(pool[number], walls, rng, f"{pool[number].name}.{child}")
-                if found is not None:
+                if found is not None and least_copy(found) not in held_out:
                     pool.append(found)
                     parents.append(number)
         first = last
