@@ -205,7 +205,10 @@ def test_a_verdict_needs_more_than_chance() -> None:
 # -- files -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", shipped(ABLATIONS))
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[pytest.mark.slow] * (n == "mazes")) for n in shipped(ABLATIONS)],
+)
 def test_every_shipped_ablation_is_sound_in_both_versions(name: str) -> None:
     for version in ("short", "full"):
         plan = load_ablation(name, version)

@@ -220,9 +220,7 @@ def test_a_state_that_does_not_fit_is_refused(name: str) -> None:
 # -- learning --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "td3")) for name in LEARNERS]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) for name in LEARNERS])
 def test_an_arm_of_one_joint_learns_to_reach(name: str) -> None:
     torch.manual_seed(0)
     settings: Any = entry(name).settings(**LEARNING)

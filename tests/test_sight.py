@@ -66,7 +66,10 @@ def check_observations(task: Task, seed: int, games: int, steps: int) -> int:
     return hidden
 
 
-@pytest.mark.parametrize("name", LIMITS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[pytest.mark.slow] * (n in ("radius", "line"))) for n in LIMITS],
+)
 def test_observations_hide_what_is_not_in_view(name: str) -> None:
     task = Task(maze=(HALL, "3x3"), **CROWD, **LIMITS[name])
     assert check_observations(task, seed=1, games=4, steps=8) > 100

@@ -58,6 +58,7 @@ def watch_restarts(run: Run, look: Any) -> None:
     teacher.after_restart = spied  # type: ignore[method-assign]
 
 
+@pytest.mark.slow
 def test_the_opponents_share_of_random_moves_follows_the_schedule(tmp_path: Path) -> None:
     # The thesis set epsilon on the learner, which ignores it: its opponent was never annealed.
     settings = settings_of(
@@ -139,7 +140,13 @@ def test_every_axis_and_curriculum_that_can_be_named_can_be_made() -> None:
     assert set(CURRICULUM_MAKERS) == set(CURRICULA.values()) - {CURRICULA["none"]}
 
 
-@pytest.mark.parametrize("axis", AXES)
+SLOW_AXES = {"goal-spread-fixed", "start-distance", "num-goals", "maze-size"}
+
+
+@pytest.mark.parametrize(
+    "axis",
+    [pytest.param(axis, marks=[pytest.mark.slow] * (axis in SLOW_AXES)) for axis in AXES],
+)
 def test_every_axis_turns_what_it_says_up_to_the_task_itself(axis: str, tmp_path: Path) -> None:
     flat, holds = AXES[axis]
     run = start(RUN, settings_of(**flat, curriculum=axis, schedule_length=0.6), tmp_path)

@@ -87,7 +87,7 @@ def taken_allowed(arguments: Sequence[str]) -> list[str]:
 def meant_for_all(arguments: Sequence[str]) -> list[str]:
     """The arguments, with "all" after options of `OF_EVERYBODY` that stand without a value."""
     found: list[str] = []
-    for argument, after in zip(arguments, [*arguments[1:], "--"], strict=True):
+    for argument, after in zip(arguments, [*arguments[1:], "--"], strict=False):
         found.append(argument)
         if argument.replace("_", "-") in OF_EVERYBODY and after.startswith("--"):
             found.append("all")
