@@ -213,6 +213,16 @@ class Task:
         maze_number = whole("maze_number", maze_number, 0, len(self.mazes) - 1)
         return self.sight.sees(self.seat(seat), maze_number)
 
+    def hides_from(self, seat: str | int) -> bool:
+        """Whether anything can be out of an agent's view; not where its view has all cells.
+
+        Raises:
+            ValueError: no such agent.
+        """
+        if self.sight.limits[self.seat(seat)].sees_all:
+            return False
+        return not all(self.sees(seat, number).all() for number in range(len(self.mazes)))
+
     @property
     def num_agents(self) -> int:
         """Chasers plus evaders plus runners."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pursuit.declared import as_array, number
 from pursuit.maze import Maze
+from pursuit.memory import check_memory
 from scripted_agents.best_response import MoveOrder
 from scripted_agents.hidden_layout import Model, Roots
 
@@ -198,6 +199,12 @@ def hidden_chase(
         ValueError: no two cells are so far apart.
     """
     size, moves = maze.num_cells, maze.neighbors
+    # Chances, targets and what they are made of; and a belief for every pair in view.
+    check_memory(
+        f"{maze.name}, {size} cells,",
+        size * size * (5 * 24 * num_actions) + 16 * size * int(visible.sum()),
+        "use a smaller maze, or see less",
+    )
     own = moves[:, :num_actions].astype(np.int32)
     # Of the other: four moves, and standing still in whatever way.
     still = moves[:, :4] == np.arange(size)[:, None]

@@ -216,7 +216,10 @@ class HiddenSearch:
                 self.prune()
             self.look_at_starts()
             if self.lower > self.upper:
-                raise AssertionError(f"bounds {self.lower} and {self.upper} have crossed: a fault")
+                raise RuntimeError(
+                    f"bounds {self.lower} and {self.upper} have crossed, which proves a fault of "
+                    "the search: report the maze and the arguments"
+                )
             self.looks += LOOKS
             self.seconds = before + perf_counter() - began
             if report is not None:

@@ -66,7 +66,9 @@ def test_environments_begin_episodes() -> None:
     for _ in range(3):
         env.reset(seed=4)
         while env.agents:
+            before = env.unwrapped.simulator.steps[0]
             env.step(env.act({"chaser": counter, "evader": counter}))
+            assert counter.memory.of(env.unwrapped.simulator.view("chaser"))["steps"] == before + 1
 
 
 def test_a_copy_begins_without_memories() -> None:

@@ -16,7 +16,6 @@ from pursuit.viewer.data import Side
 from scripted_agents import action_values
 from train.evaluation.contest import Contest, GameContest, told
 from train.evaluation.games import is_exact, table_in
-from train.evaluation.hidden_contest import has_limited_sight
 from train.evaluation.suite_contest import SuiteContest
 
 MOST_OVERLAY_CELLS = 225
@@ -150,4 +149,4 @@ def sides_of(contest: Any, policy: Any) -> list[Side]:
 
 def called_by_sight(task: Task, agent: str) -> str:
     """What the side of an agent is called whose exact values are those of full sight."""
-    return f"{agent} with full sight" if has_limited_sight(task, agent) else agent
+    return f"{agent} with full sight" if task.hides_from(agent) else agent

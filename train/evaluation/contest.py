@@ -53,7 +53,6 @@ from train.evaluation.hidden_contest import (
     Certificate,
     certificate_of,
     discounted,
-    has_limited_sight,
     solution_of,
 )
 from train.settings.checks import EVALUATION_SEED
@@ -242,7 +241,7 @@ class GameContest:
     @cached_property
     def is_limited(self) -> bool:
         """Whether anything is hidden from the agent: then a best response is not its optimum."""
-        return has_limited_sight(self.task, self.agent)
+        return self.task.hides_from(self.agent)
 
     def solution(self) -> HiddenChaseSolution | None:
         """What is proven of the agent's optimum under its limited sight; None where nothing is."""

@@ -63,13 +63,6 @@ class Certificate:
         )
 
 
-def has_limited_sight(task: Task, agent: str) -> bool:
-    """Whether anything is hidden from an agent of the task."""
-    if task.sight.limits[task.seat(agent)].sees_all:
-        return False
-    return not all(task.sees(agent, number).all() for number in range(len(task.mazes)))
-
-
 def solution_of(task: Task, agent: str, table: NDArray[np.float64]) -> HiddenChaseSolution | None:
     """What is proven of a duel in one maze against a table; None where the maze is too large.
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from pursuit.policy import Policy
 from train.evaluation.games import MAX_EXACT_WORK, MAX_FINAL_WORK, is_exact_team
-from train.evaluation.hidden_contest import has_limited_sight
 from train.evaluation.matchups import can_solve, discounted_steps, match
 from train.runs.folder import (
     CONFIG,
@@ -256,7 +255,7 @@ class SelfPlay:
             "pools": {role: pool.described() for role, pool in self.pools.items()},
             "mixtures": self.mixtures,
         }
-        if any(has_limited_sight(self.task, agent) for agent in self.task.agent_names):
+        if any(self.task.hides_from(agent) for agent in self.task.agent_names):
             content["limited_sight"] = True  # best responses and values are those of full sight
         exact = "nash_conv" in content["evaluation"]
         if is_exact_team(self.task, pair, MAX_FINAL_WORK):

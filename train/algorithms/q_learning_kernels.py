@@ -1,0 +1,146 @@
+"""Compiled kernels of tabular Q-learning: numbers of states, choices, and what is learned."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pursuit.compiled import compiled, inlined
+from pursuit.rules import Games, next_below, next_uniform
+
+
+@inlined
+def number_state(games: Games, game: int, cells: int, binomials: Any) -> Any:
+    """The state number of one game; see `number_states`."""
+    agents, goals = games.position.shape[1], games.goal.shape[1]
+    base = cells + 1 if agents > 2 else cells
+    state = np.int64(0)
+    for agent in range(agents):
+        alive = games.active[game, agent] != 0
+        state = state * base + (games.position[game, agent] if alive else base - 1)
+    if goals == 0:
+        return state
+    number = np.int64(0)
+    left = 0
+    for goal in range(goals):
+        cell = games.goal[game, goal]
+        if cell >= 0:
+            # A goal's rank is counted instead of sorted for: no branch depends on the order.
+            rank = 1
+            for other in range(goals):
+                beside = games.goal[game, other]
+                rank += (beside >= 0) & (beside < cell)
+            number += binomials[cell, rank]
+            number += binomials[cells, left]  # sets with fewer goals come first
+            left += 1
+    return state * binomials[cells + 1, 0] + number
+
+
+@compiled
+def number_states(
+    position: Any,
+    active: Any,
+    event: Any,
+    goal: Any,
+    steps: Any,
+    maze: Any,
+    cells: int,
+    binomials: Any,
+    chosen: Any,
+    states: Any,
+) -> None:
+    """The state number of every game that is `chosen`.
+
+    Agents are digits of base `cells` (+ 1 for a captured one, where there are several evaders); the
+    remaining goals are a set, numbered in the combinatorial number system: their order is nothing.
+
+    Args:
+        position, active, event, goal, steps, maze: the arrays of `pursuit.rules.Games`.
+        cells: of the task's maze.
+        binomials: [cells + 2, goals + 1] int64, n over k; in the last row the number of sets.
+        chosen: [games] bool; the states of others stay as they are.
+        states: [games] int64, out.
+    """
+    games = Games(position, active, event, goal, steps, maze)
+    for game in range(states.shape[0]):
+        if chosen[game]:
+            states[game] = number_state(games, game, cells, binomials)
+
+
+@compiled
+def choose_actions(
+    q_values: Any, states: Any, position: Any, allowed: Any, streams: Any, epsilon: float,
+    actions: Any, seat: int,
+) -> None:  # fmt: skip
+    """Epsilon-greedy actions of all games, into column `seat`; the lowest of equal actions.
+
+    Only those that are `allowed` [cells, actions] in the cell of the seat.
+    """
+    num_actions = q_values.shape[1]
+    for game in range(states.shape[0]):
+        cell = position[game, seat]
+        if epsilon > 0.0 and next_uniform(streams[game], 0) < epsilon:
+            action = next_below(streams[game], 0, num_actions)
+            while not allowed[cell, action]:
+                action = next_below(streams[game], 0, num_actions)
+            actions[game, seat] = action
+        else:
+            state = states[game]
+            best, most = 0, -np.inf
+            for action in range(num_actions):
+                value = q_values[state, action]
+                if value > most and allowed[cell, action]:
+                    best, most = action, value
+            actions[game, seat] = best
+
+
+@compiled
+def learn(
+    q_values: Any, visits: Any, position: Any, active: Any, event: Any, goal: Any, steps: Any,
+    maze: Any, numbering: Any, allowed: Any, states: Any, actions: Any, seat: int, rewards: Any,
+    ended_by_rule: Any, ended_by_time: Any, done: Any, gamma: float, learning_rate: float,
+    power: float,
+) -> tuple[float, int]:  # fmt: skip
+    """One update for each game, one after the other (Watkins, 1989).
+
+    Args:
+        q_values, visits: [states, actions].
+        position, active, event, goal, steps, maze: the arrays of the games after the step.
+        numbering: cells and binomials, as `number_states` takes them.
+        allowed: [cells, actions] bool, what may be done in a cell: the next action is one of those.
+        states: [games] int64, before the step; the ones after it are written in their place.
+        actions, seat, rewards: what the learner did and earned.
+        ended_by_rule, ended_by_time: [games] bool; the truncated games are bootstrapped.
+        done: [games] bool, out: whose episode is over, for the game or for a captured learner.
+        gamma, learning_rate, power: the step size is learning_rate / visits ** power.
+
+    Returns:
+        The mean |error|, and the number of games that are done.
+    """
+    games = Games(position, active, event, goal, steps, maze)
+    cells, binomials = numbering
+    num_actions = q_values.shape[1]
+    total, count = 0.0, 0
+    for game in range(states.shape[0]):
+        state, action = states[game], actions[game, seat]
+        after = number_state(games, game, cells, binomials)
+        terminated = ended_by_rule[game] or games.active[game, seat] == 0
+        target = np.float64(rewards[game, seat])
+        if not terminated:
+            best = -np.inf
+            for other in range(num_actions):
+                if allowed[games.position[game, seat], other]:
+                    best = max(best, q_values[after, other])
+            target += gamma * best
+        visits[state, action] += 1
+        rate = learning_rate
+        if power > 0.0:
+            rate = learning_rate / np.float64(visits[state, action]) ** power
+        error = target - q_values[state, action]
+        q_values[state, action] += rate * error
+        total += abs(error)
+        done[game] = terminated or ended_by_time[game]
+        count += done[game]
+        states[game] = after
+    return total / states.shape[0], count
