@@ -17,8 +17,8 @@ class Features:
     """One agent's observation, as numbers.
 
     Attributes:
-        kind: "index" (each number names a row of the first layer), "planes" (for convolutions) or
-            "flat" (anything else).
+        kind: "index" (each number names a row of the first layer), "planes" (for convolutions),
+            "grid" (planes to plan in) or "flat" (anything else).
         shape: of one observation.
         high: [*shape], the largest values.
         rows: [numbers] int64, of "index": the row that each number of an observation names; the
@@ -26,7 +26,7 @@ class Features:
         num_rows: of the first layer on "index".
     """
 
-    kind: Literal["index", "planes", "flat"]
+    kind: Literal["index", "planes", "grid", "flat"]
     shape: tuple[int, ...]
     high: NDArray[Any]
     rows: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))

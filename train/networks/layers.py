@@ -15,6 +15,7 @@ import torch
 from torch import nn
 
 from train.networks.features import Features
+from train.networks.planning import Planning
 
 FirstLayerForm = Literal["bag", "dense"]
 
@@ -160,12 +161,14 @@ class Trunk(nn.Module):
     def __init__(self, features: Features, hidden: Hidden) -> None:
         super().__init__()
         width = hidden.width
-        first: IndexLayer | Flat | Convolutions
+        first: IndexLayer | Flat | Convolutions | Planning
         if features.kind == "index":
             form = hidden.form or first_layer_form(features.num_rows)
             first = IndexLayer(features, width, form, hidden.std)
         else:
-            first = (Convolutions if features.kind == "planes" else Flat)(features, width)
+            kinds: dict[str, type[Flat | Convolutions | Planning]]
+            kinds = {"planes": Convolutions, "grid": Planning, "flat": Flat}
+            first = kinds[features.kind](features, width)
         second = nn.Linear(width, width)
         nn.init.orthogonal_(second.weight, 2.0**0.5)
         nn.init.zeros_(second.bias)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 import torch
@@ -107,8 +107,9 @@ class Seat:
         agent: by name or role.
         encoding: what it observes.
         mask_bumps: whether moves into walls are forbidden to it, as it learns and as it plays.
-        flat: whether planes are one vector to its network, without convolutions.
         frame_stack: how many observations its network is given at once, the last of the episode.
+        planes_as: what planes are to its network: "planes" (for convolutions), "grid" (to plan in)
+            or "flat" (one vector).
     """
 
     task: Task
@@ -116,7 +117,7 @@ class Seat:
     encoding: str = "index"
     mask_bumps: bool = False
     frame_stack: int = 1
-    flat: bool = False
+    planes_as: Literal["planes", "grid", "flat"] = "planes"
     continuous: ClassVar[bool] = False
 
     @property
@@ -160,7 +161,7 @@ class Seat:
     def features(self) -> Features:
         """Of what its network is given."""
         found = stacked(self.seen, self.frame_stack)
-        return replace(found, kind="flat") if self.flat and found.kind == "planes" else found
+        return replace(found, kind=self.planes_as) if found.kind == "planes" else found
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> Any:
         """A network in this seat; one that sees cells only is known as a distribution over them,

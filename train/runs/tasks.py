@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Any
+from typing import Any, Literal
 
 from pursuit.maze import Maze, load_maze
 from pursuit.suite_files import PREFIX, is_suite
@@ -14,6 +14,14 @@ from train.settings.checks import check
 from train.settings.run import TrainSettings
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
 from train.teaching.plan import training_task
+
+PLANES_AS: dict[str, Literal["planes", "grid", "flat"]] = {
+    "auto": "planes",
+    "convolutions": "planes",
+    "planning": "grid",
+    "flat": "flat",
+}
+"""What planes are to the network, by its name in the settings."""
 
 
 def task_of(settings: TaskSettings) -> Task:
@@ -101,5 +109,6 @@ def player_of(settings: TrainSettings[Any]) -> Seat | ArmSeat:
     task = task_of(given)
     agent = agent_of(given, task)
     played = training_task(settings.curriculum, settings.lessons, task)
-    how = (settings.observation, given.mask_bumps, settings.frame_stack, settings.network == "flat")
+    planes_as = PLANES_AS[settings.network]
+    how = (settings.observation, given.mask_bumps, settings.frame_stack, planes_as)
     return Seat(played, agent, *how)

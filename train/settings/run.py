@@ -20,7 +20,7 @@ from train.settings.task import AnyTask, TaskSettings
 S = TypeVar("S", bound=Hyperparameters, covariant=True)
 EVALUATED = ("greedy", "sampled")
 PRECISIONS = ("auto", "float32", "bfloat16")
-NETWORKS = ("auto", "convolutions", "flat")
+NETWORKS = ("auto", "convolutions", "planning", "flat")
 FIRST_LAYERS = ("auto", "bag", "dense")
 
 
@@ -50,8 +50,9 @@ class TrainSettings(Generic[S]):
     """Observations that the network is given at once: the last so many of the episode, the older
     ones empty at its start."""
     network: str = "auto"
-    """How planes are seen: by convolutions, or flat, as one vector (many times faster, so more
-    frames for the same time). auto: by convolutions."""
+    """How planes are seen: by convolutions; by planning, a layer that learns what is a wall and
+    what a goal, and finds the shortest paths (for unseen mazes); or flat, as one vector. auto: by
+    convolutions."""
     evaluate: str = "greedy"
     """Which policy is evaluated: greedy (the most probable action), or sampled (as learned: it
     gets away where the greedy one steps to and fro for ever). Final results have both."""
@@ -87,6 +88,12 @@ class TrainSettings(Generic[S]):
         check(
             self.device == "cpu" or self.device.split(":")[0] == "cuda",
             f"unknown device {self.device!r}; cpu or cuda (or cuda:1, ...)",
+        )
+        planned = self.observation == "planes" or self.observation.split(":")[0] == "window"
+        check(
+            self.network != "planning" or (planned and self.device == "cpu"),
+            f"network='planning' with observation={self.observation!r} on device={self.device!r}; "
+            "it plans in planes or window:R, on the cpu",
         )
         check(
             type(self.lessons) is curriculum_form(self.curriculum),
