@@ -38,6 +38,7 @@ class Setting:
         duel: whether one chaser plays against one evader.
         joints: of an arm.
         recurrent: whether the network remembers.
+        many_mazes: whether games are played in several mazes, as those of a suite.
     """
 
     task: str
@@ -47,6 +48,7 @@ class Setting:
     duel: bool = False
     joints: int = 0
     recurrent: bool = False
+    many_mazes: bool = False
 
     @property
     def large_chase(self) -> bool:
@@ -57,6 +59,11 @@ class Setting:
     def large_maze(self) -> bool:
         """Whether a runner seldom comes upon goals by chance."""
         return self.random_start and self.role == "runner" and self.cells > 60
+
+    @property
+    def unseen_mazes(self) -> bool:
+        """Whether a runner learns to plan in any maze."""
+        return self.many_mazes and self.random_start and self.role == "runner"
 
 
 def thesis_ppo() -> PPOSettings:
@@ -254,6 +261,9 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
         return replace(hyper, learning_rate_power=0.7, gamma=gamma)
     if not isinstance(hyper, NetworkSettings):
         return hyper
+    if setting.unseen_mazes and isinstance(hyper, PPOSettings):  # see docs/unseen_mazes.md
+        hyper = replace(hyper, learning_rate=1e-3, epochs=3, minibatch_size=1024)
+        return replace(hyper, gamma=0.97, entropy_coef=0.02)
     if setting.role == "runner" and isinstance(hyper, PPOSettings):
         hyper = replace(hyper, gamma=0.99)
     if setting.large_chase:
@@ -304,6 +314,7 @@ def lessons_for(
     if preset == TUNED and issubclass(hyperparameter_form(algorithm), NetworkSettings):
         if setting.large_chase and setting.duel:
             return "start-distance", ScheduleSettings(schedule_length=0.2)
-        if setting.large_maze:
-            return "goal-spread-start", ScheduleSettings(schedule_length=0.5)
+        if setting.large_maze or setting.unseen_mazes:
+            length = 0.3 if setting.unseen_mazes else 0.5
+            return "goal-spread-start", ScheduleSettings(schedule_length=length)
     return "none", CurriculumSettings()
