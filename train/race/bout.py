@@ -24,7 +24,7 @@ from train.settings.task import TaskSettings
 
 EVALUATIONS = 20
 """Even marks of a budget; two more lie before the first, each at half of the one after it."""
-WARM_UP_SEED = 2**61
+WARM_UP_SEED = 2**31
 """Of the games that compile and load what a contestant needs, and are thrown away."""
 
 

@@ -172,7 +172,9 @@ def turned(names: Sequence[str], by: int) -> list[str]:
 
 def bout_name(bout: Bout) -> str:
     """Of its files: readable, with a fingerprint of all that decides it at the end."""
-    plain = json.dumps([pursuit.__version__, plain_bout(bout)], sort_keys=True)
+    maze = bout.task.maze  # a file may change, a suite is frozen
+    walls = "" if is_suite(maze) else load_maze(maze).to_text()
+    plain = json.dumps([pursuit.__version__, walls, plain_bout(bout)], sort_keys=True)
     print_ = hashlib.sha256(plain.encode()).hexdigest()[:10]
     return f"{bout.contestant}-{bout.task.label}-seed{bout.seed}-{print_}"
 
