@@ -96,7 +96,8 @@ def test_a_bout_that_fails_is_told_of_and_tried_again(
     def broken(*_: Any) -> Any:
         raise RuntimeError("no luck")
 
-    race = load_race(written(tmp_path))
+    alone = TINY.replace('"ours", "cleanrl"', '"cleanrl"')
+    race = load_race(written(tmp_path, alone))
     entry = CONTESTANTS["cleanrl"]
     monkeypatch.setitem(CONTESTANTS, "cleanrl", replace(entry, build=broken))
     with pytest.raises(ValueError, match=r"cleanrl failed in every trial on 'runner, 2x2'"):
@@ -177,11 +178,11 @@ def test_every_contestant_learns_and_is_judged_alike(name: str) -> None:
     assert all(point["cpu_seconds"] > 0 and point["greedy"] >= 0 for point in points)
     world, contest, optimum = world_and_contest(RUNNER, 50)
     assert found["optimal_steps"] == optimum.mean_steps
-    # At the start everybody draws about evenly.
+    # At the start everybody draws about evenly, whatever it observes.
     racer = CONTESTANTS[name].build(world, settings_of(name, world, drawn), 3)
-    fresh = contest.score("", racer.policy(greedy=False)).mean_steps
+    drawn_from = racer.policy(greedy=False).distribution(world.task, contest.starts().games, 0)
     racer.close()
-    assert fresh == pytest.approx(contest.score("", RandomAgent()).mean_steps, rel=0.4)
+    assert np.allclose(drawn_from.mean(axis=0), 0.25, atol=0.1)
 
 
 # -- the PPO that was rewritten --------------------------------------------------------------------
@@ -205,7 +206,7 @@ def test_it_learns_far_better_than_chance() -> None:
         "num_games": 64, "rollout_steps": 16, "minibatch_size": 256, "epochs": 4,
         "learning_rate": 3e-3, "gamma": 0.95, "gae_lambda": 0.9, "entropy_coef": 0.01, "width": 64,
     }  # fmt: skip
-    found = learn(Bout("cleanrl", RUNNER, drawn, 1, None, 40_000, 200, False))
+    found = learn(Bout("cleanrl", RUNNER, drawn, 1, None, 15_000, 200, False))
     _, contest, optimum = world_and_contest(RUNNER, 200)
     chance = contest.score("", RandomAgent()).mean_steps / optimum.mean_steps - 1.0
     assert found["points"][-1]["sampled"] < 0.2 < 2.0 < chance
@@ -222,7 +223,6 @@ def test_it_learns_far_better_than_chance() -> None:
         ('held_out = ["3x3"]', 'held_out = ["2x2"]', "is the maze of the race"),
         ('held_out = ["3x3"]', "held_out = []", "held_out is empty"),
         ('held_out = ["3x3"]', 'held_out = ["suite:5x5-train"]', "is several mazes"),
-        ('task = "maze", maze', 'task = "chase", role = "evader", maze', "num_goals"),
         ("num_goals = 1", 'num_goals = 1, colour = "red"', "colour"),
         ("width = { choices = [16] }", "breadth = { choices = [16] }", "'breadth'"),
         ("width = { choices = [16] }", "width = { choices = [0] }", "width=0"),

@@ -22,6 +22,7 @@ from train.experiments.search import draw_samples
 from train.experiments.sweep import read_file
 from train.race.bout import Bout, plain_bout, world_and_contest
 from train.race.contestants import contestant, settings_of
+from train.runs.worlds import GridWorld
 from train.schemas import read_as
 from train.settings.checks import check
 from train.settings.task import TaskSettings
@@ -279,8 +280,8 @@ def copy_of(maze: str) -> bytes:
 def check_contestant(name: str, tasks: Sequence[RaceOn], trials: Sequence[Table]) -> None:
     """ValueError where a contestant cannot be, or cannot have what was drawn."""
     contestant(name)
-    for on, drawn in product(tasks, trials):
-        world, _, _ = world_and_contest(on.task, 2)
+    worlds = [GridWorld(on.task) for on in tasks]
+    for world, drawn in product(worlds, trials):
         try:
             settings_of(name, world, drawn)
         except TypeError as error:
