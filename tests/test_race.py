@@ -151,7 +151,16 @@ def test_the_shipped_race_is_tuned_on_other_mazes_and_fits_its_time() -> None:
 
 def test_times_are_censored_and_medians_need_more_than_half() -> None:
     points = [
-        {"seconds": s, "cpu_seconds": s, "frames": 10 * s, "greedy": gap, "sampled": 1.0}
+        {
+            "seconds": s,
+            "wall_seconds": s,
+            "cpu_seconds": s,
+            "frames": 10 * s,
+            "greedy": gap,
+            "sampled": 1.0,
+            "greedy_success": 1.0,
+            "sampled_success": 1.0,
+        }
         for s, gap in ((1.0, 0.2), (2.0, 0.04), (3.0, 0.06))
     ]
     result = Result({}, points, 9.0, {}, "", "", "")
@@ -258,6 +267,8 @@ def test_no_such_file_or_version(capsys: pytest.CaptureFixture[str]) -> None:
         load_race("nothing")
     with pytest.raises(ValueError, match="short or full"):
         load_race("ppo", "medium")
+    with pytest.raises(ValueError, match="unknown clock 'sun'"):
+        load_race("ppo", clock="sun")
     with pytest.raises(SystemExit) as stopped:
         main(["race", "ppo", "--workers", "0"])
     assert stopped.value.code == 2 and "workers=0" in capsys.readouterr().err

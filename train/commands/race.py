@@ -34,6 +34,9 @@ class RaceCommand:
     """short or full."""
     out: Path | None = None
     """The folder of the race; races/NAME-VERSION if left out."""
+    clock: str | None = None
+    """wall, or cpu: seconds of the run's own process on its core, which a machine that is busy with
+    other things does not stretch as much. That of the file if left out."""
     workers: int = 1
     """Bouts at a time, each on a core of its own. Leave it at 1 for figures that are to be
     believed: cores share their caches and their memory."""
@@ -48,7 +51,7 @@ def race(arguments: Sequence[str]) -> None:
     given = parse(RaceCommand, arguments, "race")
     check(given.workers >= 1, f"workers={given.workers}; at least 1")
     look = Look(given.format)
-    plan = load_race(given.file, given.version)
+    plan = load_race(given.file, given.version, given.clock)
     out = given.out or Path("races") / f"{Path(given.file).stem}-{given.version}"
     tell_plan(plan, out, given.workers)
     if given.dry_run:

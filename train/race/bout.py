@@ -24,6 +24,9 @@ from train.settings.task import TaskSettings
 
 EVALUATIONS = 20
 """Even marks of a budget; two more lie before the first, each at half of the one after it."""
+CLOCKS = ("wall", "cpu")
+"""Seconds of the wall, or of this process on its core: the same on an idle machine, and on a busy one
+the latter still say what a contestant needs."""
 WARM_UP_SEED = 2**31
 """Of the games that compile and load what a contestant needs, and are thrown away."""
 
@@ -40,6 +43,7 @@ class Bout:
         seconds, frames: the budget, one of the two.
         episodes: of each evaluation.
         watched: whether it is judged at every mark, or at the end alone.
+        clock: one of `CLOCKS`: what seconds are of.
     """
 
     contestant: str
@@ -50,6 +54,7 @@ class Bout:
     frames: int | None
     episodes: int
     watched: bool
+    clock: str = "wall"
 
 
 def world_and_contest(task: TaskSettings, episodes: int) -> tuple[GridWorld, GameContest, Score]:
@@ -93,9 +98,9 @@ def learn(bout: Bout) -> dict[str, Any]:
     long as the last did.
 
     Returns:
-        "points": at every mark "seconds" of wall clock, "cpu_seconds" of this process, "frames",
-        "greedy" and "sampled" gaps, and the share of starts that they solve; what the bout was, and
-        where.
+        "points": at every mark "seconds" of the bout's clock, "wall_seconds" and "cpu_seconds",
+        "frames", "greedy" and "sampled" gaps, and the share of starts that they solve; what the
+        bout was, and where.
     """
     entry = contestant(bout.contestant)
     world, contest, optimum = world_and_contest(bout.task, bout.episodes)
@@ -111,12 +116,13 @@ def learn(bout: Bout) -> dict[str, Any]:
     marks = [marks[0] / 4, marks[0] / 2, *marks] if bout.watched else marks
     racer = entry.build(world, settings, bout.seed)
     torch.manual_seed(bout.seed)
-    seconds, used, points, over = 0.0, 0.0, [], False
+    spent, seconds, points, over = dict.fromkeys(CLOCKS, 0.0), 0.0, [], False
     while not over:
         before, began, began_cpu = racer.frames, perf_counter(), process_time()
         racer.iterate(budget.progress(seconds, racer.frames))
-        last, frames = perf_counter() - began, racer.frames - before
-        seconds, used = seconds + last, used + process_time() - began_cpu
+        took = {"wall": perf_counter() - began, "cpu": process_time() - began_cpu}
+        spent = {clock: spent[clock] + took[clock] for clock in CLOCKS}
+        seconds, last, frames = spent[bout.clock], took[bout.clock], racer.frames - before
         over = (
             seconds + last > bout.seconds
             if bout.seconds is not None
@@ -125,7 +131,8 @@ def learn(bout: Bout) -> dict[str, Any]:
         if over or budget.progress(seconds, racer.frames) >= marks[0]:
             while len(marks) > 1 and marks[0] <= budget.progress(seconds, racer.frames):
                 marks.pop(0)
-            now = {"seconds": seconds, "cpu_seconds": used, "frames": racer.frames}
+            now = {"seconds": seconds, "frames": racer.frames}
+            now |= {f"{clock}_seconds": each for clock, each in spent.items()}
             points.append(now | point_of(racer, contest, optimum))
     racer.close()
     return {

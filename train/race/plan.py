@@ -20,11 +20,11 @@ from pursuit.suites import least_copy, load_suite
 from train.experiments.forms import VERSIONS, check_keys, check_seeds
 from train.experiments.search import draw_samples
 from train.experiments.sweep import read_file
-from train.race.bout import Bout, plain_bout, world_and_contest
+from train.race.bout import CLOCKS, Bout, plain_bout, world_and_contest
 from train.race.contestants import contestant, settings_of
 from train.runs.worlds import GridWorld
 from train.schemas import read_as
-from train.settings.checks import check
+from train.settings.checks import check, check_choice
 from train.settings.task import TaskSettings
 
 FILES = Path(__file__).with_name("files")
@@ -83,6 +83,7 @@ class RaceFile(msgspec.Struct, forbid_unknown_fields=True):
     short: Version
     full: Version
     search_seed: int = 0
+    clock: str = "wall"
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,7 @@ class Race:
         tuning, final: the budgets.
         seeds: of the race itself.
         episodes: of each evaluation.
+        clock: what seconds are of, "wall" or "cpu".
     """
 
     title: str
@@ -124,6 +126,7 @@ class Race:
     final: Budgets
     seeds: tuple[int, ...]
     episodes: int
+    clock: str
 
     def trial_bouts(self) -> Iterator[tuple[str, str, int, Bout]]:
         """(task, contestant, number of the trial, bout): trials outside, contestants inside."""
@@ -133,7 +136,9 @@ class Race:
                     for name in turned(self.contestants, number):
                         seed = FIRST_TRIAL_SEED + 1000 * number + place
                         budget = (self.tuning.seconds, self.tuning.frames)
-                        bout = Bout(name, task, drawn, seed, *budget, self.episodes, False)
+                        bout = Bout(
+                            name, task, drawn, seed, *budget, self.episodes, False, self.clock
+                        )
                         yield on.name, name, number, bout
 
     def final_bouts(
@@ -148,7 +153,7 @@ class Race:
             for name in turned(self.contestants, turn):
                 drawn = chosen[on.name, name]
                 budget = (self.final.seconds, self.final.frames)
-                bout = Bout(name, on.task, drawn, seed, *budget, self.episodes, True)
+                bout = Bout(name, on.task, drawn, seed, *budget, self.episodes, True, self.clock)
                 yield on.name, name, seed, bout
 
     def count(self) -> tuple[int, int]:
@@ -189,12 +194,13 @@ def score_of(points: Sequence[dict[str, float]]) -> float:
 # -- reading ---------------------------------------------------------------------------------------
 
 
-def load_race(name: str, version: str | None = None) -> Race:
+def load_race(name: str, version: str | None = None, clock: str | None = None) -> Race:
     """Read a race file and check it; nothing is run.
 
     Args:
         name: the path of a file, or the name of a shipped one.
         version: "short" or "full"; short if left out.
+        clock: "wall" or "cpu"; that of the file if left out.
 
     Raises:
         ValueError: no such file, an unknown key, a value of another type, a contestant, task or
@@ -209,6 +215,7 @@ def load_race(name: str, version: str | None = None) -> Race:
         raise ValueError(f"{path}: {error}") from None
     file = read_as(RaceFile, content, path, REMEDY)
     try:
+        file.clock = clock or file.clock
         return race_of(file, file.full if version == "full" else file.short)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
@@ -216,6 +223,7 @@ def load_race(name: str, version: str | None = None) -> Race:
 
 def race_of(file: RaceFile, version: Version) -> Race:
     """A version of a race file, checked."""
+    check_choice("clock", file.clock, CLOCKS)
     names = version.contestants or file.contestants
     check(len(set(names)) == len(names) > 0, f"contestants={names}; give each once, one at least")
     known = [task.name for task in file.tasks]
@@ -249,6 +257,7 @@ def race_of(file: RaceFile, version: Version) -> Race:
         version.final,
         tuple(seeds or ()),
         version.episodes,
+        file.clock,
     )
 
 

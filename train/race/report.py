@@ -32,6 +32,9 @@ from train.race.tables import (
 from train.result_table import Column, ResultTable, Row, words
 
 
+CLOCK_WORDS = {"wall": "wall clock", "cpu": "processor time (of the run's own process)"}
+
+
 def race_report(race: Race, standing: Standing, out: Path, look: Look = PLAIN) -> Path:
     """Write the report of a race that is over.
 
@@ -105,11 +108,12 @@ def how(race: Race, standing: Standing) -> str:
         name: sorted({getattr(result, name) or "unknown" for result in found})
         for name in ("processor", "library", "torch", "commit")
     }
-    shares = [100 * r.points[-1]["cpu_seconds"] / r.points[-1]["seconds"] for r in found]
+    shares = [100 * r.points[-1]["cpu_seconds"] / r.points[-1]["wall_seconds"] for r in found]
     core = f"{min(shares):.0f} to {max(shares):.0f} %" if shares else "none"
     return (
         f"{len(race.seeds)} seeds, one core a run, contestants in turn (seeds outside). Seconds "
-        "are wall clock of playing and learning: imports, compilation and evaluations are not "
+        f"are {CLOCK_WORDS[race.clock]} of playing and learning: imports, compilation and "
+        "evaluations are not "
         f"counted. {budget_words(race)} A run is evaluated at {race.episodes} starts that are the "
         "same for everybody (a chaser exactly), greedily and as it draws, and a target is reached "
         "at the first evaluation whose gap to the exact optimum is no larger; evaluations lie a "

@@ -21,6 +21,8 @@ TRIALS, FINALS = "trials", "finals"
 """Folders of the two kinds of bouts."""
 ANEW = "remove that file; the next `pursuit race` does that bout again"
 
+WAYS_AND_SHARES = ("greedy", "greedy_success", "sampled", "sampled_success")
+
 Told = Callable[[str], None]
 """Called with a line whenever a bout begins or ends."""
 
@@ -39,7 +41,7 @@ class Result(msgspec.Struct):
 
     def __post_init__(self) -> None:
         check(bool(self.points), "points is an empty list")
-        wanted = {"seconds", "cpu_seconds", "frames", "greedy", "sampled"}
+        wanted = {"seconds", "wall_seconds", "cpu_seconds", "frames", *WAYS_AND_SHARES}
         check(all(wanted <= set(point) for point in self.points), f"points have {sorted(wanted)}")
 
 
