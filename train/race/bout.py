@@ -25,8 +25,7 @@ from train.settings.task import TaskSettings
 EVALUATIONS = 20
 """Even marks of a budget; two more lie before the first, each at half of the one after it."""
 CLOCKS = ("wall", "cpu")
-"""Seconds of the wall, or of this process on its core: the same on an idle machine, and on a busy one
-the latter still say what a contestant needs."""
+"""Seconds of the wall, or of this process on its core: the same on an idle machine."""
 WARM_UP_SEED = 2**31
 """Of the games that compile and load what a contestant needs, and are thrown away."""
 

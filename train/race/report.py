@@ -31,7 +31,6 @@ from train.race.tables import (
 )
 from train.result_table import Column, ResultTable, Row, words
 
-
 CLOCK_WORDS = {"wall": "wall clock", "cpu": "processor time (of the run's own process)"}
 
 
