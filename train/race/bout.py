@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import traceback
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
@@ -79,7 +79,7 @@ def world_and_contest(task: TaskSettings, episodes: int) -> tuple[GridWorld, Gam
 
 def point_of(racer: Racer, contest: GameContest, optimum: Score) -> dict[str, float]:
     """How well a contestant plays now, greedily and as it draws."""
-    found = {}
+    found: dict[str, float] = {}
     with torch.random.fork_rng():
         for name, greedy in (("greedy", True), ("sampled", False)):
             score = contest.score(name, racer.policy(greedy))
@@ -108,7 +108,7 @@ def learn(bout: Bout) -> dict[str, Any]:
     keep_freed_memory()
     warm = entry.build(world, settings, WARM_UP_SEED)
     warm.iterate(0.0)
-    point_of(warm, world.contest(2), optimum)
+    point_of(warm, replace(contest, episodes=2), optimum)
     warm.close()
     budget = Budget(bout.seconds, bout.frames)
     marks = [n / EVALUATIONS for n in range(1, EVALUATIONS + 1)] if bout.watched else [1.0]

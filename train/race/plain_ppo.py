@@ -10,6 +10,7 @@ clipped objective, a clipped value loss, an entropy bonus, clipped gradients, se
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import torch
@@ -131,7 +132,7 @@ class PlainPPO:
     @torch.no_grad()
     def _play(self) -> None:
         for step in range(self.settings.rollout_steps):
-            chances = torch.distributions.Categorical(logits=self.network.logits(self.now))
+            chances: Any = torch.distributions.Categorical(logits=self.network.logits(self.now))
             actions = chances.sample()
             self.observations[step], self.actions[step] = self.now, actions
             self.log_probs[step] = chances.log_prob(actions)
@@ -152,8 +153,8 @@ class PlainPPO:
     ) -> None:
         settings, returns = self.settings, advantages + values
         for _ in range(settings.epochs):
-            for chosen in torch.randperm(len(actions)).split(settings.minibatch_size):
-                chances = torch.distributions.Categorical(
+            for chosen in torch.split(torch.randperm(len(actions)), settings.minibatch_size):
+                chances: Any = torch.distributions.Categorical(
                     logits=self.network.logits(observations[chosen])
                 )
                 ratio = (chances.log_prob(actions[chosen]) - log_probs[chosen]).exp()
@@ -171,6 +172,6 @@ class PlainPPO:
                     - settings.entropy_coef * chances.entropy().mean()
                 )
                 self.optimizer.zero_grad()
-                loss.backward()  # type: ignore[no-untyped-call]
+                loss.backward()
                 nn.utils.clip_grad_norm_(self.network.parameters(), settings.max_grad_norm)
                 self.optimizer.step()
