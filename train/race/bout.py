@@ -12,7 +12,8 @@ from typing import Any
 
 import torch
 
-from train.evaluation.contest import GameContest, Score, optimality_gap
+from train.evaluation.contest import GameContest
+from train.evaluation.scores import Score, optimality_gap
 from train.files import read_json, write_json, write_text
 from train.machine import commit, processor
 from train.race.contestants import Racer, contestant, settings_of
