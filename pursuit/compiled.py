@@ -94,7 +94,7 @@ def _entry(function: Function, **options: bool) -> Function:
         return entry
 
     dispatcher.compile = compile_once
-    return dispatcher  # type: ignore[no-any-return]
+    return dispatcher
 
 
 def _part(function: Function, **options: bool) -> Function:
@@ -105,7 +105,7 @@ def _part(function: Function, **options: bool) -> Function:
     if dispatcher is not function:
         compile_for = dispatcher.compile
         dispatcher.compile = lambda given: compile_for(tuple(_widest(t) for t in given))
-    return dispatcher  # type: ignore[no-any-return]
+    return dispatcher
 
 
 def _strided(given: Any) -> Any:
@@ -119,7 +119,7 @@ def _widest(given: Any) -> Any:
     return types.int64 if whole or isinstance(given, types.IntegerLiteral) else given
 
 
-class _Part(JITCodeLibrary):  # type: ignore[misc]
+class _Part(JITCodeLibrary):
     """The code of a function that only kernels call: kept to be linked, as it was written.
 
     Numba would optimise it, with all that it calls, and make machine code of it, and do so again
@@ -134,7 +134,7 @@ class _Part(JITCodeLibrary):  # type: ignore[misc]
         self._finalized = True
 
 
-class _PartCompiler(Compiler):  # type: ignore[misc]
+class _PartCompiler(Compiler):
     """Numba's compiler up to where machine code is made."""
 
     def __init__(self, typing: Any, target: Any, library: Any, *settings: Any) -> None:
@@ -155,7 +155,7 @@ class _PartCompiler(Compiler):  # type: ignore[misc]
         return found._replace(entry_point=entry)
 
 
-class _Announcer(event.Listener):  # type: ignore[misc]
+class _Announcer(event.Listener):
     """Says on stderr that the silence is compilation; on a terminal also what it is at.
 
     Python's search for garbage waits meanwhile: a tenth of the time, for none to be found.
