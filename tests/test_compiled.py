@@ -135,7 +135,7 @@ def test_kernels_call_kernels_of_their_own_file_and_of_the_rules_only() -> None:
                     home = called.py_func.__module__
                     books = ("pursuit.rules.", "pursuit.reacher.rules")
                     assert home == own or home.startswith(books), (
-                        f"{own}.{kernel.__name__} calls {home}.{called.__name__}"
+                        f"{own}.{kernel.py_func.__name__} calls {home}.{called.py_func.__name__}"
                     )
     assert calls > 100
 
