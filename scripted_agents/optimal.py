@@ -125,7 +125,9 @@ class ExactAgent(ABC):
         """
         self._check_seat(task, seat)
         if not task.is_duel:
-            raise ValueError(f"{self!r} plays one against one on a GPU; take device='cpu' for teams")
+            raise ValueError(
+                f"{self!r} plays one against one on a GPU; take device='cpu' for teams"
+            )
         return self._duellist(task).on_device(task, seat, mazes)
 
     def _duellist(self, task: Task) -> TablePolicy:

@@ -12,6 +12,7 @@ from pursuit.device.calls import Call
 from pursuit.maze import Maze
 from pursuit.maze_arrays import MazeArrays
 from pursuit.policy import GameView
+from pursuit.task import Task
 from scripted_agents import kernels
 from scripted_agents.scripted import Scripted
 from scripted_agents.tour import MAX_EXACT_GOALS, shortest_tour
@@ -91,7 +92,9 @@ class TourRunner(Scripted):
         Raises:
             ValueError: always.
         """
-        raise ValueError(f"{self!r} does not play on a GPU; take NearestGoalRunner, or device='cpu'")
+        raise ValueError(
+            f"{self!r} does not play on a GPU; take NearestGoalRunner, or device='cpu'"
+        )
 
     def _plan_one_by_one(self, view: GameView) -> None:
         """The same where mazes have no distance table, or goals are too many to be exact."""

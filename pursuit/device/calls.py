@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from pursuit.task import Task
+
 
 @dataclass(frozen=True, eq=False)
 class Call:
@@ -24,3 +26,19 @@ class Call:
     given: Mapping[str, Any] = field(default_factory=dict)
     writes: str = "actions"
     work: tuple[str, int] = ("", 0)
+
+
+def call_of(policy: Any, task: Task, seat: int, mazes: Any) -> Call:
+    """By which kernel a policy plays.
+
+    Raises:
+        ValueError: it does not play on a GPU.
+    """
+    on_its_own = getattr(policy, "on_device", None)
+    if on_its_own is None:
+        raise ValueError(
+            f"{policy!r} in the seat of {task.agent_names[seat]} does not play on a GPU; take a "
+            "scripted agent of full sight, a table, or device='cpu'"
+        )
+    call: Call = on_its_own(task, seat, mazes)
+    return call

@@ -65,7 +65,11 @@ def parts_of(
     function = getattr(entry, "py_func", entry)
     of_seat, written = written == "seat's actions", written.removeprefix("seat's ")
     column = ", seat]" if of_seat else "]"
-    meanings = {**OF_GAME, written: f"{written}[game:game + 1{column}", **dict.fromkeys(absent, "None")}
+    meanings = {
+        **OF_GAME,
+        written: f"{written}[game:game + 1{column}",
+        **dict.fromkeys(absent, "None"),
+    }
     names = list(inspect.signature(function).parameters)
     known = {*OF_GAMES, *OF_MEMORY, "maze_of", "goals_", "epsilon_of", *absent} - {written}
     rest = tuple(name for name in names if name not in known)
@@ -85,7 +89,7 @@ def parts_of(
         "__name__": __name__,
     }
     text = TEXT.format(parameters=parameters, games=games, call=call)
-    exec(compile(text, f"<{function.__name__}, one game a thread>", "exec"), scope)  # noqa: S102
+    exec(compile(text, f"<{function.__name__}, one game a thread>", "exec"), scope)
     return scope["kernel"], rest
 
 

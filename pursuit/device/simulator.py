@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from pursuit import rules
 from pursuit.declared import whole
-from pursuit.device.calls import Call
+from pursuit.device.calls import Call, call_of
 from pursuit.device.kernels import Batch, Launch
 from pursuit.maze_arrays import lay_out
 from pursuit.rules import layout
@@ -48,6 +48,7 @@ class DeviceSimulator:
         memory: all arrays of the games, as `pursuit.rules.layout.Memory` says; the functions of
             that file name what lies in them, of arrays of any library that are made of these.
         actions: [num_games, num_agents] int32, what `act` fills and what `step` takes by default.
+        chosen: [num_games] bool, room for a mask that `reset` is to be given.
         task, num_games, num_agents, first_game, auto_restart, last_seed: as in `Simulator`.
         stream: the number of a CUDA stream (torch: `torch.cuda.current_stream().cuda_stream`);
             assign it to have all that follows run there. 0 is the default stream.
@@ -74,6 +75,7 @@ class DeviceSimulator:
         start = Call(rules.start_games, numbers, "chosen", STEP_WORK)
         self._step, self._start = Launch(step, self._batch), Launch(start, self._batch)
         self._all = cuda.to_device(np.ones(self.num_games, dtype=bool))
+        self.chosen = cuda.to_device(np.zeros(self.num_games, dtype=bool))
         self._seats: dict[tuple[int, int], tuple[Any, Launch]] = {}
         self._encodings: dict[Any, tuple[Any, Any, Any, list[Launch]]] = {}
         self._stream, self._found = 0, np.zeros(3, dtype=bool)
@@ -88,7 +90,7 @@ class DeviceSimulator:
 
     @property
     def outcome(self) -> layout.Outcome:
-        """What steps led to: rewards, returns, flags and the ends of episodes; arrays of the GPU."""
+        """What steps led to: rewards, flags, the ends of episodes; arrays of the GPU."""
         return layout.named(layout.outcome_of, self.memory)
 
     @property
@@ -194,7 +196,12 @@ class DeviceSimulator:
             rows = (self.num_games, len(range(self.num_agents)[seats]))
             out = cuda.to_device(np.zeros((*rows, *encoder.flat_shape), encoder.dtype))
             shown = out.reshape(self.num_games, *rows[1 + one :], *encoder.shape)
-            self._encodings[key] = out, out.reshape(*rows, math.prod(encoder.shape)), shown, launches
+            self._encodings[key] = (
+                out,
+                out.reshape(*rows, math.prod(encoder.shape)),
+                shown,
+                launches,
+            )
         out, flat, shown, launches = self._encodings[key]
         for launch in launches:
             launch(out=out, flat=flat)
@@ -330,22 +337,6 @@ def choose_device(device: str) -> None:
         )
     if number:
         cuda.select_device(int(number))
-
-
-def call_of(policy: Any, task: Task, seat: int, mazes: Any) -> Call:
-    """By which kernel a policy plays.
-
-    Raises:
-        ValueError: it does not play on a GPU.
-    """
-    on_its_own = getattr(policy, "on_device", None)
-    if on_its_own is None:
-        raise ValueError(
-            f"{policy!r} in the seat of {task.agent_names[seat]} does not play on a GPU; take a "
-            "scripted agent of full sight, a table, or device='cpu'"
-        )
-    call: Call = on_its_own(task, seat, mazes)
-    return call
 
 
 def check_task(task: Task) -> None:
