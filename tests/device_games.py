@@ -109,7 +109,10 @@ CASES = {
         {"maze": "5x5", "min_start_distance": 4}, (AStarChaser(), AStarEvader(0.2)), steps=30
     ),
     "rare starts": Case(
-        {"maze": "9x9", "min_start_distance": 18}, (AStarChaser(), None), games=2, steps=20
+        {"maze": "9x9", "min_start_distance": 18, "max_steps": 4},
+        (AStarChaser(), None),
+        games=2,
+        steps=10,
     ),
     "near goals": Case(
         {"maze": "5x5", "num_goals": 3},
@@ -140,7 +143,7 @@ QUICK = ("duel", "maze", "race", "encodings")
 def play(name: str, device: str) -> dict[str, np.ndarray]:
     """Everything that is seen of a case: arrays by name, of every step."""
     case = CASES[name]
-    if not case.tables:
+    if not case.tables and device != "cpu":  # of the CPU the test does it, and undoes it
         without_tables()
     task: Task = pursuit.make_task(case.name, **case.task)
     given = {"num_games": case.games, "seed": 7, "first_game": 3}
