@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 from weakref import WeakKeyDictionary
@@ -222,6 +222,31 @@ def play(policy: Policy, view: GameView) -> NDArray[np.int32]:
         if len(fresh):
             begin(view, fresh)
     return policy.act(view)
+
+
+def play_all(
+    policies: Sequence[Policy | None],
+    actions: NDArray[np.int32],
+    shape: tuple[int, int],
+    view: Callable[[int], GameView],
+) -> None:
+    """Write the action of every seat that has a policy into `actions` [games, agents] = `shape`.
+
+    Raises:
+        ValueError: a wrong shape, another number of seats, or a policy that is none.
+    """
+    try:
+        fit = actions.shape == shape and len(policies) == shape[1]
+    except (AttributeError, TypeError):
+        fit = False
+    if not fit:
+        needed = f"a policy or None a seat, actions of shape {shape}"
+        raise ValueError(f"policies={policies!r}, actions={actions!r}; {needed}")
+    for seat, policy in enumerate(policies):
+        if policy is not None:
+            if not hasattr(policy, "act"):
+                raise ValueError(f"{policy!r} is no policy; it has no method `act`")
+            actions[:, seat] = play(policy, view(seat))
 
 
 @runtime_checkable

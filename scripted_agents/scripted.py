@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.declared import share, truth
+from pursuit.device.calls import Call
 from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.maze_arrays import MazeArrays, lay_out
 from pursuit.policy import GameView
@@ -60,6 +61,16 @@ class Scripted:
             actions,
         )
         return actions
+
+    def on_device(self, task: Task, seat: int, mazes: MazeArrays) -> Call:
+        """The same on a GPU: the kernel, and what it is given."""
+        given = {
+            "kind": self.kind,
+            "counts": tuple(task.teams),
+            "greedy": self._greedy_table(mazes, task.stay_action),
+            "settings": self._settings(task.stay_action),
+        }
+        return Call(kernels.choose_actions, given, work=("scripted", kernels.NUM_SCRATCH))
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: the exact distribution in a game of one to one.
