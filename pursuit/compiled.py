@@ -36,6 +36,10 @@ NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 STRIDED = {"position", "active", "event", "steps", "maze", "maze_of", "epsilon_of"}
 """Arguments that are columns of the games' memory: strided, but contiguous if there is one game."""
 
+TRIED = numba.__version__.startswith("0.68.")
+"""Whether this is a Numba whose inner workings are known here; with any other all is compiled as it
+compiles by itself, which takes longer."""
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -82,6 +86,8 @@ def _entry(function: Function, **options: bool) -> Function:
     if dispatcher is function:  # as it is with NUMBA_DISABLE_JIT=1
         return function
     dispatcher._cache._cache_file._source_stamp = source_stamp(function.__code__.co_filename)
+    if not TRIED:
+        return dispatcher
     names = function.__code__.co_varnames
     strided = {at for at in range(function.__code__.co_argcount) if names[at] in STRIDED}
     compile_for = dispatcher.compile
@@ -99,6 +105,8 @@ def _entry(function: Function, **options: bool) -> Function:
 
 def _part(function: Function, **options: bool) -> Function:
     options = {"_nrt": False, **NO_WRAPPERS, **options}
+    if not TRIED:
+        return _entry(function, **options)
     dispatcher: Any = numba.njit(
         nogil=True, error_model="numpy", pipeline_class=_PartCompiler, **options
     )(function)
