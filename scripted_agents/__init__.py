@@ -40,6 +40,7 @@ from scripted_agents.optimal import (
     table_of,
     why_not_optimal,
 )
+from scripted_agents.regret import DuelRegret, duel_regret
 from scripted_agents.runner import NearestGoalRunner, TourRunner
 from scripted_agents.scripted import RandomAgent
 from scripted_agents.searchers import (
@@ -83,6 +84,7 @@ __all__ = [
     "BestResponse",
     "ChaseSolution",
     "Difficulty",
+    "DuelRegret",
     "Estimate",
     "HiddenCell",
     "HiddenChaseSolution",
@@ -112,6 +114,7 @@ __all__ = [
     "best_team_response",
     "check_optimal",
     "cop_number",
+    "duel_regret",
     "evaluate_exactly",
     "evaluate_team",
     "expected_tour_length",
