@@ -378,11 +378,17 @@ class Simulator:
         if not fit:
             needed = f"a policy or None a seat, actions of shape {self._actions_shape}"
             raise ValueError(f"policies={policies!r}, actions={actions!r}; {needed}")
+        together: dict[int, tuple[int, ...]] = {}
         for seat, policy in enumerate(policies):
             if policy is not None:
                 if not hasattr(policy, "act"):
                     raise ValueError(f"{policy!r} is no policy; it has no method `act`")
-                actions[:, seat] = play(policy, self.view(seat))
+                if getattr(policy, "act_together", None) is not None:
+                    together[id(policy)] = (*together.get(id(policy), ()), seat)
+                else:
+                    actions[:, seat] = play(policy, self.view(seat))
+        for seats in together.values():
+            policies[seats[0]].act_together(self.view(seats[0]), seats, actions)
 
 
 def _copied(

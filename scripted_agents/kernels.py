@@ -4,7 +4,7 @@ A set of moves is a bit mask over the actions. The same functions fill the table
 probabilities and act in the batch, so that what is solved exactly is what plays.
 
 Entries are given `*view.games` and `*view.mazes`; `scratch` is int32 [NUM_SCRATCH, cells of the
-largest maze], -1 in the rows of distances: room for two searches, one within the other.
+largest maze], -1 in the rows of distances: room for three searches, one within the other.
 """
 
 from __future__ import annotations
@@ -39,7 +39,19 @@ from pursuit.rules.step import legal_moves
 
 CHASER, EVADER, RUNNER, RANDOM = range(4)
 FAR = 2**30
-LOOK_DISTANCE, LOOK_QUEUE, PATH_DISTANCE, PATH_QUEUE, NUM_SCRATCH = range(5)
+(
+    LOOK_DISTANCE,
+    LOOK_QUEUE,
+    PATH_DISTANCE,
+    PATH_QUEUE,
+    FIELD_DISTANCE,
+    FIELD_QUEUE,
+    FIELD_OWNER,
+    SOUGHT,
+    NUM_SCRATCH,
+) = range(9)
+PAIRS_A_CELL = 8
+"""A search takes about as long for a cell as it takes to look up so many pairs."""
 
 
 @inlined
@@ -54,39 +66,10 @@ def path_of(scratch: Any) -> Search:
     return Search(scratch[PATH_DISTANCE], scratch[PATH_QUEUE])
 
 
-@subroutine
-def mask_towards(
-    world: World, search: Search, maze: int, own: int, targets: Any, count: int
-) -> int:
-    """First steps of shortest paths to the nearest of `targets[:count]`; 0 if there is none.
-
-    One breadth-first search from all targets at once, until it comes to one's own cell.
-    """
-    first_cell = world.first_cell[maze]
-    head = tail = 0
-    for i in range(count):
-        if search.distance[targets[i]] < 0:
-            search.distance[targets[i]] = 0
-            search.queue[tail] = targets[i]
-            tail += 1
-    while head < tail:
-        cell = search.queue[head]
-        head += 1
-        if cell == own:
-            break
-        for action in range(4):
-            after = world.neighbors[first_cell + cell, action]
-            if search.distance[after] < 0:
-                search.distance[after] = search.distance[cell] + 1
-                search.queue[tail] = after
-                tail += 1
-    mask, nearest = 0, search.distance[own]
-    if nearest > 0:
-        for action in range(4):
-            if search.distance[world.neighbors[first_cell + own, action]] == nearest - 1:
-                mask |= 1 << action
-    forget(search, tail)
-    return mask
+@inlined
+def field_of(scratch: Any) -> Search:
+    """Room for one search for all agents of a kind, from all whom they seek."""
+    return Search(scratch[FIELD_DISTANCE], scratch[FIELD_QUEUE])
 
 
 @subroutine
@@ -178,122 +161,205 @@ def sought_by(kind: int, teams: Teams) -> Any:
 
 
 @inlined
-def cell_of_sought(kind: int, games: Games, game: int, number: int) -> int:
-    """The cell of a goal or of an opponent; -1 where it is gone."""
-    if kind == RUNNER:
-        return np.int64(games.goal[game, number])
-    return np.int64(games.position[game, number]) if games.active[game, number] else -1
+def list_sought(kind: int, games: Games, game: int, teams: Teams, cells: Any) -> int:
+    """List the cells of the goals or opponents that are left, in their order; how many."""
+    count = 0
+    for number in sought_by(kind, teams):
+        if kind == RUNNER:
+            cell = np.int64(games.goal[game, number])
+            cells[count] = cell
+            count += cell >= 0
+        else:
+            cells[count] = games.position[game, number]
+            count += games.active[game, number] != 0
+    return count
 
 
 @inlined
 def nearest_by_table(
-    kind: int,
-    games: Games,
-    game: int,
-    own: int,
-    limit: int,
-    teams: Teams,
-    world: World,
-    greedy: Any,
+    kind: int, world: World, maze: int, own: int, cells: Any, count: int, limit: int, greedy: Any
 ) -> int:
-    """The greedy moves towards all that are nearest, or away from the first that is nearest.
+    """The greedy moves towards all of `cells[:count]` that are nearest, or away from the first.
 
     `limit` is a distance that does not count any more.
     """
-    maze = np.int64(games.maze[game])
-    mask, nearest = 0, limit
-    for number in sought_by(kind, teams):
-        cell = cell_of_sought(kind, games, game, number)
-        if cell >= 0:
-            pair = pair_index(world, maze, own, cell)
-            distance, moves = np.int64(world.tables[pair]), np.int64(greedy[pair])
-            if distance < nearest:
-                nearest, mask = distance, moves
-            elif distance == nearest and kind != EVADER:
-                mask |= moves
+    row = pair_index(world, maze, own, 0)
+    mask, nearest, pair = 0, limit, np.int64(-1)
+    for i in range(count):
+        here = row + np.int64(cells[i])
+        distance = np.int64(world.tables[np.uint64(here)])
+        if kind == EVADER:
+            pair = here if distance < nearest else pair
+        else:
+            moves = np.int64(greedy[np.uint64(here)])
+            moves |= mask if distance == nearest else 0
+            mask = moves if distance <= nearest else mask
+        nearest = min(nearest, distance)
+    if kind == EVADER and pair >= 0:
+        mask = np.int64(greedy[np.uint64(pair)])
     return mask
 
 
 @inlined
-def nearest_by_search(
-    kind: int,
-    games: Games,
-    game: int,
-    own: int,
-    teams: Teams,
-    world: World,
-    scratch: Any,
-    settings: Any,
-) -> int:
-    """The same in a maze without a table; the queue of the look holds whom it heads for."""
-    _, alert, look, stay_action = settings
-    maze, path = np.int64(games.maze[game]), path_of(scratch)
-    if kind == EVADER:
-        threat, nearest = -1, np.int64(alert)
-        for number in sought_by(kind, teams):
-            cell = cell_of_sought(kind, games, game, number)
-            if cell >= 0:
-                distance = distance_within(world, path, maze, own, cell, nearest)
-                if distance < nearest:
-                    nearest, threat = distance, cell
-        if threat < 0:
-            return 0
-        return mask_fleeing(world, scratch, maze, own, threat, alert + look, look, stay_action)
-    targets, count = look_of(scratch).queue, 0
-    for number in sought_by(kind, teams):
-        cell = cell_of_sought(kind, games, game, number)
-        if cell >= 0:
-            targets[count] = cell
-            count += 1
-    return mask_towards(world, path, maze, own, targets, count)
+def begin_field(field: Search, owner: Any, cells: Any, count: int) -> int:
+    """Begin one search from all of `cells[:count]` at once; how many different ones they are.
 
-
-@compiled
-def choose_actions(
-    kind: int,
-    position: Any,
-    active: Any,
-    event: Any,
-    goal: Any,
-    steps: Any,
-    maze_of: Any,
-    streams: Any,
-    epsilon_of: Any,
-    seat: int,
-    counts: Any,
-    mazes: Any,
-    neighbors: Any,
-    facts: Any,
-    tables: Any,
-    greedy: Any,
-    scratch: Any,
-    settings: Any,
-    actions: Any,
-) -> None:
-    """Fill `actions` [games] for the agent in `seat`.
-
-    `counts` is (chasers, evaders, runners, goals); `settings` is (epsilon, alert distance, look
-    radius, stay action). An epsilon of NaN in the game means that of the settings.
+    `owner` gets the first of them, as a number in the list, for every cell that is reached.
     """
-    chasers, evaders, runners, goals = counts
-    default, alert, _, stay_action = settings
-    games = Games(position, active, event, goal, steps, maze_of)
-    teams = Teams(chasers, evaders, runners, goals)
-    world = world_of(mazes, neighbors, facts, tables)
-    limit = np.int64(alert if kind == EVADER else FAR)
-    for game in range(actions.shape[0]):
-        maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
-        if has_table(world, maze):
-            mask = nearest_by_table(kind, games, game, own, limit, teams, world, greedy)
-        else:
-            mask = nearest_by_search(kind, games, game, own, teams, world, scratch, settings)
-        every = legal_moves(world, maze, own)
-        if mask == 0:
-            mask = every
-        epsilon = default if np.isnan(epsilon_of[game, seat]) else epsilon_of[game, seat]
-        actions[game] = draw_action(
-            mask, every, epsilon, stay_action, streams[game], stream_of(seat)
-        )
+    tail = 0
+    for i in range(count):
+        cell = cells[i]
+        if field.distance[cell] < 0:
+            field.distance[cell] = 0
+            owner[cell] = i
+            field.queue[tail] = cell
+            tail += 1
+    return tail
+
+
+@subroutine
+def spread_field(
+    world: World, maze: int, field: Search, owner: Any, own: int, limit: int, head: int, tail: int
+) -> tuple[int, int]:
+    """Go on with a search until it has reached `own`, or `limit` steps; the ends of its queue.
+
+    Of the sources that are nearest to a cell `owner` has the first where `own` is -1, which ends
+    at the limit only: a cell has its owner when all that are nearer have been left behind.
+    """
+    first_cell = world.first_cell[maze]
+    while head < tail and (own < 0 or field.distance[own] < 0):
+        cell = field.queue[head]
+        after_steps = field.distance[cell] + 1
+        if after_steps > limit:
+            break
+        head += 1
+        for action in range(4):
+            after = world.neighbors[first_cell + cell, action]
+            if field.distance[after] < 0:
+                field.distance[after] = after_steps
+                owner[after] = owner[cell]
+                field.queue[tail] = after
+                tail += 1
+            elif field.distance[after] == after_steps and owner[cell] < owner[after]:
+                owner[after] = owner[cell]
+    return head, tail
+
+
+@inlined
+def moves_down(world: World, maze: int, field: Search, own: int) -> int:
+    """The moves that come nearer to the sources of a search that has reached `own`, or 0."""
+    mask, steps = 0, field.distance[own]
+    if steps > 0:
+        for action in range(4):
+            after = world.neighbors[world.first_cell[maze] + own, action]
+            if field.distance[after] == steps - 1:
+                mask |= 1 << action
+    return mask
+
+
+@inlined
+def moves_away(
+    world: World, maze: int, own: int, threat: int, greedy: Any, scratch: Any, settings: Any
+) -> int:
+    """The moves of an evader whose nearest chaser stands in `threat`."""
+    _, alert, look, stay_action = settings
+    if has_table(world, maze):
+        return np.int64(greedy[pair_index(world, maze, own, threat)])
+    return mask_fleeing(world, scratch, maze, own, threat, alert + look, look, stay_action)
+
+
+@inlined
+def use_table(world: World, maze: int, pairs: int) -> bool:
+    """Whether so many pairs are quicker looked up than searched, which takes all cells at most."""
+    return has_table(world, maze) and pairs <= PAIRS_A_CELL * world.num_cells[maze]
+
+
+def entry_for(kind: int) -> Any:
+    """The compiled decisions of the agents of one kind."""
+
+    @compiled
+    def choose_actions(
+        position: Any,
+        active: Any,
+        event: Any,
+        goal: Any,
+        steps: Any,
+        maze_of: Any,
+        streams: Any,
+        epsilon_of: Any,
+        seats: Any,
+        columns: Any,
+        counts: Any,
+        mazes: Any,
+        neighbors: Any,
+        facts: Any,
+        tables: Any,
+        greedy: Any,
+        scratch: Any,
+        settings: Any,
+        actions: Any,
+    ) -> None:
+        """Fill `columns` of `actions` [games, any] for the agents in `seats`, both [agents] int64.
+
+        `counts` is (chasers, evaders, runners, goals); `settings` is (epsilon, alert distance, look
+        radius, stay action). An epsilon of NaN in the game means that of the settings.
+
+        Whom they seek is listed once a game. A few are looked up one by one; where agents are many,
+        or the maze has no table, one search spreads from all who are sought to all who ask, so that
+        agents and cells add up, and are not multiplied.
+        """
+        default, alert, _, stay_action = settings
+        games = Games(position, active, event, goal, steps, maze_of)
+        teams = Teams(counts[0], counts[1], counts[2], counts[3])
+        world = world_of(mazes, neighbors, facts, tables)
+        field, owner, sought = field_of(scratch), scratch[FIELD_OWNER], scratch[SOUGHT]
+        limit = np.int64(alert if kind == EVADER else FAR)
+        for game in range(actions.shape[0]):
+            maze = np.int64(games.maze[game])
+            count = list_sought(kind, games, game, teams, sought)
+            by_table = use_table(world, maze, count * seats.shape[0])
+            head = tail = 0
+            if not by_table and kind != RANDOM:
+                tail = begin_field(field, owner, sought, count)
+                if kind == EVADER:
+                    head, tail = spread_field(
+                        world, maze, field, owner, -1, limit - 1, head, tail
+                    )
+            for i in range(seats.shape[0]):
+                seat = seats[i]
+                own, mask = np.int64(games.position[game, seat]), 0
+                if by_table:
+                    mask = nearest_by_table(
+                        kind, world, maze, own, sought, count, limit, greedy
+                    )
+                elif kind == EVADER:
+                    if 0 <= field.distance[own] < limit:
+                        threat = np.int64(sought[owner[own]])
+                        mask = moves_away(
+                            world, maze, own, threat, greedy, scratch, settings
+                        )
+                elif kind != RANDOM:
+                    head, tail = spread_field(
+                        world, maze, field, owner, own, limit, head, tail
+                    )
+                    mask = moves_down(world, maze, field, own)
+                every = legal_moves(world, maze, own)
+                epsilon = epsilon_of[game, seat]
+                actions[game, columns[i]] = draw_action(
+                    every if mask == 0 else mask,
+                    every,
+                    default if np.isnan(epsilon) else epsilon,
+                    stay_action,
+                    streams[game],
+                    stream_of(seat),
+                )
+            forget(field, tail)
+
+    return choose_actions
+
+
+ENTRIES = {kind: entry_for(kind) for kind in (CHASER, EVADER, RUNNER, RANDOM)}
+"""What fills actions, by the kind of agent; each is compiled when it is first used."""
 
 
 @compiled

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,19 +41,43 @@ class Scripted:
     def __repr__(self) -> str:
         return f"{type(self).__name__}(epsilon={self.epsilon:g})"
 
+    def __init_subclass__(cls) -> None:
+        if "act" in vars(cls) and "act_together" not in vars(cls):
+            cls.act_together = None  # type: ignore[assignment]  # it acts in a way of its own
+
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game; random numbers from the seat's stream."""
+        actions = np.empty((view.num_games, 1), dtype=np.int32)
+        self._fill(view, _numbers((view.seat,)), _numbers((0,)), actions)
+        return actions[:, 0]
+
+    def act_together(
+        self, view: GameView, seats: tuple[int, ...], actions: NDArray[np.int32]
+    ) -> None:
+        """Write into `actions` [num_games, num_agents] what `act` would do in each of `seats`.
+
+        In one pass over the games, and with one look at whom they all seek.
+        """
+        self._fill(view, _numbers(seats), _numbers(seats), actions)
+
+    def _fill(
+        self,
+        view: GameView,
+        seats: NDArray[np.int64],
+        columns: NDArray[np.int64],
+        actions: NDArray[np.int32],
+    ) -> None:
+        """Write into these columns of `actions` what the agents in `seats` do."""
         task = view.task
         room = max(task.max_cells, task.num_agents, task.num_goals)
         if room > self._scratch.shape[1]:
             self._scratch = _scratch_for(room)
-        actions = np.empty(view.num_games, dtype=np.int32)
-        kernels.choose_actions(
-            self.kind,
+        kernels.ENTRIES[self.kind](
             *view.games,
             view.streams,
             view.epsilon,
-            view.seat,
+            seats,
+            columns,
             (task.num_chasers, task.num_evaders, task.num_runners, task.num_goals),
             *view.mazes,
             self._greedy_table(view.mazes, task.stay_action),
@@ -59,7 +85,6 @@ class Scripted:
             self._settings(task.stay_action),
             actions,
         )
-        return actions
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: the exact distribution in a game of one to one.
@@ -146,6 +171,12 @@ def greedy_moves(
 
 def _scratch_for(room: int) -> NDArray[np.int32]:
     return np.full((kernels.NUM_SCRATCH, room), -1, dtype=np.int32)
+
+
+@lru_cache(maxsize=256)
+def _numbers(seats: tuple[int, ...]) -> NDArray[np.int64]:
+    """Seats as kernels take them."""
+    return np.array(seats, dtype=np.int64)
 
 
 class RandomAgent(Scripted):
