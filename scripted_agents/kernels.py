@@ -124,7 +124,7 @@ def fill_greedy_table(
     settings: Any,
     greedy: Any,
 ) -> None:
-    """Fill `greedy`, laid out as `tables`: the mask at [own, other]; 0 where any move will do.
+    """Fill `greedy`, laid out as `tables`: the mask at [own, other], all moves where any will do.
 
     `settings` is (epsilon, alert distance, look radius, stay action).
     """
@@ -145,6 +145,8 @@ def fill_greedy_table(
                         after = world.neighbors[world.first_cell[maze] + own, action]
                         if table_distance(world, maze, after, other) == distance - 1:
                             mask |= 1 << action
+                if mask == 0:
+                    mask = legal_moves(world, maze, own)
                 greedy[pair_index(world, maze, own, other)] = mask
 
 
@@ -163,41 +165,47 @@ def sought_by(kind: int, teams: Teams) -> Any:
 @inlined
 def list_sought(kind: int, games: Games, game: int, teams: Teams, cells: Any) -> int:
     """List the cells of the goals or opponents that are left, in their order; how many."""
-    count = 0
+    count, row = 0, np.uint64(game)
     for number in sought_by(kind, teams):
+        sought = np.uint64(number)
         if kind == RUNNER:
-            cell = np.int64(games.goal[game, number])
-            cells[count] = cell
-            count += cell >= 0
+            cells[np.uint64(count)] = games.goal[row, sought]
+            count += games.goal[row, sought] >= 0
         else:
-            cells[count] = games.position[game, number]
-            count += games.active[game, number] != 0
+            cells[np.uint64(count)] = games.position[row, sought]
+            count += games.active[row, sought] != 0
     return count
 
 
 @inlined
-def nearest_by_table(
-    kind: int, world: World, maze: int, own: int, cells: Any, count: int, limit: int, greedy: Any
-) -> int:
-    """The greedy moves towards all of `cells[:count]` that are nearest, or away from the first.
+def towards_nearest(world: World, maze: int, own: int, cells: Any, count: int, greedy: Any) -> int:
+    """The greedy moves towards all of `cells[:count]` that are nearest; 0 where there is none.
 
-    `limit` is a distance that does not count any more.
+    Without a branch, of which every agent would have to be guessed anew.
     """
-    row = pair_index(world, maze, own, 0)
-    mask, nearest, pair = 0, limit, np.int64(-1)
+    row, mask, nearest = pair_index(world, maze, own, 0), np.int64(0), np.int64(FAR)
     for i in range(count):
-        here = row + np.int64(cells[i])
-        distance = np.int64(world.tables[np.uint64(here)])
-        if kind == EVADER:
-            pair = here if distance < nearest else pair
-        else:
-            moves = np.int64(greedy[np.uint64(here)])
-            moves |= mask if distance == nearest else 0
-            mask = moves if distance <= nearest else mask
+        pair = np.uint64(row + np.int64(cells[np.uint64(i)]))
+        distance, moves = np.int64(world.tables[pair]), np.int64(greedy[pair])
+        farther, as_near = -np.int64(distance > nearest), -np.int64(distance >= nearest)
+        mask = (mask & as_near) | (moves & ~farther)
         nearest = min(nearest, distance)
-    if kind == EVADER and pair >= 0:
-        mask = np.int64(greedy[np.uint64(pair)])
     return mask
+
+
+@inlined
+def away_from_nearest(
+    world: World, maze: int, own: int, cells: Any, count: int, greedy: Any
+) -> int:
+    """The greedy moves away from the first of `cells[:count]` that is nearest; 0 without any."""
+    row, nearest = pair_index(world, maze, own, 0), np.int64(2**62)
+    for i in range(count):
+        distance = np.int64(world.tables[np.uint64(row + np.int64(cells[np.uint64(i)]))])
+        nearest = min(nearest, (distance << 32) | i)
+    if count == 0:
+        return 0
+    threat = cells[np.uint64(nearest & 0xFFFFFFFF)]
+    return np.int64(greedy[np.uint64(row + np.int64(threat))])
 
 
 @inlined
@@ -302,7 +310,8 @@ def entry_for(kind: int) -> Any:
         """Fill `columns` of `actions` [games, any] for the agents in `seats`, both [agents] int64.
 
         `counts` is (chasers, evaders, runners, goals); `settings` is (epsilon, alert distance, look
-        radius, stay action). An epsilon of NaN in the game means that of the settings.
+        radius, stay action). An epsilon of NaN in the game means that of the settings. Captured
+        evaders draw, so that their streams move on, from all their moves: nobody looks at it.
 
         Whom they seek is listed once a game. A few are looked up one by one; where agents are many,
         or the maze has no table, one search spreads from all who are sought to all who ask, so that
@@ -313,9 +322,8 @@ def entry_for(kind: int) -> Any:
         teams = Teams(counts[0], counts[1], counts[2], counts[3])
         world = world_of(mazes, neighbors, facts, tables)
         field, owner, sought = field_of(scratch), scratch[FIELD_OWNER], scratch[SOUGHT]
-        limit = np.int64(alert if kind == EVADER else FAR)
         for game in range(actions.shape[0]):
-            maze = np.int64(games.maze[game])
+            maze, row = np.int64(games.maze[np.uint64(game)]), np.uint64(game)
             count = list_sought(kind, games, game, teams, sought)
             by_table = use_table(world, maze, count * seats.shape[0])
             head = tail = 0
@@ -323,34 +331,32 @@ def entry_for(kind: int) -> Any:
                 tail = begin_field(field, owner, sought, count)
                 if kind == EVADER:
                     head, tail = spread_field(
-                        world, maze, field, owner, -1, limit - 1, head, tail
+                        world, maze, field, owner, -1, alert - 1, head, tail
                     )
             for i in range(seats.shape[0]):
-                seat = seats[i]
-                own, mask = np.int64(games.position[game, seat]), 0
-                if by_table:
-                    mask = nearest_by_table(
-                        kind, world, maze, own, sought, count, limit, greedy
-                    )
+                seat = np.uint64(seats[np.uint64(i)])
+                own, mask = np.int64(games.position[row, seat]), np.int64(0)
+                if kind == EVADER and not games.active[row, seat]:
+                    mask = np.int64(0)  # it goes nowhere, whatever it draws
+                elif by_table and kind == EVADER:
+                    mask = away_from_nearest(world, maze, own, sought, count, greedy)
+                elif by_table:
+                    mask = towards_nearest(world, maze, own, sought, count, greedy)
                 elif kind == EVADER:
-                    if 0 <= field.distance[own] < limit:
+                    if 0 <= field.distance[own] < alert:
                         threat = np.int64(sought[owner[own]])
-                        mask = moves_away(
-                            world, maze, own, threat, greedy, scratch, settings
-                        )
+                        mask = moves_away(world, maze, own, threat, greedy, scratch, settings)
                 elif kind != RANDOM:
-                    head, tail = spread_field(
-                        world, maze, field, owner, own, limit, head, tail
-                    )
+                    head, tail = spread_field(world, maze, field, owner, own, FAR, head, tail)
                     mask = moves_down(world, maze, field, own)
                 every = legal_moves(world, maze, own)
-                epsilon = epsilon_of[game, seat]
-                actions[game, columns[i]] = draw_action(
+                epsilon = epsilon_of[row, seat]
+                actions[row, np.uint64(columns[np.uint64(i)])] = draw_action(
                     every if mask == 0 else mask,
                     every,
                     default if np.isnan(epsilon) else epsilon,
                     stay_action,
-                    streams[game],
+                    streams[row],
                     stream_of(seat),
                 )
             forget(field, tail)

@@ -101,7 +101,7 @@ class Scripted:
         greedy = self._greedy_table(arrays, stay_action)
         pairs = (maze.num_cells, maze.num_cells)
         every = np.broadcast_to(arrays.world.moves[:, None], pairs)
-        masks = np.where(greedy.reshape(pairs) == 0, every, greedy.reshape(pairs))
+        masks = greedy.reshape(pairs)
         actions = 5 if stay_action else 4
         # An enclosed cell has no move: whoever is there stays, or bumps into the north wall.
         nowhere = np.eye(actions)[4 if stay_action else 0]
@@ -155,6 +155,8 @@ def greedy_moves(
     kind: int, mazes: MazeArrays, settings: tuple[float, int, int, bool]
 ) -> NDArray[np.uint8]:
     """The greedy moves at every [own, other], laid out as the distance tables, as bit masks.
+
+    All moves where any will do; 0 where a cell has none.
 
     Args:
         kind: of agent, as `kernels` numbers them.

@@ -44,7 +44,7 @@ from pursuit.rules.layout import (
 @inlined
 def legal_moves(world: World, maze: int, cell: int) -> int:
     """The bit mask of the moves that change the cell."""
-    return np.int64(world.moves[world.first_cell[maze] + cell])
+    return np.int64(world.moves[np.uint64(world.first_cell[np.uint64(maze)] + cell)])
 
 
 @inlined
