@@ -165,16 +165,25 @@ def sought_by(kind: int, teams: Teams) -> Any:
 @inlined
 def list_sought(kind: int, games: Games, game: int, teams: Teams, cells: Any) -> int:
     """List the cells of the goals or opponents that are left, in their order; how many."""
-    count, row = 0, np.uint64(game)
+    count = 0
     for number in sought_by(kind, teams):
         sought = np.uint64(number)
         if kind == RUNNER:
-            cells[np.uint64(count)] = games.goal[row, sought]
-            count += games.goal[row, sought] >= 0
+            cells[np.uint64(count)] = games.goal[game, sought]
+            count += games.goal[game, sought] >= 0
         else:
-            cells[np.uint64(count)] = games.position[row, sought]
-            count += games.active[row, sought] != 0
+            cells[np.uint64(count)] = games.position[game, sought]
+            count += games.active[game, sought] != 0
     return count
+
+
+@inlined
+def cell_of_only(kind: int, games: Games, game: int, teams: Teams) -> int:
+    """The cell of the only one that is sought; -1 where it is gone."""
+    number = np.uint64(sought_by(kind, teams).start)
+    if kind == RUNNER:
+        return np.int64(games.goal[game, number])
+    return np.int64(games.position[game, number]) if games.active[game, number] else np.int64(-1)
 
 
 @inlined
@@ -322,11 +331,16 @@ def entry_for(kind: int) -> Any:
         teams = Teams(counts[0], counts[1], counts[2], counts[3])
         world = world_of(mazes, neighbors, facts, tables)
         field, owner, sought = field_of(scratch), scratch[FIELD_OWNER], scratch[SOUGHT]
+        only_one = len(sought_by(kind, teams)) == 1
         for game in range(actions.shape[0]):
             maze, row = np.int64(games.maze[np.uint64(game)]), np.uint64(game)
-            count = list_sought(kind, games, game, teams, sought)
+            count, head, tail = 0, 0, 0
+            alone, other = only_one and has_table(world, maze), np.int64(-1)
+            if alone:
+                other = cell_of_only(kind, games, row, teams)
+            else:
+                count = list_sought(kind, games, row, teams, sought)
             by_table = use_table(world, maze, count * seats.shape[0])
-            head = tail = 0
             if not by_table and kind != RANDOM:
                 tail = begin_field(field, owner, sought, count)
                 if kind == EVADER:
@@ -338,6 +352,9 @@ def entry_for(kind: int) -> Any:
                 own, mask = np.int64(games.position[row, seat]), np.int64(0)
                 if kind == EVADER and not games.active[row, seat]:
                     mask = np.int64(0)  # it goes nowhere, whatever it draws
+                elif alone:
+                    if other >= 0:
+                        mask = np.int64(greedy[np.uint64(pair_index(world, maze, own, other))])
                 elif by_table and kind == EVADER:
                     mask = away_from_nearest(world, maze, own, sought, count, greedy)
                 elif by_table:

@@ -44,9 +44,8 @@ GOAL, FINAL_GOAL, GOAL_LAYERS = range(3)
 STEPS, MAZE, FINAL_STEPS, FINAL_MAZE, CLOCK_LAYERS = range(5)
 EPSILON, NEXT_EPSILON, RETURNS, EPISODE_RETURNS, REAL_LAYERS = range(5)
 ENDED_BY_RULE, ENDED_BY_TIME, FLAG_LAYERS = range(3)
-SCRATCH_DISTANCE, SCRATCH_QUEUE, SCRATCH_AFTER, SCRATCH_CAPTORS, SCRATCH_TAKERS, SCRATCH_LAYERS = (
-    range(6)
-)
+SCRATCH_DISTANCE, SCRATCH_QUEUE, SCRATCH_AFTER, SCRATCH_CAPTORS = range(4)
+SCRATCH_TAKERS, SCRATCH_CAPTURED, SCRATCH_LAYERS = range(4, 7)
 (
     NEXT_MAZE,
     NEXT_NUM_GOALS,
@@ -196,11 +195,13 @@ class Plan(NamedTuple):
     after: [agents], where each will stand.
     captors: [agents], how many chasers capture this evader.
     takers: [goals], how many collect this goal.
+    captured: [agents], the evaders that are captured, in their order.
     """
 
     after: Any
     captors: Any
     takers: Any
+    captured: Any
 
 
 class Memory(NamedTuple):
@@ -343,7 +344,10 @@ def search_of(scratch: Any) -> Search:
 @inlined
 def plan_of(scratch: Any) -> Plan:
     """Where a step decides."""
-    return Plan(scratch[SCRATCH_AFTER], scratch[SCRATCH_CAPTORS], scratch[SCRATCH_TAKERS])
+    return Plan(
+        scratch[SCRATCH_AFTER], scratch[SCRATCH_CAPTORS], scratch[SCRATCH_TAKERS],
+        scratch[SCRATCH_CAPTURED],
+    )  # fmt: skip
 
 
 # -- who is who ------------------------------------------------------------------------------------
