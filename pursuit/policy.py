@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 from weakref import WeakKeyDictionary
@@ -222,6 +222,33 @@ def play(policy: Policy, view: GameView) -> NDArray[np.int32]:
         if len(fresh):
             begin(view, fresh)
     return policy.act(view)
+
+
+def play_seats(
+    policies: Sequence[Policy | None],
+    view_of: Callable[[int], GameView],
+    actions: NDArray[np.int32],
+) -> None:
+    """Write the action of every seat that has a policy into `actions` [games, agents].
+
+    A policy that has `act_together(view, seats, actions)` is called once for all its seats.
+
+    Raises:
+        ValueError: a policy that is none.
+    """
+    together: dict[int, list[int]] = {}
+    for seat, policy in enumerate(policies):
+        if policy is None:
+            continue
+        if not hasattr(policy, "act"):
+            raise ValueError(f"{policy!r} is no policy; it has no method `act`")
+        if getattr(policy, "act_together", None) is not None:
+            together.setdefault(id(policy), []).append(seat)
+        else:
+            actions[:, seat] = play(policy, view_of(seat))
+    for seats in together.values():
+        player: Any = policies[seats[0]]
+        player.act_together(view_of(seats[0]), tuple(seats), actions)
 
 
 @runtime_checkable

@@ -16,7 +16,7 @@ from pursuit.next_episode import slots
 from pursuit.observations import Encoder
 from pursuit.payments import step_games_of
 from pursuit.placements import place_the_unplaced
-from pursuit.policy import GameView, Policy, play
+from pursuit.policy import GameView, Policy, play_seats
 from pursuit.rules import layout
 from pursuit.shares import Shares
 from pursuit.simulator_state import (
@@ -378,17 +378,7 @@ class Simulator:
         if not fit:
             needed = f"a policy or None a seat, actions of shape {self._actions_shape}"
             raise ValueError(f"policies={policies!r}, actions={actions!r}; {needed}")
-        together: dict[int, tuple[int, ...]] = {}
-        for seat, policy in enumerate(policies):
-            if policy is not None:
-                if not hasattr(policy, "act"):
-                    raise ValueError(f"{policy!r} is no policy; it has no method `act`")
-                if getattr(policy, "act_together", None) is not None:
-                    together[id(policy)] = (*together.get(id(policy), ()), seat)
-                else:
-                    actions[:, seat] = play(policy, self.view(seat))
-        for seats in together.values():
-            policies[seats[0]].act_together(self.view(seats[0]), seats, actions)
+        play_seats(policies, self.view, actions)
 
 
 def _copied(

@@ -34,7 +34,7 @@ from pursuit.rules.layout import (
     stream_of,
     world_of,
 )
-from pursuit.rules.randomness import draw_action, next_uniform
+from pursuit.rules.randomness import draw_action
 from pursuit.rules.step import legal_moves
 
 CHASER, EVADER, RUNNER, RANDOM = range(4)
@@ -286,6 +286,15 @@ def moves_away(
 
 
 @inlined
+def all_have_tables(world: World) -> bool:
+    """Whether no maze is too large for a table."""
+    for maze in range(world.table.shape[0]):
+        if world.table[maze] < 0:
+            return False
+    return True
+
+
+@inlined
 def use_table(world: World, maze: int, pairs: int) -> bool:
     """Whether so many pairs are quicker looked up than searched, which takes all cells at most."""
     return has_table(world, maze) and pairs <= PAIRS_A_CELL * world.num_cells[maze]
@@ -331,30 +340,36 @@ def entry_for(kind: int) -> Any:
         teams = Teams(counts[0], counts[1], counts[2], counts[3])
         world = world_of(mazes, neighbors, facts, tables)
         field, owner, sought = field_of(scratch), scratch[FIELD_OWNER], scratch[SOUGHT]
-        only_one = len(sought_by(kind, teams)) == 1
+        if len(sought_by(kind, teams)) == 1 and seats.shape[0] == 1 and all_have_tables(world):
+            for game in range(actions.shape[0]):
+                row, seat = np.uint64(game), np.uint64(seats[0])
+                maze, own = np.int64(games.maze[row]), np.int64(games.position[row, seat])
+                other = cell_of_only(kind, games, row, teams)
+                every = legal_moves(world, maze, own)
+                mask = every
+                if other >= 0:
+                    mask = np.int64(greedy[np.uint64(pair_index(world, maze, own, other))])
+                epsilon = epsilon_of[row, seat]
+                epsilon = default if np.isnan(epsilon) else epsilon
+                stream = stream_of(seat)
+                actions[row, np.uint64(columns[0])] = draw_action(
+                    mask, every, epsilon, stay_action, streams[row], stream
+                )
+            return
         for game in range(actions.shape[0]):
             maze, row = np.int64(games.maze[np.uint64(game)]), np.uint64(game)
-            count, head, tail = 0, 0, 0
-            alone, other = only_one and has_table(world, maze), np.int64(-1)
-            if alone:
-                other = cell_of_only(kind, games, row, teams)
-            else:
-                count = list_sought(kind, games, row, teams, sought)
+            head = tail = 0
+            count = list_sought(kind, games, row, teams, sought)
             by_table = use_table(world, maze, count * seats.shape[0])
             if not by_table and kind != RANDOM:
                 tail = begin_field(field, owner, sought, count)
                 if kind == EVADER:
-                    head, tail = spread_field(
-                        world, maze, field, owner, -1, alert - 1, head, tail
-                    )
+                    head, tail = spread_field(world, maze, field, owner, -1, alert - 1, head, tail)
             for i in range(seats.shape[0]):
                 seat = np.uint64(seats[np.uint64(i)])
                 own, mask = np.int64(games.position[row, seat]), np.int64(0)
                 if kind == EVADER and not games.active[row, seat]:
                     mask = np.int64(0)  # it goes nowhere, whatever it draws
-                elif alone:
-                    if other >= 0:
-                        mask = np.int64(greedy[np.uint64(pair_index(world, maze, own, other))])
                 elif by_table and kind == EVADER:
                     mask = away_from_nearest(world, maze, own, sought, count, greedy)
                 elif by_table:
@@ -383,54 +398,3 @@ def entry_for(kind: int) -> Any:
 
 ENTRIES = {kind: entry_for(kind) for kind in (CHASER, EVADER, RUNNER, RANDOM)}
 """What fills actions, by the kind of agent; each is compiled when it is first used."""
-
-
-@compiled
-def sample_table(
-    position: Any,
-    active: Any,
-    event: Any,
-    goal: Any,
-    steps: Any,
-    maze_of: Any,
-    streams: Any,
-    epsilon_of: Any,
-    seat: int,
-    opponents: Any,
-    mazes: Any,
-    neighbors: Any,
-    facts: Any,
-    tables: Any,
-    cumulative: Any,
-    table_offsets: Any,
-    default: float,
-    actions: Any,
-) -> None:
-    """Fill `actions` [games] from a policy table, given as cumulative sums over the actions.
-
-    The other cell is that of the first active opponent. `cumulative` is [all pairs, actions], the
-    pairs of maze m beginning at `table_offsets[m]`.
-    """
-    games = Games(position, active, event, goal, steps, maze_of)
-    world, stream = world_of(mazes, neighbors, facts, tables), stream_of(seat)
-    num_actions = cumulative.shape[1]
-    for game in range(actions.shape[0]):
-        actions[game] = 0
-        maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
-        other = np.int64(-1)
-        for i in range(opponents.shape[0]):
-            if other < 0 and games.active[game, opponents[i]]:
-                other = np.int64(games.position[game, opponents[i]])
-        if other < 0 or not games.active[game, seat]:
-            continue
-        epsilon = epsilon_of[game, seat]
-        if np.isnan(epsilon):
-            epsilon = default
-        if epsilon > 0.0 and next_uniform(streams[game], stream) < epsilon:
-            every = legal_moves(world, maze, own)
-            actions[game] = draw_action(every, every, 0.0, num_actions == 5, streams[game], stream)
-            continue
-        pair = table_offsets[maze] + own * world.num_cells[maze] + other
-        draw = next_uniform(streams[game], stream) * cumulative[pair, num_actions - 1]
-        while actions[game] < num_actions - 1 and draw >= cumulative[pair, actions[game]]:
-            actions[game] += 1

@@ -10,7 +10,7 @@ from pursuit.maze import Maze, load_maze
 from pursuit.policy import GameView
 from pursuit.rules.layout import Games
 from pursuit.task import Task
-from scripted_agents import kernels
+from scripted_agents import table_kernels
 from scripted_agents.best_response import checked_table
 from scripted_agents.scripted import RandomAgent
 
@@ -57,7 +57,7 @@ class TablePolicy:
         role = task.seat_roles[view.seat]
         others = [seat for seat, other in enumerate(task.seat_roles) if other != role]
         actions = np.empty(view.num_games, dtype=np.int32)
-        kernels.sample_table(
+        table_kernels.sample_table(
             *view.games,
             view.streams,
             view.epsilon,

@@ -40,6 +40,7 @@ from pursuit.rules.layout import (
     runners_of,
 )
 
+
 @inlined
 def legal_moves(world: World, maze: int, cell: int) -> int:
     """The bit mask of the moves that change the cell."""
