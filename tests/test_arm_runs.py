@@ -12,7 +12,7 @@ from scripted_agents import InverseKinematics, LeastStepsPolicy, least_steps
 from train.commands.main import main
 from train.evaluation import arm_contest
 from train.evaluation.arm_contest import ArmContest, bounds_of
-from train.evaluation.contest import optimality_gap
+from train.evaluation.scores import optimality_gap
 from train.experiments.kinds import open_run, start
 from train.experiments.sweep import load_sweep
 from train.runs.by_name import settings_of

@@ -24,6 +24,7 @@ from pursuit.rewards import REWARDS
 from train.commands.main import COMMANDS, command, main
 from train.experiments.ablation import load_ablation
 from train.experiments.sweep import load_sweep
+from train.race.plan import load_race
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -228,7 +229,10 @@ def test_the_sweep_files_of_a_page_load(page: str, folder: Path) -> None:
             file = folder / f"{number}.toml"
             file.write_text(text, encoding="utf-8")
             load: Any = load_ablation if "control = " in text else load_sweep
-            assert load(str(file), "short").runs
+            if "contestants = " in text:
+                assert load_race(str(file), "short").trials
+            else:
+                assert load(str(file), "short").runs
 
 
 # -- what the pages say of the code ----------------------------------------------------------------

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
+from dataclasses import asdict, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from test_teaching import CHASE, MAZE
 from train.commands.main import main
 from train.runs.by_name import settings_of
 from train.runs.tasks import task_of
+from train.settings.curricula import ScheduleSettings
+from train.settings.presets import Setting, hyperparameters, lessons_for
 from train.teaching.mazes import first_rows, opened
 from train.teaching.plan import training_task
 
@@ -109,6 +112,29 @@ def test_large_mazes_have_a_curriculum_unless_told_otherwise() -> None:
     assert settings_of(**MAZE).curriculum == "none"
     with pytest.raises(ValueError, match="with settings of"):
         replace(large, curriculum="uniform")
+
+
+@pytest.mark.parametrize(("task", "role"), [("maze", "runner"), ("chase", "chaser")])
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c", "dqn"])
+def test_settings_change_smoothly_with_the_size_of_the_maze(
+    task: str, role: str, algorithm: str
+) -> None:
+    found = []
+    for cells in range(4, 400):
+        setting = Setting(task, role, cells, duel=True)
+        curriculum, lessons = lessons_for(algorithm, setting)
+        length = lessons.schedule_length if isinstance(lessons, ScheduleSettings) else 0.0
+        assert curriculum == "none" or cells > 25
+        hyper = asdict(hyperparameters(algorithm, setting))
+        numbers = {k: float(v) for k, v in hyper.items() if isinstance(v, int | float)}
+        found.append(numbers | {"horizon": 1 / (1 - numbers["gamma"]), "length": length})
+    for one, larger in pairwise(found):
+        for name, value in one.items():
+            step = 256 if name in ("num_games", "minibatch_size") else 0.15 * abs(value) + 0.012
+            assert abs(larger[name] - value) <= 2 * step, name
+    changed = {name for name in found[0] if found[0][name] != found[-1][name]}
+    assert {"gamma", "length"} <= changed or (algorithm == "ppo" and {"length"} <= changed)
+    assert found[-1]["length"] == {"runner": 0.5, "chaser": 0.2}[role]
 
 
 def test_options_are_checked_together_and_warnings_are_heard(

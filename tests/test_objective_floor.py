@@ -8,13 +8,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pursuit.maze import Maze, load_maze
+from pursuit.policy import GameView
 from pursuit.task import Rewards, make_task
-from scripted_agents import AStarChaser, AStarEvader, best_response, objective, why_not_optimal
+from scripted_agents import (
+    AStarChaser,
+    AStarEvader,
+    RandomAgent,
+    TourRunner,
+    best_response,
+    objective,
+    why_not_optimal,
+)
 from scripted_agents.objective import tour_floor
 from train.evaluation.contest import GameContest
 from train.evaluation.floor import objective_floor
+from train.evaluation.scores import optimality_gap
 from train.teaching.optimum import optimum_of
 
 
@@ -142,3 +153,28 @@ def test_a_heuristic_tour_is_never_called_optimal() -> None:
         assert ("optimal" in [score.name for score in contest.baselines()]) == known
         assert (optimum_of(contest.task, "runner", {}) is not None) == known
         assert (why_not_optimal(contest.task, "runner") is None) == known
+
+
+class OftenLost(TourRunner):
+    """Walks the best tours, or from some starts into a wall for ever."""
+
+    def act(self, view: GameView) -> NDArray[np.int32]:
+        actions = super().act(view).copy()
+        wall = (view.task.mazes[0].neighbors[:, :4] == np.arange(9)[:, None]).argmax(1)
+        lost = view.goals.sum(axis=1) % 3 == 0  # the goals of a start do not change in this game
+        actions[lost] = wall[view.positions[lost, view.seat]]
+        return actions
+
+
+def test_the_gap_of_the_solved_leaves_out_what_ran_out_of_time() -> None:
+    task = make_task("maze", maze="3x3", num_goals=1, max_steps=50)
+    contest = GameContest(task, "runner", {}, 300)
+    score = contest.score("lost", OftenLost())
+    assert 0.5 < score.success_rate < 0.8 and score.solved_gap == 0.0
+    gap = optimality_gap(score, contest.optimal())
+    assert gap is not None and gap > 1.0
+    nearest = contest.score("random", RandomAgent())
+    lengths, won = contest.play(RandomAgent())
+    best = contest.optimal_lengths()
+    assert best is not None
+    assert nearest.solved_gap == pytest.approx(lengths[won].sum() / best[won].sum() - 1)

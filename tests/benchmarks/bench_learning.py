@@ -20,7 +20,8 @@ import torch
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents.environments import make_vector_env
-from train.evaluation.contest import GameContest, optimality_gap
+from train.evaluation.contest import GameContest
+from train.evaluation.scores import optimality_gap
 from train.experiments.kinds import start
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden

@@ -121,7 +121,7 @@ class Build:
         """The hidden layers that the settings ask for."""
         form: Any = None if self.first_layer == "auto" else self.first_layer
         rest = (settings.activation, settings.first_std, form, self.bfloat16, settings.recurrent)
-        return Hidden(settings.width, *rest)
+        return Hidden(settings.width, *rest, settings.pairs)
 
 
 def network_loader(

@@ -78,6 +78,10 @@ GROUPS: dict[str, dict[str, Command]] = {
             "curricula against each other: equal budgets, the same final difficulty",
             "opponent-epsilon --dry-run",
         ),
+        "race": Command(
+            "PPO of several libraries against each other, settings searched alike",
+            "ppo --dry-run",
+        ),
         "report": Command(
             "figures and tables of a sweep; curves of runs laid over each other",
             "runs/first runs/second --x seconds --log --format pdf",

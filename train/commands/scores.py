@@ -10,8 +10,9 @@ from rich.console import Console
 from rich.table import Table
 
 from train.evaluation.arm_contest import ArmContest
-from train.evaluation.contest import GameContest, Score, optimality_gap
+from train.evaluation.contest import GameContest
 from train.evaluation.hidden_contest import Certificate
+from train.evaluation.scores import Score, optimality_gap
 
 
 def print_floor(floor: float | None, discount: float) -> None:
@@ -57,7 +58,9 @@ def print_scores(scores: Sequence[Score], certificate: Certificate | None = None
     table = Table(box=None, pad_edge=False)
     table.add_column("")
     certain = () if certificate is None else ("discounted", certificate.head)
-    for column in ("steps", "95 % interval", "success", "gap to optimum", *certain):
+    cut = [s for s in scores if s.success_rate < 1.0 and s.solved_gap is not None]
+    solved = ("of the solved",) if cut else ()
+    for column in ("steps", "95 % interval", "success", "gap to optimum", *solved, *certain):
         table.add_column(column, justify="right")
     for score in scores:
         gap = optimality_gap(score, optimum)
@@ -71,9 +74,17 @@ def print_scores(scores: Sequence[Score], certificate: Certificate | None = None
             f"{score.mean_steps:.3f}",
             interval,
             f"{100 * score.success_rate:.1f} %",
-            "" if gap is None or score is optimum else f"{100 * gap:+.2f} %",
+            _percent(None if score is optimum else gap),
+            *(
+                ["" if score not in cut else f"{100 * (score.solved_gap or 0.0):+.2f} %"]
+                * len(solved)
+            ),
             *(proven if certain else ()),
             style="bold" if score.name == "learned" else "",
         )
     Console(width=None if sys.stdout.isatty() else 100).print(table)
     print_certificate(certificate)
+
+
+def _percent(gap: float | None) -> str:
+    return "" if gap is None else f"{100 * gap:+.2f} %"

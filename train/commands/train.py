@@ -16,7 +16,7 @@ from train.commands.parse import Formats, budget_of, heard, named_task, parse
 from train.commands.progress import carry_out, leave
 from train.commands.scores import certificate_of, print_bounds, print_floor, print_scores
 from train.evaluation.arm_contest import ArmContest
-from train.evaluation.contest import Score
+from train.evaluation.scores import Score
 from train.experiments.kinds import resume, start
 from train.experiments.methods import METHODS, methods
 from train.figures import PLAIN, Look
@@ -25,7 +25,7 @@ from train.runs.folder import CURVE, REPLAY, REPORT, RUN
 from train.runs.loop import Run
 from train.runs.parts import setting_of
 from train.runs.pictures import draw_learning_curve, save_replay
-from train.runs.report import write_report
+from train.runs.report import of_solved, write_report
 from train.runs.saved import load_settings
 from train.runs.single import SingleAgent
 from train.settings.algorithms import Hyperparameters
@@ -160,7 +160,7 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
         print(
             f"\nlearned {evaluation['mean_steps']:.3f} steps, optimum "
             f"{evaluation['optimal_steps']:.3f} ({how}): gap "
-            f"{100 * evaluation['optimality_gap']:+.2f} %"
+            f"{100 * evaluation['optimality_gap']:+.2f} %{of_solved(evaluation)}"
         )
     print_floor(evaluation["objective_floor"], trainee.parts.hyper.gamma)
     print(f"results, curve, replay, methods and {REPORT}: {run.folder}")

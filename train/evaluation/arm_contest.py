@@ -28,8 +28,8 @@ from scripted_agents import (
     least_steps_kernels,
     least_steps_of,
 )
-from train.evaluation.contest import Score
 from train.evaluation.games import half_width
+from train.evaluation.scores import Score
 from train.files import write_beside
 from train.settings.checks import EVALUATION_SEED
 

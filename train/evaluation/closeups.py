@@ -14,8 +14,9 @@ from pursuit.replay import Replay
 from pursuit.task import Task
 from pursuit.viewer.data import Side
 from scripted_agents import action_values
-from train.evaluation.contest import Contest, GameContest, told
+from train.evaluation.contest import GameContest
 from train.evaluation.games import is_exact, table_in
+from train.evaluation.scores import Contest, told
 from train.evaluation.suite_contest import SuiteContest
 
 MOST_OVERLAY_CELLS = 225

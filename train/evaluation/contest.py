@@ -1,17 +1,16 @@
-"""Contests: how well a policy does, beside the references and the exact optimum.
+"""The contest of one agent in the games of a task: how well a policy does, beside references.
 
-A run knows a `Contest` and nothing of what is played in it. `GameContest` is that of one agent in
-the games of a task: a chase of one evader in one maze is evaluated exactly, by backward induction
-over the cells of all agents, while it is small; everything else is played out from seeded starts
-that are the same for everybody.
+A chase of one evader in one maze is evaluated exactly, by backward induction over the cells of all
+agents, while it is small; everything else is played out from seeded starts that are the same for
+everybody.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,82 +54,8 @@ from train.evaluation.hidden_contest import (
     discounted,
     solution_of,
 )
+from train.evaluation.scores import Score, told
 from train.settings.checks import EVALUATION_SEED
-
-
-@dataclass(frozen=True)
-class Score:
-    """What one policy achieves.
-
-    Attributes:
-        name: of the policy.
-        mean_steps: mean episode length; an episode that runs out of time counts with all its steps.
-        ci95: half width of the 95 % confidence interval of the mean; 0 where it is exact.
-        success_rate: share of episodes won: the chasers caught all, the evader lived to the last
-            step, all goals were collected.
-        episodes: played for this score (or, where exact, for the success rate alone).
-        exact: whether `mean_steps` is an exact mean over all starts.
-        discounted_steps, discounted_ci95: the same of discounted steps, for agents with limited
-            sight, whose optimum is certified in these; None elsewhere.
-    """
-
-    name: str
-    mean_steps: float
-    ci95: float
-    success_rate: float
-    episodes: int
-    exact: bool
-    discounted_steps: float | None = None
-    discounted_ci95: float | None = None
-
-
-def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
-    """Achieved / optimal - 1 in steps, on the same starts; negative for evaders that fall short."""
-    return None if optimum is None else achieved.mean_steps / optimum.mean_steps - 1.0
-
-
-def told(policy: Policy) -> str:
-    """A policy in words: its own, or else the name of its class."""
-    plain = type(policy).__repr__ is object.__repr__
-    return type(policy).__name__ if plain else repr(policy)
-
-
-class Contest(Protocol):
-    """What a run is judged by.
-
-    Attributes:
-        less_is_better: whether few steps are good.
-    """
-
-    @property
-    def less_is_better(self) -> bool: ...  # noqa: D102 -- see the class
-
-    def describe(self) -> dict[str, Any]:
-        """What is played, by whom and where, as plain values: "task", "role", "maze"."""
-
-    def line(self) -> str:
-        """The same in one line, with whoever else plays."""
-
-    def score(self, name: str, policy: Any) -> Score:
-        """How well a policy does."""
-
-    def optimal(self) -> Score | None:
-        """The exact optimum; None where it is not known."""
-
-    def baselines(self) -> list[Score]:
-        """The references: random, scripted and, where it is known, optimal."""
-
-    def scenes(self, policy: Any, episodes: int = 3) -> list[Any]:
-        """What a person sees of some episodes, one after the other, for `save_animation`."""
-
-    def game(self, policy: Any, number: int) -> tuple[Any, Iterator[None]]:
-        """The episode of that number: a simulator at its start, and what steps it to its end."""
-
-    def lengths(self, policy: Any) -> NDArray[np.float64]:
-        """[episodes], how long each takes this policy; expected ones where they are known."""
-
-    def optimal_lengths(self) -> NDArray[np.float64] | None:
-        """[episodes], the optimum of each start; None where it is not known."""
 
 
 @dataclass(frozen=True)
@@ -236,7 +161,15 @@ class GameContest:
         certain: tuple[float, float] | tuple[()] = ()
         if self.is_limited and self.is_exact:
             certain = discounted(self.task, self.role, policy, self.opponent_table(), lengths)
-        return Score(name, mean, ci95, float(won.mean()), len(lengths), exact, *certain)
+        of_solved = None if exact else self._gap_of(lengths, won)
+        score = Score(name, mean, ci95, float(won.mean()), len(lengths), exact, *certain)
+        return replace(score, solved_gap=of_solved)
+
+    def _gap_of(self, lengths: NDArray[np.int64], won: NDArray[np.bool_]) -> float | None:
+        """The gap of these starts to their shortest tours, where those are known."""
+        if self.is_limited or self.tours is None or not won.any():
+            return None
+        return float(lengths[won].sum() / self.tours[won].sum()) - 1.0
 
     @cached_property
     def is_limited(self) -> bool:
@@ -310,7 +243,7 @@ class GameContest:
             return Score("optimal", mean, 0.0, float(won.mean()), self.episodes, True)
         if best is not None:
             return self._score_of("optimal", best)
-        lengths = self._tours()
+        lengths = self.tours
         if lengths is None:
             return None
         share = float((lengths <= task.max_steps).mean())
@@ -319,7 +252,8 @@ class GameContest:
         mean = float(np.minimum(lengths, task.max_steps).mean())
         return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
 
-    def _tours(self) -> NDArray[np.int64] | None:
+    @cached_property
+    def tours(self) -> NDArray[np.int64] | None:
         """[episodes], the shortest tour of each start; None where it is not known."""
         task, simulator = self.task, self.starts()
         if (task.num_agents, task.num_runners) != (1, 1) or task.num_goals > MAX_EXACT_GOALS:
@@ -387,5 +321,8 @@ class GameContest:
             return best.values[tuple(self.starts().positions.T)]
         if (self.task.num_agents, self.task.num_runners) != (1, 1):
             return None
-        tours = self._tours()
-        return None if tours is None else np.minimum(tours, self.task.max_steps).astype(np.float64)
+        return (
+            None
+            if self.tours is None
+            else np.minimum(self.tours, self.task.max_steps).astype(np.float64)
+        )

@@ -19,8 +19,9 @@ from pursuit.task import Task
 from scripted_agents import BestResponse, RandomAgent, best_response, mean_over_starts, tour_lengths
 from scripted_agents.environments import DEFAULTS
 from scripted_agents.tour import MAX_EXACT_GOALS
-from train.evaluation.contest import GameContest, Score
+from train.evaluation.contest import GameContest
 from train.evaluation.games import MAX_EXACT_CELLS, half_width, play_out, scenes_of, won_by
+from train.evaluation.scores import Score
 from train.evaluation.suite_tables import (
     is_known,
     is_one_goal,

@@ -153,6 +153,7 @@ def draw_gaps(
         axis.plot(over, gaps, mark, color=color, ms=4, alpha=0.6, label=name.replace("_", " "))
     axis.axhline(0, color=GREEN, lw=1.2, ls="--")
     axis.set_yscale("symlog", linthresh=1.0)
+    axis.set_ymargin(0.1)
     short_numbers(axis.yaxis)
     axis.set_xlabel(WORDS.get(ease, "optimum of the maze (steps)"))
     axis.set_ylabel("gap to the optimum of the maze (%)")

@@ -194,7 +194,9 @@ class CentralActorCritic(ActorCritic):
     """
 
     def __init__(self, features: Features, num_actions: int, members: int, hidden: Hidden) -> None:
-        super().__init__(features, num_actions, replace(hidden, form="dense"), shared=False)
+        super().__init__(
+            features, num_actions, replace(hidden, form="dense", pairs=False), shared=False
+        )
         del self.value_trunk
         self.value_memory = None  # it sees everything
         self.critic = MultiAgentMLP(

@@ -31,7 +31,8 @@ def stacked(features: Features, count: int) -> Features:
         for number in range(count)
     ]
     high = high + np.repeat(_offsets(features, count), features.shape[0])
-    return replace(features, shape=shape, high=high, rows=np.concatenate(rows), num_rows=total)
+    rows_of_all = np.concatenate(rows)
+    return replace(features, shape=shape, high=high, rows=rows_of_all, num_rows=total, pairs=())
 
 
 class FrameStack:

@@ -40,6 +40,7 @@ class Hidden:
         form: of the first layer on "index"; None for the faster.
         bfloat16: matrix products run under autocast; parameters and outputs stay float32.
         recurrent: the kind of cell that follows them, "gru" or "lstm"; None for none.
+        pairs: whether the first layer on "index" has rows for pairs of cells as well.
     """
 
     width: int = 128
@@ -48,36 +49,61 @@ class Hidden:
     form: FirstLayerForm | None = None
     bfloat16: bool = False
     recurrent: str | None = None
+    pairs: bool = False
 
 
 class IndexLayer(nn.Module):
     """A linear layer on "index": the sum of the rows that an observation names, and a bias.
 
+    With `pairs` there are rows besides for (own cell, other cell), one table for each kind of
+    others: all goals share one. They are 0 at first.
+
     Args:
         features: of the kind "index".
         width: outputs.
-        form: "bag" or "dense"; the same function of the same parameters.
+        form: "bag" or "dense"; the same function of the same parameters. Pairs need the bag.
         std: standard deviation of the weights at first.
+        pairs: whether there are rows for pairs.
     """
 
     rows: torch.Tensor
+    places: torch.Tensor
+    kinds: torch.Tensor
 
     def __init__(
-        self, features: Features, width: int, form: FirstLayerForm, std: float = 0.06
+        self,
+        features: Features,
+        width: int,
+        form: FirstLayerForm,
+        std: float = 0.06,
+        pairs: bool = False,
     ) -> None:
         super().__init__()
-        self.num_rows = features.num_rows
+        self.num_rows, self.cells = features.num_rows, features.num_cells
         self.register_buffer("rows", torch.from_numpy(features.rows), False)
         self.weight = nn.Parameter(torch.empty(self.num_rows + 1, width))
         self.bias = nn.Parameter(torch.zeros(width))
-        self.form = form
+        self.form, self.pairs = form, None
         nn.init.normal_(self.weight, std=std)
         with torch.no_grad():
             self.weight[self.num_rows] = 0.0
+        if pairs:
+            self.pairs = nn.Parameter(torch.zeros(features.num_pairs + 1, width))
+            kinds = torch.tensor(features.pairs)
+            self.num_single = len(kinds) + 1
+            paired = kinds >= 0
+            self.register_buffer("places", 1 + torch.nonzero(paired).squeeze(-1), False)
+            self.register_buffer("kinds", kinds[paired], False)
 
     def prepare(self, observation: torch.Tensor) -> torch.Tensor:
-        """[..., numbers] rows of `weight` to sum, or [..., num_rows] what they stand for."""
-        rows = self.rows[observation.long()]
+        """[..., numbers] rows to sum, those of `pairs` last; or [..., num_rows] what they are."""
+        numbers = observation.long()
+        rows = self.rows[numbers]
+        if self.pairs is not None:
+            own, other = numbers[..., :1], numbers[..., self.places] - self.places * self.cells
+            there = (own < self.cells) & (other < self.cells)
+            pair = (self.kinds * self.cells + own) * self.cells + other
+            return torch.cat([rows, torch.where(there, pair, len(self.pairs) - 1)], -1)
         if self.form == "bag":
             return rows
         one_hot = torch.zeros(*rows.shape[:-1], self.num_rows + 1, device=rows.device)
@@ -89,10 +115,17 @@ class IndexLayer(nn.Module):
         if self.form == "dense":
             return nn.functional.linear(prepared, self.weight[: self.num_rows].T, self.bias)
         rows = prepared.reshape(-1, prepared.shape[-1])
-        summed = nn.functional.embedding_bag(
-            rows, self.weight, mode="sum", padding_idx=self.num_rows
-        )
-        return (summed + self.bias).reshape(*prepared.shape[:-1], -1)
+        summed: torch.Tensor = self.bias
+        if self.pairs is not None:
+            rows, paired = rows[:, : self.num_single], rows[:, self.num_single :]
+            summed = summed + _sum_of(self.pairs, paired)
+        return (_sum_of(self.weight, rows) + summed).reshape(*prepared.shape[:-1], -1)
+
+
+def _sum_of(table: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
+    """[n, width] sums of rows [n, k] of a table, of which the last is none."""
+    last = len(table) - 1
+    return nn.functional.embedding_bag(rows, table, mode="sum", padding_idx=last)
 
 
 class Flat(nn.Module):
@@ -163,8 +196,9 @@ class Trunk(nn.Module):
         width = hidden.width
         first: IndexLayer | Flat | Convolutions | Planning
         if features.kind == "index":
-            form = hidden.form or first_layer_form(features.num_rows)
-            first = IndexLayer(features, width, form, hidden.std)
+            pairs = hidden.pairs and features.num_pairs > 0
+            form = "bag" if pairs else hidden.form or first_layer_form(features.num_rows)
+            first = IndexLayer(features, width, form, hidden.std, pairs)
         else:
             kinds: dict[str, type[Flat | Convolutions | Planning]]
             kinds = {"planes": Convolutions, "grid": Planning, "flat": Flat}

@@ -18,8 +18,9 @@ from pursuit.simulator import Simulator
 from pursuit.single_agent import fill_seats
 from scripted_agents import tour_lengths
 from scripted_agents.tour import MAX_EXACT_GOALS
-from train.evaluation.contest import GameContest, told
+from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
+from train.evaluation.scores import told
 from train.play.outcome import Outcome
 
 ACTIONS = ("north", "south", "east", "west", "stay")

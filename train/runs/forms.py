@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from train.evaluation.contest import Score
+from train.evaluation.scores import Score
 from train.files import number_in, read_csv, read_json
 from train.schemas import read_as
 from train.settings.checks import check

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pursuit.animation import save_animation
-from train.evaluation.contest import Contest
+from train.evaluation.scores import Contest
 from train.figures import (
     BLUE,
     GREEN,

@@ -101,6 +101,14 @@ def worst_starts(contest: Any, losses: Losses) -> list[int]:
     return list(different.values())[:WORST]
 
 
+def of_solved(evaluation: Mapping[str, Any]) -> str:
+    """What of a runner's gap is time-outs, in words; nothing where all was solved."""
+    unsolved, gap = evaluation.get("unsolved_share"), evaluation.get("solved_gap")
+    if not unsolved or gap is None:
+        return ""
+    return f" ({100 * unsolved:.1f} % unsolved; gap of the solved {100 * gap:+.2f} %)"
+
+
 def summary(results: Mapping[str, Any]) -> str:
     """The result in one sentence."""
     found = results["evaluation"]
@@ -110,6 +118,7 @@ def summary(results: Mapping[str, Any]) -> str:
         optimum = "optimum" if exact else "lower bound of the optimum"
         told += (
             f"; {optimum} {found['optimal_steps']:.3f}; gap {100 * found['optimality_gap']:+.2f} %"
+            f"{of_solved(found)}"
         )
     if "certified_lower" in found:
         told += (

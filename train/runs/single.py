@@ -9,9 +9,10 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 
-from train.evaluation.contest import GameContest, Score, optimality_gap
+from train.evaluation.contest import GameContest
 from train.evaluation.floor import objective_floor
 from train.evaluation.hidden_contest import Certificate
+from train.evaluation.scores import Score, optimality_gap
 from train.runs.folder import MISFITS, RUN, misfit, part_of
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.memories import memories_of, put_memories
@@ -181,6 +182,8 @@ def evaluation_of(
             "success_rate": learned.success_rate,
             "optimal_steps": optimum.mean_steps if optimum else None,
             "optimality_gap": optimality_gap(learned, optimum),
+            "unsolved_share": 1.0 - learned.success_rate,
+            "solved_gap": learned.solved_gap,
             "objective_floor": floor if optimum else None,
             **certified,
         },

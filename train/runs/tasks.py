@@ -6,6 +6,7 @@ from dataclasses import fields
 from typing import Any, Literal
 
 from pursuit.maze import Maze, load_maze
+from pursuit.own_observations import is_ours
 from pursuit.suite_files import PREFIX, is_suite
 from pursuit.task import Task, make_task
 from train.networks.arm_policy import ArmSeat
@@ -109,6 +110,8 @@ def player_of(settings: TrainSettings[Any]) -> Seat | ArmSeat:
     task = task_of(given)
     agent = agent_of(given, task)
     played = training_task(settings.curriculum, settings.lessons, task)
-    planes_as = PLANES_AS[settings.network]
+    unseen = agent.startswith("runner") and len(task.mazes) > 1 and is_ours(settings.observation)
+    plans = settings.network == "auto" and settings.device == "cpu" and unseen
+    planes_as = "grid" if plans else PLANES_AS[settings.network]
     how = (settings.observation, given.mask_bumps, settings.frame_stack, planes_as)
     return Seat(played, agent, *how)

@@ -97,7 +97,10 @@ class GridWorld:
         """By task, role and size."""
         given, task = self.settings, self.task
         role = self.agent.split("_")[0]
-        return Setting(given.task, role, task.max_cells, given.start == "random", task.is_duel)
+        random_start, many = given.start == "random", len(task.mazes) > 1
+        return Setting(
+            given.task, role, task.max_cells, random_start, task.is_duel, many_mazes=many
+        )
 
     @property
     def ground(self) -> Ground:

@@ -91,6 +91,9 @@ class NetworkSettings(Hyperparameters):
     """relu or tanh."""
     first_std: float = 0.06
     """Standard deviation of the first layer's weights on index at the start."""
+    pairs: bool = False
+    """On index: weights for every pair of own cell and other cell as well, one table for all goals.
+    Fewer frames are needed; each takes longer."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

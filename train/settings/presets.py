@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -38,6 +39,7 @@ class Setting:
         duel: whether one chaser plays against one evader.
         joints: of an arm.
         recurrent: whether the network remembers.
+        many_mazes: whether games are played in several mazes, as those of a suite.
     """
 
     task: str
@@ -47,16 +49,44 @@ class Setting:
     duel: bool = False
     joints: int = 0
     recurrent: bool = False
+    many_mazes: bool = False
 
     @property
-    def large_chase(self) -> bool:
-        """Whether a chaser seldom meets an evader by chance."""
-        return self.random_start and self.role == "chaser" and self.cells > 36
+    def far_evader(self) -> float:
+        """How seldom a chaser meets an evader by chance: 0 up to 25 cells, 1 from 49 on."""
+        far = self.random_start and self.role == "chaser"
+        return on_the_way(self.cells, 25, 49) if far else 0.0
 
     @property
-    def large_maze(self) -> bool:
-        """Whether a runner seldom comes upon goals by chance."""
-        return self.random_start and self.role == "runner" and self.cells > 60
+    def far_goals(self) -> float:
+        """How seldom a runner comes upon goals by chance: 0 up to 25 cells, 1 from 81 on."""
+        far = self.random_start and self.role == "runner"
+        return on_the_way(self.cells, 25, 81) if far else 0.0
+
+    @property
+    def unseen_mazes(self) -> bool:
+        """Whether a runner learns to plan in any maze."""
+        return self.many_mazes and self.random_start and self.role == "runner"
+
+
+def on_the_way(cells: int, start: int, end: int) -> float:
+    """How far `cells` is from `start` to `end`, by their logarithms, in [0, 1]."""
+    return min(max(math.log(cells / start) / math.log(end / start), 0.0), 1.0) if cells else 0.0
+
+
+def between(near: float, far: float, share: float) -> float:
+    """A positive number on the way from `near` to `far`, by their logarithms."""
+    return float(f"{near * (far / near) ** share:.3g}")
+
+
+def discount_between(near: float, far: float, share: float) -> float:
+    """A discount on the way from `near` to `far`, by the logarithms of how long they look ahead."""
+    return 1.0 - between(1.0 - near, 1.0 - far, share)
+
+
+def games_between(near: int, far: int, share: float) -> int:
+    """The same in multiples of 256."""
+    return round(between(near, far, share) / 256) * 256
 
 
 def thesis_ppo() -> PPOSettings:
@@ -254,19 +284,37 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
         return replace(hyper, learning_rate_power=0.7, gamma=gamma)
     if not isinstance(hyper, NetworkSettings):
         return hyper
+    if setting.unseen_mazes and isinstance(hyper, PPOSettings):  # see docs/unseen_mazes.md
+        hyper = replace(hyper, learning_rate=1e-3, epochs=3, minibatch_size=1024)
+        return replace(hyper, gamma=0.97, entropy_coef=0.02)
     if setting.role == "runner" and isinstance(hyper, PPOSettings):
         hyper = replace(hyper, gamma=0.99)
-    if setting.large_chase:
-        hyper = replace(hyper, gamma=0.98)
+    if setting.far_evader:
+        share = setting.far_evader
+        hyper = replace(hyper, gamma=discount_between(hyper.gamma, 0.98, share))
         if isinstance(hyper, RolloutSettings):
-            return replace(hyper, entropy_coef=0.06, gae_lambda=0.8)
-    elif setting.large_maze:
-        if isinstance(hyper, PPOSettings):
-            return replace(
-                hyper, num_games=2048, minibatch_size=8192, learning_rate=8e-3, entropy_coef=3e-3
+            hyper = replace(
+                hyper,
+                entropy_coef=between(hyper.entropy_coef, 0.06, share),
+                gae_lambda=between(hyper.gae_lambda, 0.8, share),
             )
-        hyper = replace(hyper, gamma=0.97)
-    elif setting.recurrent and isinstance(hyper, PPOSettings):
+    elif setting.far_goals and isinstance(hyper, PPOSettings):
+        share = setting.far_goals
+        hyper = replace(
+            hyper,
+            num_games=games_between(hyper.num_games, 2048, share),
+            minibatch_size=games_between(hyper.minibatch_size, 8192, share),
+            learning_rate=between(hyper.learning_rate, 8e-3, share),
+            entropy_coef=between(hyper.entropy_coef, 3e-3, share),
+        )
+    elif setting.far_goals:
+        hyper = replace(hyper, gamma=discount_between(hyper.gamma, 0.97, setting.far_goals))
+    if (
+        setting.recurrent
+        and not setting.far_evader
+        and not setting.far_goals
+        and isinstance(hyper, PPOSettings)
+    ):
         # Longer sequences: a chaser that sees 2 steps far on 5x5 ended 0.8 % above the certified
         # optimum so, and 1.5 % with the sequences of 16 steps (1.5 M frames, seed 100).
         hyper = replace(hyper, num_games=512, rollout_steps=32, gae_lambda=0.95)
@@ -302,8 +350,12 @@ def lessons_for(
     if curriculum is not None:
         return curriculum, curriculum_form(curriculum)()
     if preset == TUNED and issubclass(hyperparameter_form(algorithm), NetworkSettings):
-        if setting.large_chase and setting.duel:
-            return "start-distance", ScheduleSettings(schedule_length=0.2)
-        if setting.large_maze:
-            return "goal-spread-start", ScheduleSettings(schedule_length=0.5)
+        if setting.far_evader and setting.duel:
+            length = between(0.01, 0.2, setting.far_evader)
+            return "start-distance", ScheduleSettings(schedule_length=length)
+        if setting.unseen_mazes:
+            return "goal-spread-start", ScheduleSettings(schedule_length=0.3)
+        if setting.far_goals:
+            length = between(0.01, 0.5, setting.far_goals)
+            return "goal-spread-start", ScheduleSettings(schedule_length=length)
     return "none", CurriculumSettings()

@@ -52,7 +52,7 @@ class TrainSettings(Generic[S]):
     network: str = "auto"
     """How planes are seen: by convolutions; by planning, a layer that learns what is a wall and
     what a goal, and finds the shortest paths (for unseen mazes); or flat, as one vector. auto: by
-    convolutions."""
+    planning where a runner learns in a suite of mazes, else by convolutions."""
     evaluate: str = "greedy"
     """Which policy is evaluated: greedy (the most probable action), or sampled (as learned: it
     gets away where the greedy one steps to and fro for ever). Final results have both."""

@@ -1,0 +1,82 @@
+"""`pursuit race`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from train.commands.parse import Formats, parse
+from train.experiments.sweep import shipped
+from train.figures import Look
+from train.race.plan import FILES, Race, load_race
+from train.race.report import race_report
+from train.race.run import run_race
+from train.settings.checks import check
+
+
+@dataclass(frozen=True)
+class RaceCommand:
+    """Have PPO of several libraries race: the same tasks, the same budget to find settings.
+
+    (Not the task called race: see `pursuit train --task race`.) Settings are searched on held-out
+    mazes, then every contestant learns the tasks with several seeds, and the time to 5, 2 and 1 %
+    of the exact optimum counts. What is done is not done again, so Ctrl-C loses a bout at most.
+    """
+
+    file: Annotated[str, tyro.conf.Positional] = "ppo"
+    """A race file (.toml), or the name of a shipped one."""
+    version: str = "short"
+    """short or full."""
+    out: Path | None = None
+    """The folder of the race; races/NAME-VERSION if left out."""
+    clock: str | None = None
+    """wall, or cpu: seconds of the run's own process on its core, which a machine that is busy with
+    other things does not stretch as much. That of the file if left out."""
+    workers: int = 1
+    """Bouts at a time, each on a core of its own. Leave it at 1 for figures that are to be
+    believed: cores share their caches and their memory."""
+    dry_run: bool = False
+    """Check the file and say what would be done, but do nothing."""
+    format: Formats = ()
+    """pdf, svg, or both: the figure is saved so, too, beside its .png."""
+
+
+def race(arguments: Sequence[str]) -> None:
+    """`pursuit race`."""
+    given = parse(RaceCommand, arguments, "race")
+    check(given.workers >= 1, f"workers={given.workers}; at least 1")
+    look = Look(given.format)
+    plan = load_race(given.file, given.version, given.clock)
+    out = given.out or Path("races") / f"{Path(given.file).stem}-{given.version}"
+    tell_plan(plan, out, given.workers)
+    if given.dry_run:
+        return
+    try:
+        standing = run_race(plan, out, lambda line: print(line, flush=True), given.workers)
+    except KeyboardInterrupt:
+        again = f"pursuit race {' '.join(arguments)}"
+        print(f"\ninterrupted; what is done is kept. Go on with: {again}", file=sys.stderr)
+        raise
+    print(f"report: {race_report(plan, standing, out, look)}")
+    failed = sum(result is None for result in standing.finals.values())
+    if failed:
+        print(f"{failed} bouts failed; the same command tries them again", file=sys.stderr)
+        sys.exit(1)
+
+
+def tell_plan(plan: Race, out: Path, workers: int) -> None:
+    """Say what is to be done."""
+    trials, finals = plan.count()
+    print(f"{plan.title}: {', '.join(plan.contestants)}")
+    for on in plan.tasks:
+        mazes = ", ".join(task.maze.removeprefix("suite:") for task in on.held_out)
+        print(f"  {on.name}; settings searched on {mazes}")
+    length = plan.seconds()
+    told = "" if length is None else f", {length / 60 / workers:.0f} minutes without evaluations"
+    print(f"{trials} bouts of the search and {finals} of the race into {out}{told}")
+    print(f"shipped race files: {', '.join(shipped(FILES))}")

@@ -1,0 +1,90 @@
+"""What a run knows of what it is judged by: contests, and the scores that they give."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.policy import Policy
+
+
+@dataclass(frozen=True)
+class Score:
+    """What one policy achieves.
+
+    Attributes:
+        name: of the policy.
+        mean_steps: mean episode length; an episode that runs out of time counts with all its steps.
+        ci95: half width of the 95 % confidence interval of the mean; 0 where it is exact.
+        success_rate: share of episodes won: the chasers caught all, the evader lived to the last
+            step, all goals were collected.
+        episodes: played for this score (or, where exact, for the success rate alone).
+        exact: whether `mean_steps` is an exact mean over all starts.
+        discounted_steps, discounted_ci95: the same of discounted steps, for agents with limited
+            sight, whose optimum is certified in these; None elsewhere.
+        solved_gap: achieved / optimal - 1 over the starts that were solved alone, of one runner:
+            what is left of the gap without those that ran out of time. None elsewhere.
+    """
+
+    name: str
+    mean_steps: float
+    ci95: float
+    success_rate: float
+    episodes: int
+    exact: bool
+    discounted_steps: float | None = None
+    discounted_ci95: float | None = None
+    solved_gap: float | None = None
+
+
+def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
+    """Achieved / optimal - 1 in steps, on the same starts; negative for evaders that fall short."""
+    return None if optimum is None else achieved.mean_steps / optimum.mean_steps - 1.0
+
+
+def told(policy: Policy) -> str:
+    """A policy in words: its own, or else the name of its class."""
+    plain = type(policy).__repr__ is object.__repr__
+    return type(policy).__name__ if plain else repr(policy)
+
+
+class Contest(Protocol):
+    """What a run is judged by.
+
+    Attributes:
+        less_is_better: whether few steps are good.
+    """
+
+    @property
+    def less_is_better(self) -> bool: ...  # noqa: D102 -- see the class
+
+    def describe(self) -> dict[str, Any]:
+        """What is played, by whom and where, as plain values: "task", "role", "maze"."""
+
+    def line(self) -> str:
+        """The same in one line, with whoever else plays."""
+
+    def score(self, name: str, policy: Any) -> Score:
+        """How well a policy does."""
+
+    def optimal(self) -> Score | None:
+        """The exact optimum; None where it is not known."""
+
+    def baselines(self) -> list[Score]:
+        """The references: random, scripted and, where it is known, optimal."""
+
+    def scenes(self, policy: Any, episodes: int = 3) -> list[Any]:
+        """What a person sees of some episodes, one after the other, for `save_animation`."""
+
+    def game(self, policy: Any, number: int) -> tuple[Any, Iterator[None]]:
+        """The episode of that number: a simulator at its start, and what steps it to its end."""
+
+    def lengths(self, policy: Any) -> NDArray[np.float64]:
+        """[episodes], how long each takes this policy; expected ones where they are known."""
+
+    def optimal_lengths(self) -> NDArray[np.float64] | None:
+        """[episodes], the optimum of each start; None where it is not known."""
