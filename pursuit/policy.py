@@ -224,31 +224,40 @@ def play(policy: Policy, view: GameView) -> NDArray[np.int32]:
     return policy.act(view)
 
 
-def play_seats(
+def play_all(
     policies: Sequence[Policy | None],
-    view_of: Callable[[int], GameView],
     actions: NDArray[np.int32],
+    shape: tuple[int, int],
+    view: Callable[[int], GameView],
 ) -> None:
-    """Write the action of every seat that has a policy into `actions` [games, agents].
+    """Write the action of every seat that has a policy into `actions` [games, agents] = `shape`.
 
-    A policy that has `act_together(view, seats, actions)` is called once for all its seats.
+    A policy without memory that has `act_together(view, seats, actions)` is called once for all its
+    seats; it writes what its `act` would do in each of them.
 
     Raises:
-        ValueError: a policy that is none.
+        ValueError: a wrong shape, another number of seats, or a policy that is none.
     """
+    try:
+        fit = actions.shape == shape and len(policies) == shape[1]
+    except (AttributeError, TypeError):
+        fit = False
+    if not fit:
+        needed = f"a policy or None a seat, actions of shape {shape}"
+        raise ValueError(f"policies={policies!r}, actions={actions!r}; {needed}")
     together: dict[int, list[int]] = {}
     for seat, policy in enumerate(policies):
         if policy is None:
             continue
         if not hasattr(policy, "act"):
             raise ValueError(f"{policy!r} is no policy; it has no method `act`")
-        if getattr(policy, "act_together", None) is not None:
-            together.setdefault(id(policy), []).append(seat)
+        if getattr(policy, "act_together", None) is None or hasattr(policy, "begin"):
+            actions[:, seat] = play(policy, view(seat))
         else:
-            actions[:, seat] = play(policy, view_of(seat))
+            together.setdefault(id(policy), []).append(seat)
     for seats in together.values():
         player: Any = policies[seats[0]]
-        player.act_together(view_of(seats[0]), tuple(seats), actions)
+        player.act_together(view(seats[0]), tuple(seats), actions)
 
 
 @runtime_checkable

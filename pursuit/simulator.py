@@ -16,7 +16,7 @@ from pursuit.next_episode import slots
 from pursuit.observations import Encoder
 from pursuit.payments import step_games_of
 from pursuit.placements import place_the_unplaced
-from pursuit.policy import GameView, Policy, play_seats
+from pursuit.policy import GameView, Policy, play_all
 from pursuit.rules import layout
 from pursuit.shares import Shares
 from pursuit.simulator_state import (
@@ -47,9 +47,10 @@ class Simulator:
         first_game: the index of the first game of this batch.
         auto_restart: False leaves ended games as they are, still flagged as ended and with rewards
             of 0, until `reset` restarts them.
+        device: "cpu", or "cuda" for a `pursuit.device.simulator.DeviceSimulator` of the same games.
 
     Raises:
-        ValueError: counts or seeds out of range, or more games than memory holds.
+        ValueError: counts or seeds out of range, more games than memory holds, or no such device.
 
     Attributes (arrays that every step overwrites in place; copy what you keep):
         games: the arrays of the games under the names of the rule book.
@@ -75,6 +76,14 @@ class Simulator:
             some games were seeded.
     """
 
+    def __new__(cls, *given: Any, device: str = "cpu", **settings: Any) -> Any:
+        """The games; on a GPU a `DeviceSimulator` of them."""
+        if device == "cpu":
+            return super().__new__(cls)
+        from pursuit.device.simulator import DeviceSimulator  # slow, and optional
+
+        return DeviceSimulator(cls(*given, **settings), device)
+
     def __init__(
         self,
         task: Task,
@@ -82,6 +91,8 @@ class Simulator:
         seed: int = 0,
         first_game: int = 0,
         auto_restart: bool = True,
+        *,
+        device: str = "cpu",
     ) -> None:
         task, num_games = checked_task(task), whole("num_games", num_games, 1, 2**63 - 1)
         first_game = whole("first_game", first_game, 0, 2**62)
@@ -371,14 +382,7 @@ class Simulator:
         Raises:
             ValueError: a wrong shape, another number of seats, or a policy that is none.
         """
-        try:
-            fit = actions.shape == self._actions_shape and len(policies) == self.num_agents
-        except (AttributeError, TypeError):
-            fit = False
-        if not fit:
-            needed = f"a policy or None a seat, actions of shape {self._actions_shape}"
-            raise ValueError(f"policies={policies!r}, actions={actions!r}; {needed}")
-        play_seats(policies, self.view, actions)
+        play_all(policies, actions, self._actions_shape, self.view)
 
 
 def _copied(

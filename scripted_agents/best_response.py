@@ -340,4 +340,6 @@ def _own_moves(
     """
     kept = np.concatenate([allowed, np.ones((len(allowed), 5), dtype=bool)], axis=1)[:, :5]
     instead = np.where(kept, np.arange(5), kept.argmax(axis=1)[:, None])
-    return np.take_along_axis(maze.neighbors, instead, axis=1), instead.astype(np.int8)
+    neighbors = np.take_along_axis(maze.neighbors, instead, axis=1)
+    neighbors.setflags(write=False)  # as those of a maze are: one kernel serves both
+    return neighbors, instead.astype(np.int8)

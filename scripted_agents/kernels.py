@@ -15,11 +15,14 @@ import numpy as np
 
 from pursuit.compiled import compiled, inlined, subroutine
 from pursuit.rules.distances import (
+    begin_field,
     distance_within,
     forget,
     has_table,
+    moves_down,
     pair_index,
     search_within,
+    spread_field,
     table_distance,
 )
 from pursuit.rules.layout import (
@@ -218,63 +221,6 @@ def away_from_nearest(
 
 
 @inlined
-def begin_field(field: Search, owner: Any, cells: Any, count: int) -> int:
-    """Begin one search from all of `cells[:count]` at once; how many different ones they are.
-
-    `owner` gets the first of them, as a number in the list, for every cell that is reached.
-    """
-    tail = 0
-    for i in range(count):
-        cell = cells[i]
-        if field.distance[cell] < 0:
-            field.distance[cell] = 0
-            owner[cell] = i
-            field.queue[tail] = cell
-            tail += 1
-    return tail
-
-
-@subroutine
-def spread_field(
-    world: World, maze: int, field: Search, owner: Any, own: int, limit: int, head: int, tail: int
-) -> tuple[int, int]:
-    """Go on with a search until it has reached `own`, or `limit` steps; the ends of its queue.
-
-    Of the sources that are nearest to a cell `owner` has the first where `own` is -1, which ends
-    at the limit only: a cell has its owner when all that are nearer have been left behind.
-    """
-    first_cell = world.first_cell[maze]
-    while head < tail and (own < 0 or field.distance[own] < 0):
-        cell = field.queue[head]
-        after_steps = field.distance[cell] + 1
-        if after_steps > limit:
-            break
-        head += 1
-        for action in range(4):
-            after = world.neighbors[first_cell + cell, action]
-            if field.distance[after] < 0:
-                field.distance[after] = after_steps
-                owner[after] = owner[cell]
-                field.queue[tail] = after
-                tail += 1
-            elif field.distance[after] == after_steps and owner[cell] < owner[after]:
-                owner[after] = owner[cell]
-    return head, tail
-
-
-@inlined
-def moves_down(world: World, maze: int, field: Search, own: int) -> int:
-    """The moves that come nearer to the sources of a search that has reached `own`, or 0."""
-    mask, steps = 0, field.distance[own]
-    if steps > 0:
-        for action in range(4):
-            after = world.neighbors[world.first_cell[maze] + own, action]
-            if field.distance[after] == steps - 1:
-                mask |= 1 << action
-    return mask
-
-
-@inlined
 def moves_away(
     world: World, maze: int, own: int, threat: int, greedy: Any, scratch: Any, settings: Any
 ) -> int:
@@ -329,7 +275,7 @@ def entry_for(kind: int) -> Any:
 
         `counts` is (chasers, evaders, runners, goals); `settings` is (epsilon, alert distance, look
         radius, stay action). An epsilon of NaN in the game means that of the settings. Captured
-        evaders draw, so that their streams move on, from all their moves: nobody looks at it.
+        evaders choose as if they were free: it takes less time than to ask who is.
 
         Whom they seek is listed once a game. A few are looked up one by one; where agents are many,
         or the maze has no table, one search spreads from all who are sought to all who ask, so that
@@ -368,9 +314,7 @@ def entry_for(kind: int) -> Any:
             for i in range(seats.shape[0]):
                 seat = np.uint64(seats[np.uint64(i)])
                 own, mask = np.int64(games.position[row, seat]), np.int64(0)
-                if kind == EVADER and not games.active[row, seat]:
-                    mask = np.int64(0)  # it goes nowhere, whatever it draws
-                elif by_table and kind == EVADER:
+                if by_table and kind == EVADER:
                     mask = away_from_nearest(world, maze, own, sought, count, greedy)
                 elif by_table:
                     mask = towards_nearest(world, maze, own, sought, count, greedy)

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.declared import number, one_of, share, truth
+from pursuit.device.calls import Call
 from pursuit.maze import Maze, load_maze
+from pursuit.maze_arrays import MazeArrays
 from pursuit.policy import GameView, TabularPolicy
 from pursuit.rules.layout import Games
 from pursuit.task import MOVE_ORDERS, Task
@@ -109,17 +111,36 @@ class ExactAgent(ABC):
             ValueError: another role's seat, several mazes at once, or one too large to solve.
         """
         task = view.task
-        if task.seat_roles[view.seat] != self.role:
-            raise ValueError(
-                f"{self!r} is a {self.role}; this seat is another's: {task.seat_roles[view.seat]}"
-            )
-        if len(task.mazes) > 1:
-            raise ValueError(f"{self!r} plays in one maze; this task has {len(task.mazes)}")
+        self._check_seat(task, view.seat)
         if not task.is_duel:
             check_optimal(task, self.role)
             return self.team(task).act(view)
+        return self._duellist(task).act(view)
+
+    def on_device(self, task: Task, seat: int, mazes: MazeArrays) -> Call:
+        """The same on a GPU, in games of one against one: the kernel, and what it is given.
+
+        Raises:
+            ValueError: as `act`, and for teams.
+        """
+        self._check_seat(task, seat)
+        if not task.is_duel:
+            raise ValueError(
+                f"{self!r} plays one against one on a GPU; take device='cpu' for teams"
+            )
+        return self._duellist(task).on_device(task, seat, mazes)
+
+    def _duellist(self, task: Task) -> TablePolicy:
         order: MoveOrder = task.move_order  # type: ignore[assignment]
-        return self._player(task.mazes[0], task.stay_action, order).act(view)
+        return self._player(task.mazes[0], task.stay_action, order)
+
+    def _check_seat(self, task: Task, seat: int) -> None:
+        if task.seat_roles[seat] != self.role:
+            raise ValueError(
+                f"{self!r} is a {self.role}; this seat is another's: {task.seat_roles[seat]}"
+            )
+        if len(task.mazes) > 1:
+            raise ValueError(f"{self!r} plays in one maze; this task has {len(task.mazes)}")
 
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
         """[games, actions] float64, what it plays in a seat of these games.

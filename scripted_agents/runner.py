@@ -8,8 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.device.calls import Call
 from pursuit.maze import Maze
+from pursuit.maze_arrays import MazeArrays
 from pursuit.policy import GameView
+from pursuit.task import Task
 from scripted_agents import kernels
 from scripted_agents.scripted import Scripted
 from scripted_agents.tour import MAX_EXACT_GOALS, shortest_tour
@@ -82,6 +85,16 @@ class TourRunner(Scripted):
         left = np.full_like(view.goals, -1)
         left[:, 0] = self._kept.next_goal
         return super().act(replace(view, games=view.games._replace(goal=left)))
+
+    def on_device(self, task: Task, seat: int, mazes: MazeArrays) -> Call:
+        """Tours are planned on the CPU.
+
+        Raises:
+            ValueError: always.
+        """
+        raise ValueError(
+            f"{self!r} does not play on a GPU; take NearestGoalRunner, or device='cpu'"
+        )
 
     def _plan_one_by_one(self, view: GameView) -> None:
         """The same where mazes have no distance table, or goals are too many to be exact."""

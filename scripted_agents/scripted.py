@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.declared import share, truth
+from pursuit.device.calls import Call
 from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.maze_arrays import MazeArrays, lay_out
 from pursuit.policy import GameView
@@ -42,8 +43,9 @@ class Scripted:
         return f"{type(self).__name__}(epsilon={self.epsilon:g})"
 
     def __init_subclass__(cls) -> None:
-        if "act" in vars(cls) and "act_together" not in vars(cls):
-            cls.act_together = None  # type: ignore[assignment]  # it acts in a way of its own
+        own_way = cls.act is not Scripted.act  # its own, or of whatever else it inherits
+        if own_way and cls.act_together is Scripted.act_together:
+            cls.act_together = None  # type: ignore[assignment]  # nobody else knows that way
 
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game; random numbers from the seat's stream."""
@@ -85,6 +87,17 @@ class Scripted:
             self._settings(task.stay_action),
             actions,
         )
+
+    def on_device(self, task: Task, seat: int, mazes: MazeArrays) -> Call:
+        """The same on a GPU: the kernel, and what it is given."""
+        given = {
+            "seats": _numbers((seat,)),
+            "columns": _numbers((seat,)),
+            "counts": tuple(task.teams),
+            "greedy": self._greedy_table(mazes, task.stay_action),
+            "settings": self._settings(task.stay_action),
+        }
+        return Call(kernels.ENTRIES[self.kind], given, work=("scripted", kernels.NUM_SCRATCH))
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: the exact distribution in a game of one to one.

@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.declared import share, truth
+from pursuit.device.calls import Call
 from pursuit.maze import Maze, load_maze
+from pursuit.maze_arrays import MazeArrays
 from pursuit.policy import GameView
 from pursuit.rules.layout import Games
 from pursuit.task import Task
@@ -44,6 +46,38 @@ class TablePolicy:
             ValueError: the games are in another maze, or have another number of actions.
         """
         task = view.task
+        self._check(task)
+        actions = np.empty(view.num_games, dtype=np.int32)
+        table_kernels.sample_table(
+            *view.games,
+            view.streams,
+            view.epsilon,
+            view.seat,
+            opponents_of(task, view.seat),
+            *view.mazes,
+            self._cumulative,
+            self._offsets,
+            self.epsilon,
+            actions,
+        )
+        return actions
+
+    def on_device(self, task: Task, seat: int, mazes: MazeArrays) -> Call:
+        """The same on a GPU: the kernel, and what it is given.
+
+        Raises:
+            ValueError: as `act`.
+        """
+        self._check(task)
+        given = {
+            "opponents": opponents_of(task, seat),
+            "cumulative": self._cumulative,
+            "table_offsets": self._offsets,
+            "default": self.epsilon,
+        }
+        return Call(table_kernels.sample_table, given)
+
+    def _check(self, task: Task) -> None:
         if task.mazes != (self.maze,):
             raise ValueError(
                 f"a table for {self.maze.name}, but the task is played in "
@@ -54,22 +88,6 @@ class TablePolicy:
                 f"a table over {self.table.shape[2]} actions, but the task has {task.num_actions}; "
                 "stay_action must be the same"
             )
-        role = task.seat_roles[view.seat]
-        others = [seat for seat, other in enumerate(task.seat_roles) if other != role]
-        actions = np.empty(view.num_games, dtype=np.int32)
-        table_kernels.sample_table(
-            *view.games,
-            view.streams,
-            view.epsilon,
-            view.seat,
-            np.array(others, dtype=np.int64),
-            *view.mazes,
-            self._cumulative,
-            self._offsets,
-            self.epsilon,
-            actions,
-        )
-        return actions
 
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
         """[games, actions] float64: the row of each game, for its first active opponent.
@@ -102,3 +120,10 @@ class TablePolicy:
             return self.table.copy()
         random = RandomAgent().action_probabilities(maze, stay_action)
         return (1.0 - self.epsilon) * self.table + self.epsilon * random
+
+
+def opponents_of(task: Task, seat: int) -> NDArray[np.int64]:
+    """The seats of other roles than that of a seat."""
+    role = task.seat_roles[seat]
+    others = [other for other, theirs in enumerate(task.seat_roles) if theirs != role]
+    return np.array(others, dtype=np.int64)

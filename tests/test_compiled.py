@@ -9,13 +9,17 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+import numba
+import numpy as np
 import pytest
 from numba.core.dispatcher import Dispatcher
 
 import pursuit
 import scripted_agents
-from pursuit import compiled
+from pursuit import compiled, encodings
+from scripted_agents import kernels
 
 KERNEL = """
 from pursuit.compiled import compiled
@@ -122,7 +126,8 @@ def test_kernels_call_kernels_of_their_own_file_and_of_the_rules_only() -> None:
         for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             if module.name == "pursuit.stable_baselines":
                 continue  # loads torch, and has no kernels
-            for kernel in vars(importlib.import_module(module.name)).values():
+            names = vars(importlib.import_module(module.name))
+            for kernel in (*names.values(), *names.get("ENTRIES", {}).values()):
                 if not isinstance(kernel, Dispatcher):
                     continue
                 own = kernel.py_func.__module__
@@ -131,6 +136,33 @@ def test_kernels_call_kernels_of_their_own_file_and_of_the_rules_only() -> None:
                     home = called.py_func.__module__
                     books = ("pursuit.rules.", "pursuit.reacher.rules")
                     assert home == own or home.startswith(books), (
-                        f"{own}.{kernel.__name__} calls {home}.{called.__name__}"
+                        f"{own}.{kernel.py_func.__name__} calls {home}.{called.py_func.__name__}"
                     )
     assert calls > 100
+
+
+def test_one_kernel_serves_one_game_and_many() -> None:
+    """Columns of one game lie in a row, those of many do not; it is all the same code."""
+    seen, known = [], []
+    for games in (1, 3):
+        simulator = pursuit.Simulator(pursuit.make_task("chase"), games, seed=5)
+        actions = np.zeros((games, 2), dtype=np.int32)
+        simulator.act([None, scripted_agents.AStarEvader(0.5)], actions)
+        seen.append((simulator.observe("index", 0)[0].tolist(), actions[0].tolist()))
+        entries: list[Any] = [encodings.encode_index, kernels.ENTRIES[kernels.EVADER]]
+        known.append([set(kernel.overloads) for kernel in entries])
+    assert seen[0] == seen[1] and known[0] == known[1]
+
+
+def test_what_kernels_call_is_compiled_for_one_width_of_whole_numbers() -> None:
+    @compiled.subroutine
+    def doubled(number: Any) -> Any:
+        return 2 * number
+
+    @compiled.inlined
+    def summed(numbers: Any) -> Any:
+        return doubled(numbers[0]) + doubled(3) + doubled(np.int16(4)) + doubled(np.int64(5))
+
+    kernel = numba.njit(_nrt=False)(lambda numbers: summed(numbers))
+    assert kernel(np.array([-6], dtype=np.int32)) == -12 + 6 + 8 + 10
+    assert list(doubled.overloads) == [(numba.int64,)]  # type: ignore[attr-defined]

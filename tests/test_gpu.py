@@ -1,43 +1,175 @@
-"""The same text of the rules compiles for a GPU; none is needed to see that."""
+"""Games on a GPU, without one: kernels compile to PTX, and play as the CPU does in a simulator."""
 
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
+import device_games
+import device_learning
 import numba
 import numpy as np
 import pytest
-
-from pursuit.rules import layout
-from pursuit.rules.step import step
-from pursuit.simulator import Simulator
-from pursuit.task import make_task
-
-pytest.importorskip("numba_cuda", reason="numba-cuda is not installed; `pip install pursuit[gpu]`")
 from numba import cuda
-from numba.cuda import compiler, dispatcher
+
+from pursuit import rules
+from pursuit.device import kernels
+from pursuit.device.calls import Call
+from pursuit.device.kernels import Batch, Launch
+from pursuit.device.simulator import STEP_WORK, check_task, choose_device
+from pursuit.maze_arrays import lay_out
+from pursuit.rules import layout
+from pursuit.simulator import Simulator
+from pursuit.task import Rewards, Task, make_task
+from scripted_agents import AStarEvader, TablePolicy
+
+SIMULATED = {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "ignore"}
 
 
-def kernel(
-    agents, goals, clocks, coming, reals, flags, rewards, streams, numbers, pay, mazes, neighbors,
-    facts, tables, scratch, actions,
-):  # fmt: skip
-    """A step of every game, one game a thread, each with room of its own for its plan."""
-    game = cuda.grid(1)
-    if game < actions.shape[0]:
-        memory = layout.Memory(agents, goals, clocks, coming, reals, flags, rewards, streams)
-        rules = layout.rules_of(layout.teams_of(numbers), numbers, pay)
-        world = layout.world_of(mazes, neighbors, facts, tables)
-        games, outcome = layout.games_of(memory), layout.outcome_of(memory)
-        step(games, game, actions, rules, world, layout.plan_of(scratch[game]), outcome)
+def simulated(script: str, *arguments: str) -> None:
+    """Run a script of this folder with Numba's simulator of a GPU, in a process of its own."""
+    here = Path(__file__).parent
+    paths = os.pathsep.join((str(here.parent), os.environ.get("PYTHONPATH", "")))
+    process = subprocess.run(
+        [sys.executable, str(here / script), *arguments],
+        env={**os.environ, **SIMULATED, "PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        timeout=900,
+    )
+    assert process.returncode == 0, process.stderr
 
 
-def test_a_kernel_that_calls_the_step_compiles_to_ptx(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "names",
+    [
+        device_games.QUICK,
+        pytest.param(
+            [name for name in device_games.CASES if name not in device_games.QUICK],
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_the_games_of_a_gpu_are_those_of_the_cpu_bit_for_bit(
+    names: list[str], tmp_path: Path, without_tables: Callable[[], None]
+) -> None:
+    simulated("device_games.py", str(tmp_path / "games.npz"), *names)
+    played = np.load(tmp_path / "games.npz")
+    compared = 0
+    for name in sorted(names, key=lambda name: -device_games.CASES[name].tables):  # these last
+        if not device_games.CASES[name].tables:
+            without_tables()
+        for key, expected in device_games.play(name, "cpu").items():
+            found = played[key]
+            assert (found.dtype, found.shape) == (expected.dtype, expected.shape), key
+            assert found.tobytes() == expected.tobytes(), key
+            compared += 1
+    assert compared == len(played.files)
+
+
+@pytest.mark.slow
+def test_ppo_learns_the_same_from_games_of_a_gpu(tmp_path: Path) -> None:
+    simulated("device_learning.py", str(tmp_path / "learned.npz"))
+    learned, expected = np.load(tmp_path / "learned.npz"), device_learning.learn("cpu")
+    assert set(learned.files) == set(expected)
+    for name, array in expected.items():
+        assert learned[name].tobytes() == array.tobytes(), name
+
+
+# -- PTX -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def compiles(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """What compiles a call on games of a task for a GPU that is not there; gives the PTX."""
+    pytest.importorskip("numba_cuda", reason="no numba-cuda; `pip install pursuit[gpu]`")
+    from numba.cuda import compiler, dispatcher
+
     # A function compiled for the CPU that a kernel calls asks the device what it is capable of.
     device = SimpleNamespace(compute_capability=(9, 0))
     for module in (compiler, dispatcher):
         monkeypatch.setattr(module, "get_current_device", lambda: device)
-    simulator = Simulator(make_task("heist"))
-    *arrays, scratch = simulator._kernel_arrays
-    arguments = (*arrays, scratch[None], np.zeros((1, 2), dtype=np.int32))
-    signature = tuple(numba.typeof(argument) for argument in arguments)
-    ptx, _ = cuda.compile_ptx(kernel, signature, cc=(9, 0))
-    assert ".target sm_90" in ptx and ".entry" in ptx
+    monkeypatch.setattr(kernels.cuda, "to_device", np.array)
+
+    def compiled(task: Task, call: Call, of_seat: bool = False, **late: Any) -> str:
+        memory = Simulator(task, 4)._kernel_arrays[: len(layout.Memory._fields)]
+        batch = Batch(layout.Memory(*memory), lay_out(task.mazes), task.max_cells)
+        launch = Launch(call, batch, of_seat=of_seat)
+        given = {"actions": np.zeros((4, task.num_agents), np.int32), **late}
+        signature = tuple(numba.typeof(value) for value in launch.arguments(**given))
+        ptx, _ = cuda.compile_ptx(launch._kernel.py_func, signature, cc=(9, 0))
+        assert ".target sm_90" in ptx and ".entry" in ptx
+        return str(ptx)
+
+    yield compiled
+
+
+def call_of_step(task: Task) -> Call:
+    numbers = {"numbers": task.numbers_for_kernels(), "pay": task.rewards_for_kernels()}
+    return Call(rules.step_games_of(task.teams), numbers, "actions", STEP_WORK)
+
+
+def test_a_step_compiles_to_ptx(compiles: Any) -> None:
+    task = make_task("chase")
+    compiles(task, call_of_step(task), auto_restart=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["maze", "race", "heist"])
+def test_steps_and_starts_of_every_task_compile_to_ptx(compiles: Any, name: str) -> None:
+    task = make_task(name, stay_action=True, move_order="chasers_first")
+    step = call_of_step(task)
+    compiles(task, step, auto_restart=False)
+    start = Call(rules.start_games, step.given, "chosen", STEP_WORK)
+    compiles(task, start, chosen=np.ones(4, dtype=bool))
+
+
+@pytest.mark.slow
+def test_every_agent_that_plays_on_a_gpu_compiles_to_ptx(compiles: Any) -> None:
+    task = make_task("chase", maze="3x3")
+    table = np.full((9, 9, 4), 0.25)
+    for policy in (AStarEvader(0.1), TablePolicy(task.mazes[0], table)):
+        call = policy.on_device(task, 1, lay_out(task.mazes))
+        compiles(task, call, of_seat=True, seat=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("limits", [{}, {"view_radius": 1, "unknown_maze": True}])
+@pytest.mark.parametrize(
+    "encoding", ["index", "one_hot", "positions", "cells", "walls", "planes", "window"]
+)
+def test_every_encoding_compiles_to_ptx(compiles: Any, encoding: str, limits: Any) -> None:
+    task = make_task("heist", maze="3x3", **limits)
+    encoder = Simulator(task).encoder(encoding)
+    out = np.zeros((4, task.num_agents, *encoder.flat_shape), encoder.dtype)
+    for call in encoder.calls():
+        compiles(task, call, out=out, flat=out.reshape(4, task.num_agents, -1))
+
+
+# -- what is refused -------------------------------------------------------------------------------
+
+
+def test_without_a_gpu_the_error_says_so() -> None:
+    if cuda.is_available():
+        pytest.skip("there is a GPU")
+    with pytest.raises(ValueError, match=r"no GPU here; take device='cpu'"):
+        Simulator(make_task("chase"), device="cuda")
+    for name in ("tpu", "cuda1", "cuda:", "cuda:x"):
+        with pytest.raises(ValueError, match="give cpu, cuda"):
+            choose_device(name)
+
+
+def test_a_task_that_a_gpu_would_pay_otherwise_is_refused() -> None:
+    def paid(before: Any, actions: Any, after: Any) -> Any:
+        return after.rewards
+
+    check_task(make_task("chase", rewards="distance"))
+    with pytest.raises(ValueError, match="function of Python"):
+        check_task(make_task("chase", rewards=paid))
+    # Found by trial: at distance 3 the sum lies between two numbers of float32.
+    pay = Rewards(step=-1.6986417481574838, distance=0.8995472692540429)
+    with pytest.raises(ValueError, match="rounded otherwise on a GPU at distance 3"):
+        check_task(make_task("chase", rewards={"chaser": pay}))

@@ -87,6 +87,8 @@ def test_with_a_view_of_everything_it_closes_on_the_best_response(role: Any, ord
         ("line", 1, "evader", "simultaneous"),
         pytest.param("2x2", 0, "chaser", "simultaneous", marks=pytest.mark.slow),
         pytest.param("2x2", 0, "evader", "chasers_first", marks=pytest.mark.slow),
+        pytest.param("3x3", 1, "chaser", "simultaneous", marks=pytest.mark.slow),
+        pytest.param("3x3", 1, "evader", "simultaneous", marks=pytest.mark.slow),
     ],
 )
 def test_it_holds_the_values_of_exact_value_iteration(
@@ -97,13 +99,14 @@ def test_it_holds_the_values_of_exact_value_iteration(
     sign = 1.0 if role == "chaser" else -1.0
     # From both sides: with nothing to pay after these steps, and with 20 steps to pay.
     most = 20.0 if role == "chaser" else 0.0
+    slack = 1e-4  # of vectors that are left out, in each of infinitely many discounted sweeps
     least = (
-        hidden_truth.exact_values(game, 40, most - 20.0),
-        hidden_truth.exact_values(game, 40, most),
+        hidden_truth.exact_values(game, 40, most - 20.0, slack),
+        hidden_truth.exact_values(game, 40, most, slack),
     )
 
     def holds(lower: float, upper: float, low: float, high: float) -> None:
-        assert lower <= high + 1e-5 and low - 1e-5 <= upper
+        assert lower <= high + 1e-5 and low - 20.0 * slack - 1e-5 <= upper
 
     for own, belief in drawn_beliefs(1, solution, 100):
         if not solution.search.game.visible[own][belief > 0.0].any():

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from self_play_runs import Always, empty_pool
 
 from pursuit.maze import load_maze
@@ -15,6 +18,9 @@ from scripted_agents import (
     AStarEvader,
     RandomAgent,
 )
+from train.networks.actor_critic import ActorCritic
+from train.networks.layers import Hidden
+from train.networks.policy import LearnedPolicy, Seat
 from train.self_play.pool import OpponentPool, PoolPolicy, nash_mixtures, weights
 
 # -- the pool --------------------------------------------------------------------------------------
@@ -46,6 +52,47 @@ def test_scripted_opponents_draw_from_their_games_own_streams(tmp_path: Path) ->
         load_maze("5x5").neighbors[simulator.positions[:, 1]], first[:, None], axis=1
     )[:, 0]
     assert (moves != simulator.positions[:, 1])[::2].all()  # random agents always move
+
+
+def test_in_a_duel_networks_play_by_tables_that_follow_them(tmp_path: Path) -> None:
+    """From the same streams come the actions of the networks themselves, also when one learns."""
+    torch.manual_seed(0)
+    task = make_task("chase", maze="3x3", stay_action=True)
+    seat = Seat(task, "evader")
+    networks = [ActorCritic(seat.features, 5, Hidden(16), True) for _ in range(3)]
+    for network in networks:
+        torch.nn.init.normal_(network.policy_head.weight)  # far from uniform
+    members = [LearnedPolicy(network, seat, greedy=False) for network in networks]
+    pool = OpponentPool(tmp_path, members[0], 3, lambda state: members[state["number"]])
+    pool.add_scripted("astar", AStarEvader(0.3))
+    for number in (1, 2):
+        pool.add(f"{number}", {"number": number}, np.random.default_rng(0))
+    tables, asked = PoolPolicy(pool, 512, steps=16), PoolPolicy(pool, 512, steps=16)
+    asked._tables.places = lambda policies, task: np.full(len(policies), -1)  # type: ignore[method-assign]
+    tables.opponents[:] = asked.opponents[:] = np.random.default_rng(1).integers(4, size=512)
+    simulator = Simulator(task, 512, seed=3)
+    optimizer = torch.optim.Adam(networks[0].parameters(), lr=0.3)
+    played: list[Any] = []
+    for step in range(6):
+        if step == 3:
+            before = tables._tables._cumulative.copy()
+            networks[0].policy_head(torch.randn(4, 16)).square().sum().backward()
+            optimizer.step()
+        if step == 5:  # one opponent alone, and nobody scripted
+            tables.opponents[:] = asked.opponents[:] = 0
+        copy = deepcopy(simulator)
+        found = tables.act(simulator.view("evader"))
+        assert (found == asked.act(copy.view("evader"))).all()
+        assert np.array_equal(simulator.streams, copy.streams)
+        played.append(found)
+        actions = np.stack([found * 0, found], axis=1)
+        simulator.step(actions)
+    changed = (before != tables._tables._cumulative).any(axis=(1, 2))
+    assert changed.tolist() == [True, False, False]
+    pool.members.pop(2)  # a snapshot is dropped: the others keep their tables
+    tables.opponents[:] = asked.opponents[:] = np.arange(512) % 3
+    copy = deepcopy(simulator)
+    assert (tables.act(simulator.view("evader")) == asked.act(copy.view("evader"))).all()
 
 
 def test_pools_are_bounded_and_survive_damage(tmp_path: Path) -> None:

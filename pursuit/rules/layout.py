@@ -255,7 +255,7 @@ def scratch_for(num_cells: int, num_agents: int, num_goals: int) -> Any:
 
 def named(naming: Any, *arrays: Any) -> Any:
     """What one of the functions below returns, outside kernels: views of the arrays."""
-    return naming.py_func(*arrays)
+    return getattr(naming, "py_func", naming)(*arrays)  # itself where nothing is compiled
 
 
 # -- names for the layers --------------------------------------------------------------------------

@@ -179,6 +179,8 @@ class NetworkLearner:
         torch.autograd.backward(loss)
         nn.utils.clip_grad_norm_(self.network.parameters(), self._descent.max_grad_norm)
         self.optimizer.step()
+        # A fused step does not count as a change by itself, and tables of a policy go by that.
+        torch.autograd.graph.increment_version(self.network.parameters())
 
     def set_learning_rate(self, progress: float) -> None:
         """Anneal it."""

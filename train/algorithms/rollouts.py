@@ -131,7 +131,7 @@ class RolloutLearner(NetworkLearner):
                 frames_per_batch=settings.num_games * settings.rollout_steps,
                 total_frames=-1,
                 policy_device=device,
-                env_device="cpu",
+                env_device=str(getattr(env, "device", "cpu")),
                 storing_device=device,
                 track_traj_ids=False,
                 auto_register_policy_transforms=False,

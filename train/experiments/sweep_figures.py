@@ -64,7 +64,7 @@ def draw_curves(
     figure, axes = pyplot().subplots(
         lines,
         columns,
-        figsize=(3.4 * columns + 1.2, 2.9 * lines + 0.9),
+        figsize=(max(3.4 * columns + 1.2, 7.6), 2.9 * lines + 0.9),
         squeeze=False,
         layout="constrained",
     )
@@ -113,7 +113,7 @@ def draw_curves(
         for handle, word in zip(*axis.get_legend_handles_labels(), strict=True):
             handles.setdefault(word, handle)
     figure.legend(
-        handles.values(), handles.keys(), loc="outside right upper", frameon=False, fontsize=9
+        handles.values(), handles.keys(), loc="outside right center", frameon=False, fontsize=9
     )
     save(figure, path, formats=look.formats)
 

@@ -48,7 +48,9 @@ class Parts:
 
     def games(self) -> tuple[Any, Teacher | None]:
         """The training games as a TorchRL environment, and who teaches in them."""
-        return self.world.games(self.seat, self.hyper.num_games, self.build.seed, self.plan)
+        learner = self.algorithm.games_on_gpu and getattr(self.hyper, "recurrent", None) is None
+        device = self.build.device if learner else "cpu"
+        return self.world.games(self.seat, self.hyper.num_games, self.build.seed, self.plan, device)
 
     def contest(self, episodes: int) -> Any:
         """What it is judged by."""

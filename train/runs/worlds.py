@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
+from pursuit.device.calls import call_of
+from pursuit.maze_arrays import lay_out
 from pursuit.parallel_env import scene_of
 from pursuit.policy import Policy
 from pursuit.reacher import rendering as arm_rendering
@@ -17,6 +20,7 @@ from pursuit.single_agent import fill_seats
 from pursuit.task import Task
 from scripted_agents.environments import AGENTS
 from train.environments.arm_env import ArmEnv
+from train.environments.device_env import DeviceEnv, why_not_on_device
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
@@ -51,7 +55,7 @@ class World(Protocol):
         """What lessons are planned over."""
 
     def games(
-        self, seat: Any, num_games: int, seed: int, plan: Plan | None
+        self, seat: Any, num_games: int, seed: int, plan: Plan | None, device: str = "cpu"
     ) -> tuple[Any, Teacher | None]:
         """The training games as a TorchRL environment, and who teaches in them.
 
@@ -60,6 +64,7 @@ class World(Protocol):
             num_games: in lockstep.
             seed: of the games.
             plan: what is taught; None without a curriculum.
+            device: where the learner would have them; the CPU where they cannot be there.
         """
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> Any:
@@ -110,9 +115,13 @@ class GridWorld:
         return Ground(self.task, self.agent, self.opponents, given.opponent_epsilon, learned)
 
     def games(
-        self, seat: Seat, num_games: int, seed: int, plan: Plan | None
-    ) -> tuple[SimulatorEnv, Teacher | None]:
+        self, seat: Seat, num_games: int, seed: int, plan: Plan | None, device: str = "cpu"
+    ) -> tuple[SimulatorEnv | DeviceEnv, Teacher | None]:
         """As `World`."""
+        if device != "cpu" and plan is None and why_not_on_device(seat) is None:
+            found = games_on_gpu(seat, num_games, seed, self.opponents, device)
+            if found is not None:
+                return found, None
         simulator = Simulator(seat.task, num_games, seed, auto_restart=False)
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
         teacher = None
@@ -163,7 +172,7 @@ class ArmWorld:
         return ArmGround(self.task)
 
     def games(
-        self, seat: ArmSeat, num_games: int, seed: int, plan: Plan | None
+        self, seat: ArmSeat, num_games: int, seed: int, plan: Plan | None, device: str = "cpu"
     ) -> tuple[ArmEnv, Teacher | None]:
         """As `World`."""
         simulator = ReacherSimulator(seat.task, num_games, seed, auto_restart=False)
@@ -181,6 +190,22 @@ class ArmWorld:
         arm.seed_starts(None, seed)
         arm.reset()
         return arm_rendering.scene_to_text(arm_rendering.scene_of(arm))
+
+
+def games_on_gpu(
+    seat: Seat, num_games: int, seed: int, opponents: dict[str, Policy], device: str
+) -> DeviceEnv | None:
+    """The training games on a GPU; None, and a warning, where an opponent does not play there."""
+    _, policies = fill_seats(seat.task, seat.agent, opponents)
+    try:
+        for number, policy in enumerate(policies):
+            if policy is not None:
+                call_of(policy, seat.task, number, lay_out(seat.task.mazes))
+        simulator: Any = Simulator(seat.task, num_games, seed, auto_restart=False, device=device)
+    except ValueError as error:
+        warnings.warn(f"the games stay on the CPU: {error}", stacklevel=2)
+        return None
+    return DeviceEnv(simulator, seat, policies)
 
 
 def world_of(settings: AnyTask) -> World:

@@ -15,6 +15,7 @@ from pursuit.policy import GameView, Policy, play
 from scripted_agents import solve_matrix_game
 from train.networks.policy import NetworkPolicy
 from train.runs.folder import MISFITS
+from train.self_play.tables import CellTables
 from train.settings.checks import check
 from train.tensors import Misfit, check_like, read_tensors, write_tensors
 
@@ -232,13 +233,19 @@ def weights(
 class PoolPolicy:
     """Fills a seat with another member of a pool in every game.
 
+    Args:
+        pool: whose members.
+        num_games: of the batch.
+        steps: how many are taken before the member that still learns changes, about.
+
     Attributes:
         opponents: [num_games] int64, the place in `pool.members` of each game's opponent.
     """
 
-    def __init__(self, pool: OpponentPool, num_games: int) -> None:
+    def __init__(self, pool: OpponentPool, num_games: int, steps: int = 1) -> None:
         self.pool = pool
         self.opponents = np.zeros(num_games, dtype=np.int64)
+        self._tables = CellTables(num_games * steps)
 
     def remembering(self) -> dict[str, Any]:
         """The members that remember, by name."""
@@ -246,18 +253,31 @@ class PoolPolicy:
         return {name: policy for name, policy in policies.items() if hasattr(policy, "memory")}
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32; one forward pass for every distinct opponent."""
+        """[num_games] int32: drawn from tables where they can be had (see `CellTables`), else one
+        forward pass for every distinct opponent."""
+        policies = [member.policy for member in self.pool.members]
+        places = self._tables.places(policies, view.task)
         present = np.flatnonzero(np.bincount(self.opponents))
         if len(present) == 1:
-            return play(self.pool.members[int(present[0])].policy, view)
+            policy = policies[present[0]]
+            if places[present[0]] < 0:
+                return play(policy, view)
+            assert isinstance(policy, NetworkPolicy)
+            draws = np.zeros(view.num_games) if policy.greedy else view.uniform()
+            return self._tables.draw(places[self.opponents], view, slice(None), draws)
+        draws = view.uniform()
+        if (places[present] >= 0).all():
+            return self._tables.draw(places[self.opponents], view, slice(None), draws)
         actions = np.empty(view.num_games, dtype=np.int32)
         order = np.argsort(self.opponents, kind="stable")
-        bounds = np.searchsorted(self.opponents[order], [*present, len(self.pool.members)])
+        bounds = np.searchsorted(self.opponents[order], [*present, len(policies)])
         observed: dict[str, NDArray[Any]] = {}
-        draws = view.uniform()
         for place, first, last in zip(present, bounds, bounds[1:], strict=False):
-            games, policy = order[first:last], self.pool.members[int(place)].policy
-            if isinstance(policy, NetworkPolicy):
+            games, policy = order[first:last], policies[place]
+            if places[place] >= 0:
+                which = places[self.opponents[games]]
+                actions[games] = self._tables.draw(which, view, games, draws[games])
+            elif isinstance(policy, NetworkPolicy):
                 if policy.encoding not in observed:
                     observed[policy.encoding] = view.observe(policy.encoding)
                 seen = observed[policy.encoding][games]

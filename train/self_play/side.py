@@ -30,6 +30,7 @@ class Opponents(EpisodeHook):
         role: of the learner.
         discount: of the scores.
         seed: of the drawing.
+        steps: between two changes of an opponent that learns as well, about.
 
     Attributes:
         policy: fills the other seats; its `opponents` says who plays in which game.
@@ -37,11 +38,13 @@ class Opponents(EpisodeHook):
         rng: what draws them.
     """
 
-    def __init__(self, simulator: Simulator, role: str, discount: float, seed: int) -> None:
+    def __init__(
+        self, simulator: Simulator, role: str, discount: float, seed: int, steps: int = 1
+    ) -> None:
         super().__init__()
         self.simulator, self.role, self.discount = simulator, role, discount
         nobody: Any = None  # the pool, once both sides stand
-        self.policy = PoolPolicy(nobody, simulator.num_games)
+        self.policy = PoolPolicy(nobody, simulator.num_games, steps)
         self.rng = np.random.default_rng(seed)
         self.shares: NDArray[np.float64] = np.ones(1)
 
@@ -110,7 +113,11 @@ class Side:
             task, games, parts.build.seed, first_game=number * 2**20, auto_restart=False
         )
         self.opponents = Opponents(
-            self.simulator, role, parts.discount, 2 * parts.build.seed + number
+            self.simulator,
+            role,
+            parts.discount,
+            2 * parts.build.seed + number,
+            getattr(parts.hyper, "rollout_steps", 1),
         )
         policies: list[Policy | None] = [
             None if other == role else self.opponents.policy for other in task.seat_roles

@@ -1,0 +1,116 @@
+"""Opponents as tables: what networks play in every pair of cells, asked once and not in every step.
+
+In a duel a network that sees cells only is a function of two cells. A snapshot never changes, and
+the latest opponent not before it learns again: so a rollout of thousands of frames asks each once,
+on all pairs of cells, and draws from what they said. The probabilities are those of the network in
+each game up to the last bits, in which matrix products of other sizes differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.policy import GameView, Policy
+from pursuit.task import Task
+from train.networks.policy import LearnedPolicy
+
+MAX_PAIRS = 2**16
+"""Of cells, in a table that is kept: those of 15 × 15 mazes fit, and take 2 MB."""
+
+
+class CellTables:
+    """The tables of the members of a pool.
+
+    Args:
+        worth: pairs of cells at most that an opponent which still learns is asked for between two
+            changes of its weights: the frames of a rollout.
+    """
+
+    def __init__(self, worth: int) -> None:
+        self.worth = worth
+        self._kept: dict[int, tuple[Policy, int]] = {}  # by identity: the policy, and its place
+        self._known: dict[int, int] = {}  # the version of the weights in the table of each place
+        self._cumulative = np.empty((0, 0, 0))
+        self._key: tuple[int, ...] = ()
+        self._members: list[Policy] = []  # held, so that no other takes the identity of one
+        self._places = np.zeros(0, dtype=np.int64)
+
+    def places(self, policies: Sequence[Policy], task: Task) -> NDArray[np.int64]:
+        """[policies] which table is whose, all up to date; -1 where there is none.
+
+        Args:
+            policies: the members; all but the first never change.
+            task: of the games; a duel in one maze, or there are no tables.
+        """
+        key = tuple(map(id, policies))
+        if key != self._key:
+            self._places = self._place(policies, task)
+            self._key, self._members = key, list(policies)
+        elif len(key) and self._places[0] >= 0:
+            self._refresh(int(self._places[0]), policies[0], task)
+        return self._places
+
+    def draw(
+        self, places: NDArray[np.int64], view: GameView, games: Any, draws: NDArray[np.float64]
+    ) -> NDArray[np.int32]:
+        """[n] int32, the actions in some games of a view.
+
+        Args:
+            places: [n] of the table for each.
+            view: all games.
+            games: which n of them these are: indices or a slice.
+            draws: [n] in [0, 1).
+        """
+        cells = view.positions[games]
+        pairs = cells[:, view.seat] * np.int64(view.task.mazes[0].num_cells)
+        chances = self._cumulative[places, pairs + cells[:, 1 - view.seat]]
+        scaled = draws[:, None] * chances[:, -1:]
+        actions: NDArray[np.int32] = (scaled >= chances).sum(axis=1, dtype=np.int32)
+        return np.minimum(actions, np.int32(chances.shape[1] - 1))
+
+    def _place(self, policies: Sequence[Policy], task: Task) -> NDArray[np.int64]:
+        """[policies]: those that are new get a table, those that are gone make room."""
+        found = np.full(len(policies), -1)
+        if not task.is_duel or len(task.mazes) != 1:
+            return found
+        maze, pairs = task.mazes[0], task.mazes[0].num_cells ** 2
+        here = {id(policy) for policy in policies}
+        self._kept = {name: kept for name, kept in self._kept.items() if name in here}
+        taken = {place for _, place in self._kept.values()}
+        self._known = {place: known for place, known in self._known.items() if place in taken}
+        for number, policy in enumerate(policies):
+            most = MAX_PAIRS if number else min(self.worth, MAX_PAIRS)
+            if not isinstance(policy, LearnedPolicy) or pairs > most:
+                continue
+            own = policy.task
+            if not (own.is_duel and own.stay_action == task.stay_action and policy.plays_in(maze)):
+                continue
+            if id(policy) not in self._kept:
+                place = min(set(range(len(taken) + 1)) - taken)
+                taken.add(place)
+                self._kept[id(policy)] = policy, place
+            found[number] = self._kept[id(policy)][1]
+        rooms = 1 + max(taken, default=-1)
+        if rooms > len(self._cumulative):
+            larger = np.zeros((rooms, pairs, task.num_actions))
+            if len(self._cumulative):
+                larger[: len(self._cumulative)] = self._cumulative
+            self._cumulative = larger
+        for policy, place in zip(policies, found.tolist(), strict=True):
+            if place >= 0:
+                self._refresh(place, policy, task)
+        return found
+
+    def _refresh(self, place: int, policy: Policy, task: Task) -> None:
+        """Ask the network anew if its weights have changed since: torch counts what is written."""
+        assert isinstance(policy, LearnedPolicy)
+        version = sum(weights._version for weights in policy.network.parameters())
+        if self._known.get(place) != version:
+            table = policy.action_probabilities(task.mazes[0], task.stay_action)
+            flat = table.reshape(-1, table.shape[-1])
+            np.cumsum(flat, axis=1, out=self._cumulative[place])
+            self._known[place] = version
