@@ -31,7 +31,9 @@ CHASER, EVADER = AStarChaser(0.2), AStarEvader(0.3, alert_distance=4)
 RUNNER = NearestGoalRunner(0.1)
 RANDOM = RandomAgent()
 ROLES = {"chaser": CHASER, "evader": EVADER, "runner": RUNNER}
-PARTS = Maze.from_text("+-+-+-+\n|   | |\n+ + + +\n|   | |\n+ + + +\n|   |#|\n+-+-+-+")
+PARTS = Maze.from_text(
+    "+-+-+-+-+\n|     | |\n+ + + + +\n|     | |\n+ + + + +\n|     |#|\n+-+-+-+-+"
+)
 CROWD = generate_maze("prim", 7, loops=0.3, seed=4)
 
 
