@@ -42,6 +42,7 @@ seeds = [0, 1]
 task = "maze"
 maze = "3x3"
 frames = 6000
+max_steps = 40
 num_games = 32
 minibatch_size = 128
 
