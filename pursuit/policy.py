@@ -153,7 +153,11 @@ def places_of_agents(task: Task) -> Games:
 
 
 class Policy(Protocol):
-    """Whoever fills a seat: scripted, exact or learned."""
+    """Whoever fills a seat: scripted, exact or learned.
+
+    One that fills many seats may besides have `act_together(view, seats, actions)`, which is called
+    once for all of them (see `play_all`); `view` is that of the first.
+    """
 
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game.

@@ -145,9 +145,8 @@ def meet(games: Games, game: int, chaser: int, evader: int, rules: Rules, plan: 
 def decide_captures(games: Games, game: int, rules: Rules, plan: Plan) -> int:
     """Count the captors of every evader and list who is captured; how many are.
 
-    Where the chasers move first, whoever they reach moves no more. Every pair is asked: without
-    branches these are a few instructions for eight pairs, and lists by cell were no quicker for 50
-    against 50.
+    Where the chasers move first, whoever they reach moves no more. Every pair is asked, without
+    branches: lists by cell were no quicker for 50 against 50.
     """
     captures = 0
     for evader in evaders_of(rules.teams):
