@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,19 +42,44 @@ class Scripted:
     def __repr__(self) -> str:
         return f"{type(self).__name__}(epsilon={self.epsilon:g})"
 
+    def __init_subclass__(cls) -> None:
+        own_way = cls.act is not Scripted.act  # its own, or of whatever else it inherits
+        if own_way and cls.act_together is Scripted.act_together:
+            cls.act_together = None  # type: ignore[assignment]  # nobody else knows that way
+
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game; random numbers from the seat's stream."""
+        actions = np.empty((view.num_games, 1), dtype=np.int32)
+        self._fill(view, _numbers((view.seat,)), _numbers((0,)), actions)
+        return actions[:, 0]
+
+    def act_together(
+        self, view: GameView, seats: tuple[int, ...], actions: NDArray[np.int32]
+    ) -> None:
+        """Write into `actions` [num_games, num_agents] what `act` would do in each of `seats`.
+
+        In one pass over the games, and with one look at whom they all seek.
+        """
+        self._fill(view, _numbers(seats), _numbers(seats), actions)
+
+    def _fill(
+        self,
+        view: GameView,
+        seats: NDArray[np.int64],
+        columns: NDArray[np.int64],
+        actions: NDArray[np.int32],
+    ) -> None:
+        """Write into these columns of `actions` what the agents in `seats` do."""
         task = view.task
         room = max(task.max_cells, task.num_agents, task.num_goals)
         if room > self._scratch.shape[1]:
             self._scratch = _scratch_for(room)
-        actions = np.empty(view.num_games, dtype=np.int32)
-        kernels.choose_actions(
-            self.kind,
+        kernels.ENTRIES[self.kind](
             *view.games,
             view.streams,
             view.epsilon,
-            view.seat,
+            seats,
+            columns,
             (task.num_chasers, task.num_evaders, task.num_runners, task.num_goals),
             *view.mazes,
             self._greedy_table(view.mazes, task.stay_action),
@@ -60,17 +87,17 @@ class Scripted:
             self._settings(task.stay_action),
             actions,
         )
-        return actions
 
     def on_device(self, task: Task, seat: int, mazes: MazeArrays) -> Call:
         """The same on a GPU: the kernel, and what it is given."""
         given = {
-            "kind": self.kind,
+            "seats": _numbers((seat,)),
+            "columns": _numbers((seat,)),
             "counts": tuple(task.teams),
             "greedy": self._greedy_table(mazes, task.stay_action),
             "settings": self._settings(task.stay_action),
         }
-        return Call(kernels.choose_actions, given, work=("scripted", kernels.NUM_SCRATCH))
+        return Call(kernels.ENTRIES[self.kind], given, work=("scripted", kernels.NUM_SCRATCH))
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: the exact distribution in a game of one to one.
@@ -87,7 +114,7 @@ class Scripted:
         greedy = self._greedy_table(arrays, stay_action)
         pairs = (maze.num_cells, maze.num_cells)
         every = np.broadcast_to(arrays.world.moves[:, None], pairs)
-        masks = np.where(greedy.reshape(pairs) == 0, every, greedy.reshape(pairs))
+        masks = greedy.reshape(pairs)
         actions = 5 if stay_action else 4
         # An enclosed cell has no move: whoever is there stays, or bumps into the north wall.
         nowhere = np.eye(actions)[4 if stay_action else 0]
@@ -142,6 +169,8 @@ def greedy_moves(
 ) -> NDArray[np.uint8]:
     """The greedy moves at every [own, other], laid out as the distance tables, as bit masks.
 
+    All moves where any will do; 0 where a cell has none.
+
     Args:
         kind: of agent, as `kernels` numbers them.
         mazes: the arrays of the mazes.
@@ -157,6 +186,12 @@ def greedy_moves(
 
 def _scratch_for(room: int) -> NDArray[np.int32]:
     return np.full((kernels.NUM_SCRATCH, room), -1, dtype=np.int32)
+
+
+@lru_cache(maxsize=256)
+def _numbers(seats: tuple[int, ...]) -> NDArray[np.int64]:
+    """Seats as kernels take them."""
+    return np.array(seats, dtype=np.int64)
 
 
 class RandomAgent(Scripted):
