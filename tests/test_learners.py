@@ -158,6 +158,7 @@ def test_the_thesis_tables_are_what_the_presets_hold() -> None:
     assert isinstance(ppo, PPOSettings) and isinstance(a2c, A2CSettings)
     assert isinstance(dqn, DQNSettings)
     assert (ppo.kl_target, ppo.clip, ppo.width) == (0.01, 0.5, 256)
+    assert (dqn.exploration_frames, dqn.epsilon_end) == (10_000, 0.02)  # whatever the budget is
     arm = THESIS["thesis-reacher-ppo"]()
     assert isinstance(arm, PPOSettings) and preset_algorithm("thesis-reacher-ppo") == "ppo"
     assert (arm.critic, arm.kl_target, arm.clip, arm.width) == (False, 0.005, 0.3, 512)

@@ -131,7 +131,10 @@ class DQN(OffPolicyLearner):
     def explore(self, progress: float) -> dict[str, float]:
         """Anneal epsilon."""
         settings = self.settings
-        explored = min(progress / max(settings.exploration_share, 1e-9), 1.0)
+        explored = progress / max(settings.exploration_share, 1e-9)
+        if settings.exploration_frames is not None:
+            explored = self.frames / settings.exploration_frames
+        explored = min(explored, 1.0)
         self.explorer.epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
         return {"epsilon": self.explorer.epsilon}
 

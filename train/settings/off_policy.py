@@ -70,6 +70,8 @@ class DQNSettings(ReplaySettings):
     """Share of random actions at the end."""
     exploration_share: float = 0.3
     """Share of the budget over which epsilon is annealed."""
+    exploration_frames: int | None = None
+    """Frames over which epsilon is annealed instead, whatever the budget is."""
     double: bool = True
     """The network chooses the next action, the target network values it (van Hasselt et al.,
     2016)."""
@@ -81,6 +83,10 @@ class DQNSettings(ReplaySettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check(
+            self.exploration_frames is None or self.exploration_frames >= 1,
+            f"exploration_frames={self.exploration_frames}; at least 1, or leave it out",
+        )
         if self.recurrent is None:
             return
         check(

@@ -151,9 +151,8 @@ def thesis_a2c() -> A2CSettings:
 def thesis_dqn() -> DQNSettings:
     """The thesis' table A.4 (dueling, prioritised, 50 000 transitions), else RLlib's defaults.
 
-    RLlib: one game, a batch of 32 for every 4 frames, epsilon 1 to 0.02 over 10 000 frames (here
-    0.5 % of the budget, as budgets differ), the target network copied every 500 frames, the
-    exponent of the importance weights 0.4 throughout.
+    RLlib: one game, a batch of 32 for every 4 frames, epsilon 1 to 0.02 over 10 000 frames, the
+    target network copied every 500 frames, the exponent of the importance weights 0.4 throughout.
     """
     return DQNSettings(
         num_games=1,
@@ -168,7 +167,7 @@ def thesis_dqn() -> DQNSettings:
         gamma=0.99,
         max_grad_norm=40.0,
         epsilon_end=0.02,
-        exploration_share=0.005,
+        exploration_frames=10_000,
         double=True,
         dueling=True,
         prioritized=True,
