@@ -1,0 +1,215 @@
+"""Sweeps over all states of a game, in the order in which they can be settled, on several threads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.rules import layout
+from scripted_agents.joint_kernels import MOST_ACTIONS, settle
+from scripted_agents.joint_opponents import Others
+from scripted_agents.joint_states import JointStates, arrays_of_task
+
+TOLERANCE = 1e-10
+"""How exact a settled state is, relative to the largest value beside it."""
+
+MAX_SWEEPS = 100_000
+
+MOST_TOGETHER = 16_384
+"""States that one thread goes through before it looks for the next."""
+
+THREADED_STATES = 100_000
+"""From this number of states on a sweep is worth sharing out to threads."""
+
+MAX_THREADS = 8
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is summed up along a game.
+
+    Attributes:
+        paid: [agents], how much of what each is paid counts.
+        lasting: [agents], 1: a step counts 1 as long as any of these is free.
+        ending: what the end of the game counts.
+    """
+
+    paid: Sequence[float]
+    lasting: Sequence[int]
+    ending: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is swept over.
+
+    Attributes:
+        states: of the game.
+        deciding: the seats that decide; of the first quantity they make as little as they can.
+        others: what the other seats play, in the order of their numbers.
+        quantities: what is summed up.
+        sign: -1 to make as much of it.
+        discount: of what the next step counts.
+        only_whether: 1 for whatever is above 0.
+    """
+
+    states: JointStates
+    deciding: tuple[int, ...]
+    others: Others
+    quantities: tuple[Quantity, ...]
+    sign: float = 1.0
+    discount: float = 1.0
+    only_whether: bool = False
+
+    @property
+    def order(self) -> tuple[int, ...]:
+        """All seats, those that decide first."""
+        task = self.states.task
+        return self.deciding + tuple(s for s in range(task.num_agents) if s not in self.deciding)
+
+    def worker(self) -> tuple[Any, ...]:
+        """What `settle` is given first, with room of its own for one thread."""
+        task, number = self.states.task, len(self.quantities)
+        agents, goals = task.num_agents, task.num_goals
+        return (
+            *layout.allocate(1, agents, goals),
+            *arrays_of_task(task),
+            layout.scratch_for(task.max_cells, agents, goals),
+            *self.states.for_kernels,
+            np.array(self.order, dtype=np.int64),
+            len(self.deciding),
+            *self.others,
+            np.array([q.paid for q in self.quantities], dtype=np.float64),
+            np.array([q.lasting for q in self.quantities], dtype=np.int64),
+            np.array([q.ending for q in self.quantities], dtype=np.float64),
+            np.zeros(agents, dtype=np.int64),
+            np.zeros(agents, dtype=np.int64),
+            np.zeros(goals, dtype=np.int64),
+            np.zeros((1, agents), dtype=np.int32),
+            np.zeros((agents, MOST_ACTIONS), dtype=np.int64),
+            np.zeros(agents, dtype=np.int64),
+            np.zeros((agents, MOST_ACTIONS)),
+            np.zeros(number),
+            np.zeros(number),
+            self.sign,
+            self.discount,
+            self.only_whether,
+        )
+
+    @cached_property
+    def levels(self) -> list[NDArray[np.int64]]:
+        """[sets, 2] of each level, the first state of a set of goals and the one after its last.
+
+        What a step leads to is in the same set, or in one of an earlier level. Groups in which
+        nobody counts are left out: there is nothing to come.
+        """
+        states, found = self.states, []
+        for group, mask in enumerate(states.masks.tolist()):
+            if not self._counts(mask):
+                continue
+            begins = states.offsets[group] + states.sizes[group] * np.arange(len(states.sets) + 1)
+            bases = states.bases[1:].tolist() if states.task.num_goals else [0, 1]
+            for first, last in zip(bases, bases[1:], strict=False):
+                found.append(np.stack([begins[first:last], begins[first + 1 : last + 1]], axis=1))
+        return found
+
+    def _counts(self, mask: int) -> bool:
+        """Whether anybody who counts is free, where these evaders are."""
+        task = self.states.task
+        for agent in range(task.num_agents):
+            evader = agent - task.num_chasers
+            captured = 0 <= evader < task.num_evaders and not mask >> evader & 1
+            if not captured and any(q.paid[agent] or q.lasting[agent] for q in self.quantities):
+                return True
+        return any(q.ending and not any(q.lasting) for q in self.quantities)
+
+
+class Sweeper:
+    """Sweeps over a problem, with its threads; a context manager.
+
+    Args:
+        problem: what is swept over.
+        values: [states, quantities] float64, where it begins.
+        choice: [states] int16, which gets the joint actions of those who decide.
+    """
+
+    def __init__(
+        self, problem: Problem, values: NDArray[np.float64], choice: NDArray[np.int16]
+    ) -> None:
+        self.problem, self.values, self.choice = problem, values, choice
+        threads = 1
+        if len(values) >= THREADED_STATES:
+            threads = min(os.cpu_count() or 1, MAX_THREADS)
+        self._workers = [problem.worker() for _ in range(threads)]
+        self._pool = ThreadPoolExecutor(threads)
+
+    def __enter__(self) -> Sweeper:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self._pool.shutdown()
+
+    def settle(self) -> bool:
+        """Sweep until the values stay as they are, level after level; whether they do."""
+        return all(
+            self._run(level, self.values, MAX_SWEEPS)[1] == 0 for level in self.problem.levels
+        )
+
+    def steps(self, horizon: int) -> Iterator[int]:
+        """One step further back at every turn, until the horizon, or until nothing changes.
+
+        `values` and `choice` are those of so many steps then.
+        """
+        levels = self.problem.levels
+        parts = [_cut(level) for level in levels]
+        moving = [np.ones(len(level), dtype=bool) for level in levels]
+        target = self.values.copy()
+        for step in range(1, horizon + 1):
+            settled = True  # all earlier levels are
+            for level, (segments, of) in enumerate(parts):
+                going = moving[level]
+                if not going.any():
+                    continue
+                mine = going[of]
+                changes, _ = self._run(segments[mine], target, 1)
+                if settled:
+                    still = np.zeros(len(going), dtype=bool)
+                    np.logical_or.at(still, of[mine], changes > 0.0)
+                    moving[level] = still
+                settled &= not moving[level].any()
+            self.values, target = target, self.values
+            yield step
+            if not any(going.any() for going in moving):
+                return
+
+    def _run(
+        self, segments: NDArray[np.int64], target: NDArray[np.float64], most: int
+    ) -> tuple[NDArray[np.float64], int]:
+        """The last change of each segment, and how many have not settled."""
+        changes = np.zeros(len(segments))
+        bounds = [len(segments) * i // len(self._workers) for i in range(len(self._workers) + 1)]
+
+        def part(number: int) -> int:
+            some = slice(bounds[number], bounds[number + 1])
+            arrays = (self.values, target, self.choice, segments[some], changes[some])
+            return int(settle(*self._workers[number], *arrays, most, TOLERANCE))
+
+        return changes, sum(self._pool.map(part, range(len(self._workers))))
+
+
+def _cut(level: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """[parts, 2] the sets of a level in parts of at most MOST_TOGETHER states, and of which set
+    each is [parts]."""
+    size = int(level[0, 1] - level[0, 0])
+    pieces = -(-size // MOST_TOGETHER)
+    ends = np.array([size * i // pieces for i in range(pieces + 1)])
+    begins = level[:, :1] + ends[None]
+    parts = np.stack([begins[:, :-1].ravel(), begins[:, 1:].ravel()], axis=1)
+    return parts, np.repeat(np.arange(len(level)), pieces)
