@@ -107,20 +107,6 @@ class Room(NamedTuple):
     best: Any
 
 
-class Stage(NamedTuple):
-    """All that one state is backed up with."""
-
-    games: Games
-    rules: Rules
-    world: World
-    plan: Plan
-    outcome: Outcome
-    numbering: Numbering
-    players: Players
-    quantities: Quantities
-    room: Room
-
-
 # -- numbers ---------------------------------------------------------------------------------------
 
 
@@ -272,10 +258,12 @@ def list_options(rules: Rules, world: World, players: Players, state: int, room:
 
 
 @inlined
-def back_up(stage: Stage, state: int, values: Any, sign: float, discount: float) -> int:
+def back_up(
+    games: Games, rules: Rules, world: World, plan: Plan, outcome: Outcome, numbering: Numbering,
+    players: Players, quantities: Quantities, room: Room, state: int, values: Any, sign: float,
+    discount: float,
+) -> int:  # fmt: skip
     """Fill `room.best` with what a state is worth by what follows it; the joint action chosen."""
-    games, rules, world, room = stage.games, stage.rules, stage.world, stage.room
-    players, quantities, outcome = stage.players, stage.quantities, stage.outcome
     teams, deciding = rules.teams, players.deciding
     agents, cells = players.order.shape[0], np.int64(world.num_cells[0])
     for agent in agents_of(teams):
@@ -311,10 +299,10 @@ def back_up(stage: Stage, state: int, values: Any, sign: float, discount: float)
                 room.actions[0, seat] = room.option[seat, option]
                 chance *= room.chance[seat, option]
             put_back(games, rules, room)
-            ended = step(games, 0, room.actions, rules, world, stage.plan, outcome) == TERMINATED
+            ended = step(games, 0, room.actions, rules, world, plan, outcome) == TERMINATED
             following = np.int64(-1)
             if not ended:
-                following = number_of(games, 0, teams, cells, stage.numbering)
+                following = number_of(games, 0, teams, cells, numbering)
             for q in range(room.sums.shape[0]):
                 worth = quantities.ending[q] if ended else discount * values[following, q]
                 for agent in range(agents):
@@ -360,10 +348,8 @@ def settle(
     world = world_of(mazes, neighbors, facts, tables)
     numbering = Numbering(masks, offsets, sizes, group_of, sets, binomials, bases)
     room = Room(cells_, active, goals_, actions, option, many, chance, sums, best)
-    stage = Stage(
-        games, rules, world, plan_of(scratch), outcome_of(memory), numbering,
-        Players(order, deciding, codes, rows), Quantities(paid, lasting, ending), room,
-    )  # fmt: skip
+    players, quantities = Players(order, deciding, codes, rows), Quantities(paid, lasting, ending)
+    outcome, plan = outcome_of(memory), plan_of(scratch)
     cells, unsettled = np.int64(world.num_cells[0]), 0
     for segment in range(segments.shape[0]):
         before, past, now, done = 0.0, 1.0, 0.0, False
@@ -374,7 +360,10 @@ def settle(
                 put(games, 0, state, group, rules.teams, cells, numbering)
                 if not can_be(games, 0, rules.teams):
                     continue
-                choice[state] = back_up(stage, state, values, sign, discount)
+                choice[state] = back_up(
+                    games, rules, world, plan, outcome, numbering, players, quantities, room, state,
+                    values, sign, discount,
+                )  # fmt: skip
                 for q in range(best.shape[0]):
                     worth = best[q]
                     if only_whether:

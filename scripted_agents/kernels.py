@@ -312,25 +312,21 @@ def list_moves(
     facts: Any,
     tables: Any,
     greedy: Any,
-    scratch: Any,
-    settings: Any,
+    alert: int,
     moves: Any,
 ) -> None:
     """Fill `moves` [games, 2] with the masks that `choose_actions` draws from: greedy, and every.
 
-    Arguments are the same as there.
+    Arguments are the same as there; all mazes have tables.
     """
     chasers, evaders, runners, goals = counts
-    limit = np.int64(settings[1] if kind == EVADER else FAR)
+    limit = np.int64(alert if kind == EVADER else FAR)
     games = Games(position, active, event, goal, steps, maze_of)
     teams = Teams(chasers, evaders, runners, goals)
     world = world_of(mazes, neighbors, facts, tables)
     for game in range(moves.shape[0]):
         maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
-        if has_table(world, maze):
-            mask = nearest_by_table(kind, games, game, own, limit, teams, world, greedy)
-        else:
-            mask = nearest_by_search(kind, games, game, own, teams, world, scratch, settings)
+        mask = nearest_by_table(kind, games, game, own, limit, teams, world, greedy)
         every = legal_moves(world, maze, own)
         moves[game, 0], moves[game, 1] = mask if mask != 0 else every, every
 

@@ -96,8 +96,12 @@ class Scripted:
         moves, and all that change the cell.
 
         Raises:
-            ValueError: another role's seat.
+            ValueError: another role's seat, or a maze that has too many cells for a table.
         """
+        if task.max_cells > MAX_TABLE_CELLS:
+            raise ValueError(
+                f"a maze of {task.max_cells} cells; moves are known up to {MAX_TABLE_CELLS}"
+            )
         role = task.seat_roles[seat]
         own = getattr(self, "role", role)
         if own != role and not (own == "runner" and role == "evader" and task.num_goals):
@@ -113,8 +117,7 @@ class Scripted:
             tuple(task.teams),
             *mazes,
             self._greedy_table(mazes, task.stay_action),
-            _scratch_for(max(task.max_cells, task.num_agents, task.num_goals)),
-            self._settings(task.stay_action),
+            self.alert_distance,
             moves,
         )
         return moves
