@@ -243,9 +243,7 @@ def _check_end(problem: Problem, counts: list[int], for_all: bool) -> None:
     states, task = problem.states, problem.states.task
     ending = Quantity([0] * task.num_agents, [0] * task.num_agents, 1.0)
     sign = 1.0 if for_all else -1.0
-    question = Problem(
-        states, problem.deciding, problem.others, (ending,), sign, only_whether=True
-    )
+    question = Problem(states, problem.deciding, problem.others, (ending,), sign, only_whether=True)
     over = np.zeros(states.count, dtype=bool)
     for group, mask in enumerate(states.masks.tolist()):  # nobody who counts is free
         free = [

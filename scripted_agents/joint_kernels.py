@@ -15,35 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pursuit.compiled import compiled, inlined, subroutine
-from pursuit.rules.layout import (
-    TERMINATED,
-    Games,
-    Memory,
-    Outcome,
-    Plan,
-    Rules,
-    Teams,
-    World,
-    agents_of,
-    chasers_of,
-    collectors_of,
-    evaders_of,
-    games_of,
-    goals_of,
-    outcome_of,
-    plan_of,
-    rules_of,
-    runners_of,
-    teams_of,
-    world_of,
-)  # fmt: skip
+from pursuit.rules import layout
+from pursuit.rules.layout import Games, Outcome, Plan, Rules, Teams, World
 from pursuit.rules.step import step
 
 TIE = 1e-12
 """Difference, relative to the value, below which two actions count as equally good."""
-
-WINDOW = 9
-"""How many changes in a row tell the rate at which they shrink."""
 
 MOST_ACTIONS = 5
 
@@ -88,6 +65,26 @@ class Quantities(NamedTuple):
     ending: Any
 
 
+class Store(NamedTuple):
+    """What follows each state, kept so that later sweeps need not step; filled where `filling`.
+
+    A state with `shape` (ours, theirs) of joint actions has room in `following` from `pairs` on and
+    in `sides` and `joints` from `edges` on: the next state of each pair, -1 for the end; what ours
+    are worth at once, [ours, Q]; the chances of theirs.
+
+    pairs, edges: [states + 1] int64; shape: [states, 2] uint8; following: int32; sides: float64;
+    joints: int16.
+    """
+
+    filling: bool
+    pairs: Any
+    edges: Any
+    shape: Any
+    following: Any
+    sides: Any
+    joints: Any
+
+
 class Room(NamedTuple):
     """Room for one state at a time: what stands in it, and what everybody may do.
 
@@ -114,13 +111,13 @@ class Room(NamedTuple):
 def number_of(games: Games, game: int, teams: Teams, cells: int, numbering: Numbering) -> int:
     """The number of what stands in a game; -1 where it is over."""
     mask, place = 0, 0
-    for chaser in chasers_of(teams):
+    for chaser in layout.chasers_of(teams):
         place = place * cells + games.position[game, chaser]
-    for evader in evaders_of(teams):
+    for evader in layout.evaders_of(teams):
         if games.active[game, evader]:
             mask |= 1 << (evader - teams.chasers)
             place = place * cells + games.position[game, evader]
-    for runner in runners_of(teams):
+    for runner in layout.runners_of(teams):
         place = place * cells + games.position[game, runner]
     group = numbering.group_of[mask]
     if group < 0:
@@ -128,11 +125,11 @@ def number_of(games: Games, game: int, teams: Teams, cells: int, numbering: Numb
     goals = 0
     if teams.goals > 0:
         left = 0
-        for goal in goals_of(teams):
+        for goal in layout.goals_of(teams):
             cell = games.goal[game, goal]
             if cell >= 0:
                 rank = 1
-                for other in goals_of(teams):
+                for other in layout.goals_of(teams):
                     rank += (games.goal[game, other] >= 0) & (games.goal[game, other] < cell)
                 goals += numbering.binomials[cell, rank]
                 left += 1
@@ -161,10 +158,10 @@ def put(
         if free:
             games.position[game, agent] = rest % cells
             rest //= cells
-    for evader in evaders_of(teams):
+    for evader in layout.evaders_of(teams):
         if not games.active[game, evader]:
             games.position[game, evader] = games.position[game, 0]
-    for goal in goals_of(teams):
+    for goal in layout.goals_of(teams):
         games.goal[game, goal] = numbering.sets[goals, goal]
     games.steps[game] = 0
     games.maze[game] = 0
@@ -173,14 +170,14 @@ def put(
 @inlined
 def can_be(games: Games, game: int, teams: Teams) -> bool:
     """Whether a state can stand between two steps: nobody is about to be caught, or on a goal."""
-    for evader in evaders_of(teams):
-        for chaser in chasers_of(teams):
+    for evader in layout.evaders_of(teams):
+        for chaser in layout.chasers_of(teams):
             here = games.position[game, chaser] == games.position[game, evader]
             if here and games.active[game, evader]:
                 return False
-    for goal in goals_of(teams):
+    for goal in layout.goals_of(teams):
         cell = games.goal[game, goal]
-        for agent in collectors_of(teams):
+        for agent in layout.collectors_of(teams):
             if cell >= 0 and games.active[game, agent] and games.position[game, agent] == cell:
                 return False
     return True
@@ -216,10 +213,10 @@ def fill_games(
 @inlined
 def put_back(games: Games, rules: Rules, room: Room) -> None:
     """The game as it was before the step."""
-    for agent in agents_of(rules.teams):
+    for agent in layout.agents_of(rules.teams):
         games.position[0, agent] = room.cells[agent]
         games.active[0, agent] = room.active[agent]
-    for goal in goals_of(rules.teams):
+    for goal in layout.goals_of(rules.teams):
         games.goal[0, goal] = room.goals[goal]
     games.steps[0] = 0
 
@@ -260,16 +257,16 @@ def list_options(rules: Rules, world: World, players: Players, state: int, room:
 @inlined
 def back_up(
     games: Games, rules: Rules, world: World, plan: Plan, outcome: Outcome, numbering: Numbering,
-    players: Players, quantities: Quantities, room: Room, state: int, values: Any, sign: float,
-    discount: float,
+    players: Players, quantities: Quantities, room: Room, store: Store, state: int, values: Any,
+    sign: float, discount: float,
 ) -> int:  # fmt: skip
     """Fill `room.best` with what a state is worth by what follows it; the joint action chosen."""
     teams, deciding = rules.teams, players.deciding
     agents, cells = players.order.shape[0], np.int64(world.num_cells[0])
-    for agent in agents_of(teams):
+    for agent in layout.agents_of(teams):
         room.cells[agent] = games.position[0, agent]
         room.active[agent] = games.active[0, agent]
-    for goal in goals_of(teams):
+    for goal in layout.goals_of(teams):
         room.goals[goal] = games.goal[0, goal]
     list_options(rules, world, players, state, room)
     ours, theirs = 1, 1
@@ -278,7 +275,12 @@ def back_up(
             ours *= room.many[players.order[at]]
         else:
             theirs *= room.many[players.order[at]]
-    chosen, bound, least = 0, np.inf, np.inf
+    chosen, bound, least, edge = 0, np.inf, np.inf, np.int64(0)
+    if store.filling:
+        edge = store.edges[state]
+        store.shape[state, 0], store.shape[state, 1] = ours, theirs
+        for own in range(ours * room.sums.shape[0]):
+            store.sides[edge + own] = 0.0
     for own in range(ours):
         rest, joint, scale = own, 0, 1
         for back in range(deciding):
@@ -299,15 +301,24 @@ def back_up(
                 room.actions[0, seat] = room.option[seat, option]
                 chance *= room.chance[seat, option]
             put_back(games, rules, room)
-            ended = step(games, 0, room.actions, rules, world, plan, outcome) == TERMINATED
+            ended = step(games, 0, room.actions, rules, world, plan, outcome) == layout.TERMINATED
             following = np.int64(-1)
             if not ended:
                 following = number_of(games, 0, teams, cells, numbering)
             for q in range(room.sums.shape[0]):
-                worth = quantities.ending[q] if ended else discount * values[following, q]
+                worth = quantities.ending[q] if ended else 0.0
                 for agent in range(agents):
                     worth += quantities.paid[q, agent] * outcome.rewards[0, agent]
+                if store.filling:
+                    store.sides[edge + own * room.sums.shape[0] + q] += chance * worth
+                if not ended:
+                    worth += discount * values[following, q]
                 room.sums[q] += chance * worth
+            if store.filling:
+                store.following[store.pairs[state] + own * theirs + other] = following
+                store.sides[edge + ours * room.sums.shape[0] + other] = chance
+        if store.filling:
+            store.joints[edge + own] = joint
         first = sign * room.sums[0]
         if first < bound:
             bound, chosen = first - TIE * max(1.0, abs(first)), joint
@@ -320,6 +331,9 @@ def back_up(
         for agent in range(agents):
             lasts |= quantities.lasting[q, agent] & room.active[agent]
         room.best[q] += lasts
+        if store.filling:
+            for own in range(ours):
+                store.sides[edge + own * room.sums.shape[0] + q] += lasts
     return chosen
 
 
@@ -327,62 +341,46 @@ def back_up(
 
 
 @compiled
-def settle(
+def sweep(
     agents: Any, goals: Any, clocks: Any, coming: Any, reals: Any, flags: Any, rewards: Any,
     streams: Any, numbers: Any, pay: Any, mazes: Any, neighbors: Any, facts: Any, tables: Any,
     scratch: Any, masks: Any, offsets: Any, sizes: Any, group_of: Any, sets: Any, binomials: Any,
     bases: Any, order: Any, deciding: int, codes: Any, rows: Any, paid: Any, lasting: Any,
     ending: Any, cells_: Any, active: Any, goals_: Any, actions: Any, option: Any, many: Any,
     chance: Any, sums: Any, best: Any, sign: float, discount: float, only_whether: bool,
-    values: Any, target: Any, choice: Any, segments: Any, changes: Any, most: int, tolerance: float,
-) -> int:  # fmt: skip
-    """Sweep over each of `segments` [n, 2] (first state, and the one after the last) by itself.
+    filling: bool, pairs: Any, edges: Any, shape: Any, following: Any, sides: Any, joints: Any,
+    values: Any, target: Any, choice: Any, segments: Any, changes: Any,
+) -> None:  # fmt: skip
+    """Back up all states of `segments` [n, 2] (first state, and the one after the last) once.
 
-    Where `target` is `values`, until the segment is settled, to about `tolerance` of its largest
-    value, in at most `most` sweeps; with another `target` once. `only_whether` makes 1 of all that
-    is above 0. `choice` [states] gets the joint action; `changes` [n] the last change of each.
-    How many segments have not settled.
+    `target` may be `values`. `only_whether` makes 1 of all that is above 0. `choice` [states] gets
+    the joint actions; `changes` [n, 2] the largest change of each segment, and the largest value.
     """
-    memory = Memory(agents, goals, clocks, coming, reals, flags, rewards, streams)
-    games, rules = games_of(memory), rules_of(teams_of(numbers), numbers, pay)
-    world = world_of(mazes, neighbors, facts, tables)
+    memory = layout.Memory(agents, goals, clocks, coming, reals, flags, rewards, streams)
+    games, rules = layout.games_of(memory), layout.rules_of(layout.teams_of(numbers), numbers, pay)
+    world = layout.world_of(mazes, neighbors, facts, tables)
     numbering = Numbering(masks, offsets, sizes, group_of, sets, binomials, bases)
     room = Room(cells_, active, goals_, actions, option, many, chance, sums, best)
     players, quantities = Players(order, deciding, codes, rows), Quantities(paid, lasting, ending)
-    outcome, plan = outcome_of(memory), plan_of(scratch)
-    cells, unsettled = np.int64(world.num_cells[0]), 0
+    store = Store(filling, pairs, edges, shape, following, sides, joints)
+    outcome, plan = layout.outcome_of(memory), layout.plan_of(scratch)
+    cells = np.int64(world.num_cells[0])
     for segment in range(segments.shape[0]):
-        before, past, now, done = 0.0, 1.0, 0.0, False
-        for sweep in range(most):
-            group, change, largest = 0, 0.0, 1.0
-            for state in range(segments[segment, 0], segments[segment, 1]):
-                group = group_at(state, group, numbering)
-                put(games, 0, state, group, rules.teams, cells, numbering)
-                if not can_be(games, 0, rules.teams):
-                    continue
-                choice[state] = back_up(
-                    games, rules, world, plan, outcome, numbering, players, quantities, room, state,
-                    values, sign, discount,
-                )  # fmt: skip
-                for q in range(best.shape[0]):
-                    worth = best[q]
-                    if only_whether:
-                        worth = 1.0 if worth > 0.0 else 0.0
-                    change = max(change, abs(worth - values[state, q]))
-                    largest = max(largest, abs(worth))
-                    target[state, q] = worth
-            changes[segment] = change
-            # The changes to come are about a geometric series; the rate is that of two windows.
-            now = max(now, change / before if before > 0.0 else 0.0)
-            rate, before = max(past, now), change
-            if sweep % WINDOW == WINDOW - 1:
-                past, now = now, 0.0
-            done = change <= 1e-15 * largest
-            if discount < 1.0:
-                done |= change * discount <= (1.0 - discount) * tolerance * largest
-            elif rate < 1.0:
-                done |= change * rate <= (1.0 - rate) * tolerance * largest
-            if done:
-                break
-        unsettled += not done
-    return unsettled
+        group, change, largest = 0, 0.0, 0.0
+        for state in range(segments[segment, 0], segments[segment, 1]):
+            group = group_at(state, group, numbering)
+            put(games, 0, state, group, rules.teams, cells, numbering)
+            if not can_be(games, 0, rules.teams):
+                continue
+            choice[state] = back_up(
+                games, rules, world, plan, outcome, numbering, players, quantities, room, store,
+                state, values, sign, discount,
+            )  # fmt: skip
+            for q in range(best.shape[0]):
+                worth = best[q]
+                if only_whether:
+                    worth = 1.0 if worth > 0.0 else 0.0
+                change = max(change, abs(worth - values[state, q]))
+                largest = max(largest, abs(worth))
+                target[state, q] = worth
+        changes[segment, 0], changes[segment, 1] = change, largest

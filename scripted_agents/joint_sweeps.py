@@ -13,9 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.rules import layout
-from scripted_agents.joint_kernels import MOST_ACTIONS, settle
+from scripted_agents.joint_kernels import MOST_ACTIONS, sweep
 from scripted_agents.joint_opponents import Others
 from scripted_agents.joint_states import JointStates, arrays_of_task
+from scripted_agents.joint_stored_kernels import sweep_stored
+
+SAME = 1e-14
+"""Change, relative to the largest value, below which one more step back changes nothing."""
+
+WINDOW = 9
+"""How many changes in a row tell the rate at which they shrink."""
+
+MAX_STORE_BYTES = 2 * 10**9
+"""Bound on what is kept of the steps that follow each state."""
 
 TOLERANCE = 1e-10
 """How exact a settled state is, relative to the largest value beside it."""
@@ -23,7 +33,7 @@ TOLERANCE = 1e-10
 MAX_SWEEPS = 100_000
 
 MOST_TOGETHER = 16_384
-"""States that one thread goes through before it looks for the next."""
+"""States of one part of a sweep: the parts are shared out to threads."""
 
 THREADED_STATES = 100_000
 """From this number of states on a sweep is worth sharing out to threads."""
@@ -138,10 +148,16 @@ class Sweeper:
         problem: what is swept over.
         values: [states, quantities] float64, where it begins.
         choice: [states] int16, which gets the joint actions of those who decide.
+        store: whether what follows each state is kept, where it fits into MAX_STORE_BYTES: some ten
+            times as fast, after the first sweep.
     """
 
     def __init__(
-        self, problem: Problem, values: NDArray[np.float64], choice: NDArray[np.int16]
+        self,
+        problem: Problem,
+        values: NDArray[np.float64],
+        choice: NDArray[np.int16],
+        store: bool = True,
     ) -> None:
         self.problem, self.values, self.choice = problem, values, choice
         threads = 1
@@ -149,6 +165,8 @@ class Sweeper:
             threads = min(os.cpu_count() or 1, MAX_THREADS)
         self._workers = [problem.worker() for _ in range(threads)]
         self._pool = ThreadPoolExecutor(threads)
+        self._store = _store_for(problem) if store else None
+        self._known = False
 
     def __enter__(self) -> Sweeper:
         return self
@@ -158,18 +176,41 @@ class Sweeper:
 
     def settle(self) -> bool:
         """Sweep until the values stay as they are, level after level; whether they do."""
-        return all(
-            self._run(level, self.values, MAX_SWEEPS)[1] == 0 for level in self.problem.levels
-        )
+        discount = self.problem.discount
+        for level in self.problem.levels:
+            going = np.arange(len(level))
+            before, past, now = np.zeros((3, len(level)))
+            past[:] = 1.0
+            self._known = False
+            for number in range(1, MAX_SWEEPS + 1):
+                change, largest = self._run(level[going], self.values)
+                self._known = self._store is not None
+                scale = np.maximum(largest, 1.0)
+                # The changes to come are about a geometric series; its rate is that of two windows.
+                rate = np.divide(change, before[going], out=np.zeros_like(change), where=number > 1)
+                now[going] = np.maximum(now[going], rate)
+                rate, before[going] = np.maximum(past[going], now[going]), change
+                if number % WINDOW == 0:
+                    past, now = now, np.zeros_like(now)
+                done = change <= 1e-15 * scale
+                if discount < 1.0:
+                    done |= change * discount <= (1.0 - discount) * TOLERANCE * scale
+                done |= (rate < 1.0) & (change * rate <= (1.0 - rate) * TOLERANCE * scale)
+                going = going[~done]
+                if len(going) == 0:
+                    break
+            else:
+                return False
+        return True
 
     def steps(self, horizon: int) -> Iterator[int]:
-        """One step further back at every turn, until the horizon, or until nothing changes.
+        """One step further back at every turn, until the horizon, or until nothing changes any more
+        (by more than SAME of the largest value).
 
         `values` and `choice` are those of so many steps then.
         """
-        levels = self.problem.levels
-        parts = [_cut(level) for level in levels]
-        moving = [np.ones(len(level), dtype=bool) for level in levels]
+        parts = [_cut(level) for level in self.problem.levels]
+        moving = [np.ones(int(of[-1]) + 1, dtype=bool) for _, of in parts]
         target = self.values.copy()
         for step in range(1, horizon + 1):
             settled = True  # all earlier levels are
@@ -178,30 +219,41 @@ class Sweeper:
                 if not going.any():
                     continue
                 mine = going[of]
-                changes, _ = self._run(segments[mine], target, 1)
+                change, largest = self._run(segments[mine], target)
                 if settled:
                     still = np.zeros(len(going), dtype=bool)
-                    np.logical_or.at(still, of[mine], changes > 0.0)
+                    np.logical_or.at(still, of[mine], change > SAME * np.maximum(largest, 1.0))
                     moving[level] = still
                 settled &= not moving[level].any()
+            self._known = self._store is not None
             self.values, target = target, self.values
             yield step
             if not any(going.any() for going in moving):
                 return
 
     def _run(
-        self, segments: NDArray[np.int64], target: NDArray[np.float64], most: int
-    ) -> tuple[NDArray[np.float64], int]:
-        """The last change of each segment, and how many have not settled."""
-        changes = np.zeros(len(segments))
-        bounds = [len(segments) * i // len(self._workers) for i in range(len(self._workers) + 1)]
+        self, segments: NDArray[np.int64], target: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Sweep once; the largest change of each segment [n], and its largest value [n]."""
+        changes = np.zeros((len(segments), 2))
+        threads = len(self._workers)
+        bounds = [len(segments) * i // threads for i in range(threads + 1)]
 
-        def part(number: int) -> int:
+        def part(number: int) -> None:
             some = slice(bounds[number], bounds[number + 1])
             arrays = (self.values, target, self.choice, segments[some], changes[some])
-            return int(settle(*self._workers[number], *arrays, most, TOLERANCE))
+            worker = self._workers[number]
+            if self._known and self._store is not None:
+                sweep_stored(*self._store, *worker[-5:], *arrays)
+                return
+            store = _NO_STORE if self._store is None else (True, *self._store)
+            sweep(*worker, *store, *arrays)
 
-        return changes, sum(self._pool.map(part, range(len(self._workers))))
+        if threads == 1:
+            part(0)
+        else:
+            list(self._pool.map(part, range(threads)))
+        return changes[:, 0], changes[:, 1]
 
 
 def _cut(level: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -213,3 +265,48 @@ def _cut(level: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]
     begins = level[:, :1] + ends[None]
     parts = np.stack([begins[:, :-1].ravel(), begins[:, 1:].ravel()], axis=1)
     return parts, np.repeat(np.arange(len(level)), pieces)
+
+
+# -- what is kept ----------------------------------------------------------------------------------
+
+_NOTHING = np.zeros(1, dtype=np.int64)
+_NO_STORE = (
+    False,
+    _NOTHING,
+    _NOTHING,
+    np.zeros((1, 2), dtype=np.uint8),
+    np.zeros(1, dtype=np.int32),
+    np.zeros(1),
+    np.zeros(1, dtype=np.int16),
+)
+
+
+def _store_for(problem: Problem) -> tuple[NDArray[Any], ...] | None:
+    """Room for what follows each state, as `joint_kernels.Store` has it; None for too much."""
+    states, number = problem.states, len(problem.quantities)
+    task = states.task
+    neighbors = task.mazes[0].neighbors[:, : task.num_actions]
+    ways = np.array([len(set(row)) for row in neighbors.tolist()], dtype=np.int64)
+    if 34 * states.count > MAX_STORE_BYTES:
+        return None
+    pairs, edges = np.zeros((2, states.count + 1), dtype=np.int64)
+    for first, games, real in states.chunks():
+        some = slice(first + 1, first + 1 + len(real))
+        options = np.where(games.active != 0, ways[games.position], 1)
+        ours = options[:, list(problem.deciding)].prod(axis=1)
+        theirs = options.prod(axis=1) // ours
+        if (np.maximum(ours, theirs) > 255).any():
+            return None
+        pairs[some], edges[some] = ours * theirs * real, (ours * number + theirs) * real
+    np.cumsum(pairs, out=pairs)
+    np.cumsum(edges, out=edges)
+    if 18 * states.count + 4 * pairs[-1] + 10 * edges[-1] > MAX_STORE_BYTES:
+        return None
+    return (
+        pairs,
+        edges,
+        np.zeros((states.count, 2), dtype=np.uint8),
+        np.zeros(pairs[-1], dtype=np.int32),
+        np.zeros(edges[-1]),
+        np.zeros(edges[-1], dtype=np.int16),
+    )
