@@ -1,7 +1,7 @@
 """Any small game, exactly: best responses of a seat or a team, and the values of given policies.
 
-The states of the whole game are numbered in `joint_states`; transitions and payments are those of the
-rule book's own step. So chases with teams, several evaders, races and heists are solved alike.
+The states of the whole game are numbered in `joint_states`; transitions and payments are those of
+the rule book's own step. So chases with teams, several evaders, races and heists are solved alike.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class JointValues:
         ended: the mean chance that the rules end it within the horizon (discounted by its step).
         steps: by agent, the mean steps until it is captured or the game is over.
         returns: by agent, the mean of what it is paid; empty where a function pays.
-        values: by quantity ("length", "ended", "steps of NAME", "return of NAME"), [states] float64.
+        values: [states] float64 of each of "length", "ended", "steps of NAME", "return of NAME".
     """
 
     states: JointStates = field(repr=False)
@@ -135,7 +135,7 @@ def solve_joint(
     sign = _sign(task, seats, objective)
     fixed = tuple(seat for seat in range(task.num_agents) if seat not in seats)
     filled = policies_of(task, fixed, policies)
-    check_joint_states(task, most_states, 16 + 2 + bytes_of_others(task, filled), MAX_PLAN_BYTES)
+    check_joint_states(task, most_states, 16 + 2 + bytes_of_others(task, filled))
     states = joint_states_of(task)
     others = lay_out_others(states, fixed, filled)
     counts = [int(seat in seats) for seat in range(task.num_agents)]

@@ -12,7 +12,7 @@ from scripted_agents.joint_states import JointStates
 
 
 class JointPlan:
-    """A deterministic plan: what some agents do in every state, and at every step where that matters.
+    """A deterministic plan: what some agents do in every state, at every step where that matters.
 
     Args:
         states: of the game.

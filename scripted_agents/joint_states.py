@@ -1,8 +1,8 @@
 """The states of a game as a whole: how many there are, their numbers, and which of them are starts.
 
-A *state* is all that the rest of a game depends on: who is still free, the cells of all free agents,
-and the cells that hold goals. By whom goals were collected is no part of it: it changes nothing of
-what comes. How states are numbered stands in `joint_kernels`.
+A *state* is all that the rest of a game depends on: who is still free, the cells of all free
+agents, and the cells that hold goals. By whom goals were collected is no part of it: it changes
+nothing of what comes. How states are numbered stands in `joint_kernels`.
 """
 
 from __future__ import annotations
@@ -60,14 +60,13 @@ def count_joint_states(task: Task) -> int:
     return places * (sets if task.num_goals else 1)
 
 
-def check_joint_states(task: Task, most: int = MAX_STATES, each: int = 0, more: int = 0) -> int:
+def check_joint_states(task: Task, most: int = MAX_STATES, each: int = 0) -> int:
     """The number of states of a task, if it is not too large to be solved.
 
     Args:
         task: the game.
         most: states that are solved.
         each: bytes that a state takes.
-        more: bytes that all take besides.
 
     Raises:
         ValueError: more states than `most`, more memory than MAX_BYTES or than is free, or a task
@@ -83,7 +82,7 @@ def check_joint_states(task: Task, most: int = MAX_STATES, each: int = 0, more: 
     if task.max_cells > MAX_TABLE_CELLS:
         raise ValueError(f"{told}; mazes are solved up to {MAX_TABLE_CELLS} cells: {REMEDY}")
     sets = sum(comb(task.max_cells, left) for left in range(1, task.num_goals + 1))
-    needed = states * each + more + 4 * sets * task.num_goals
+    needed = states * each + 4 * sets * task.num_goals
     check_memory(told, needed, REMEDY, MAX_BYTES)
     return states
 

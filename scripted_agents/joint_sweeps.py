@@ -1,4 +1,4 @@
-"""Sweeps over all states of a game, in the order in which they can be settled, on several threads."""
+"""Sweeps over all states of a game, in an order in which they can be settled."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.memory import free_memory
 from pursuit.rules import layout
 from scripted_agents.joint_kernels import MOST_ACTIONS, sweep
 from scripted_agents.joint_opponents import Others
@@ -126,7 +128,7 @@ class Problem:
                 continue
             begins = states.offsets[group] + states.sizes[group] * np.arange(len(states.sets) + 1)
             bases = states.bases[1:].tolist() if states.task.num_goals else [0, 1]
-            for first, last in zip(bases, bases[1:], strict=False):
+            for first, last in pairwise(bases):
                 found.append(np.stack([begins[first:last], begins[first + 1 : last + 1]], axis=1))
         return found
 
@@ -287,7 +289,8 @@ def _store_for(problem: Problem) -> tuple[NDArray[Any], ...] | None:
     task = states.task
     neighbors = task.mazes[0].neighbors[:, : task.num_actions]
     ways = np.array([len(set(row)) for row in neighbors.tolist()], dtype=np.int64)
-    if 34 * states.count > MAX_STORE_BYTES:
+    most = min(MAX_STORE_BYTES, free_memory() // 2)
+    if 34 * states.count > most:
         return None
     pairs, edges = np.zeros((2, states.count + 1), dtype=np.int64)
     for first, games, real in states.chunks():
@@ -300,7 +303,7 @@ def _store_for(problem: Problem) -> tuple[NDArray[Any], ...] | None:
         pairs[some], edges[some] = ours * theirs * real, (ours * number + theirs) * real
     np.cumsum(pairs, out=pairs)
     np.cumsum(edges, out=edges)
-    if 18 * states.count + 4 * pairs[-1] + 10 * edges[-1] > MAX_STORE_BYTES:
+    if 18 * states.count + 4 * pairs[-1] + 10 * edges[-1] > most:
         return None
     return (
         pairs,

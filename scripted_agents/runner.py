@@ -96,8 +96,8 @@ class TourRunner(Scripted):
         """
         if task.num_goals > 1:
             raise ValueError(
-                f"{self!r} in task {task.name!r}: with {task.num_goals} goals what it plays depends "
-                "on their numbers, and it has no distribution; take NearestGoalRunner"
+                f"{self!r} in task {task.name!r}: with {task.num_goals} goals what it plays "
+                "depends on their numbers, and it has no distribution; take NearestGoalRunner"
             )
         return super().moves(task, games, seat)
 
