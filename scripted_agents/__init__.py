@@ -31,6 +31,14 @@ from scripted_agents.hidden_chase import HiddenChaseSolution, solve_hidden_chase
 from scripted_agents.hidden_game import HiddenCell
 from scripted_agents.hidden_policy import BeliefOptimalChaser, BeliefOptimalEvader
 from scripted_agents.hidden_search import HiddenSearch
+from scripted_agents.joint import (
+    JointResponse,
+    JointValues,
+    evaluate_joint,
+    solve_joint,
+)
+from scripted_agents.joint_policy import JointPlan
+from scripted_agents.joint_states import JointStates, check_joint_states, count_joint_states
 from scripted_agents.least_steps import least_steps, least_steps_of
 from scripted_agents.optimal import (
     BestResponder,
@@ -88,6 +96,10 @@ __all__ = [
     "HiddenChaseSolution",
     "HiddenSearch",
     "InverseKinematics",
+    "JointPlan",
+    "JointResponse",
+    "JointStates",
+    "JointValues",
     "LeastStepsPolicy",
     "MatrixGame",
     "NearestGoalRunner",
@@ -110,9 +122,12 @@ __all__ = [
     "action_values",
     "best_response",
     "best_team_response",
+    "check_joint_states",
     "check_optimal",
     "cop_number",
+    "count_joint_states",
     "evaluate_exactly",
+    "evaluate_joint",
     "evaluate_team",
     "expected_tour_length",
     "fewest_searchers",
@@ -129,6 +144,7 @@ __all__ = [
     "solve_chase",
     "solve_hidden_chase",
     "solve_in_turns",
+    "solve_joint",
     "solve_matrix_game",
     "table_of",
     "team_survival",

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pursuit.policy import DistributionPolicy, MemoryPolicy, Policy
 from pursuit.simulator import Simulator
 from pursuit.task import Task
+from scripted_agents.joint_policy import JointPlan
 from scripted_agents.joint_states import JointStates
 from scripted_agents.scripted import NUM_MOVES, Scripted, number_of_moves, rows_of_moves
 from scripted_agents.table_policy import TablePolicy
@@ -61,6 +62,11 @@ def policies_of(
             raise ValueError(
                 f"{policy!r} in the seat of {name} has no distribution(task, games, seat); only "
                 "policies that say how likely each action is in every state can be answered exactly"
+            )
+        if isinstance(policy, JointPlan) and len(policy.choices) > 1:
+            raise ValueError(
+                f"{policy!r} in the seat of {name} does something else at every step; take one "
+                "that was solved with horizon=None"
             )
         if hasattr(policy, "joint_distribution") and any(policy is p for p in found.values()):
             raise ValueError(
