@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -211,7 +211,7 @@ def _solve(
     states, decide = problem.states, problem.states.task.num_actions ** len(problem.deciding)
     values = np.zeros((states.count, len(problem.quantities)))
     choice = np.zeros(states.count, dtype=np.int16)
-    small = np.uint8 if decide <= 256 else np.int16
+    small: Any = np.uint8 if decide <= 256 else np.int16
     with Sweeper(problem, values, choice) as sweeper:
         if horizon is None:
             if not sweeper.settle():

@@ -136,7 +136,7 @@ def number_of(games: Games, game: int, teams: Teams, cells: int, numbering: Numb
         if left == 0:
             return -1
         goals += numbering.bases[left]
-    return np.int64(numbering.offsets[group] + goals * numbering.sizes[group] + place)
+    return int(numbering.offsets[group] + goals * numbering.sizes[group] + place)
 
 
 @inlined
@@ -262,7 +262,7 @@ def back_up(
 ) -> int:  # fmt: skip
     """Fill `room.best` with what a state is worth by what follows it; the joint action chosen."""
     teams, deciding = rules.teams, players.deciding
-    agents, cells = players.order.shape[0], np.int64(world.num_cells[0])
+    agents, cells = players.order.shape[0], int(world.num_cells[0])
     for agent in layout.agents_of(teams):
         room.cells[agent] = games.position[0, agent]
         room.active[agent] = games.active[0, agent]
@@ -302,7 +302,7 @@ def back_up(
                 chance *= room.chance[seat, option]
             put_back(games, rules, room)
             ended = step(games, 0, room.actions, rules, world, plan, outcome) == layout.TERMINATED
-            following = np.int64(-1)
+            following = int(np.int64(-1))
             if not ended:
                 following = number_of(games, 0, teams, cells, numbering)
             for q in range(room.sums.shape[0]):
@@ -364,7 +364,7 @@ def sweep(
     players, quantities = Players(order, deciding, codes, rows), Quantities(paid, lasting, ending)
     store = Store(filling, pairs, edges, shape, following, sides, joints)
     outcome, plan = layout.outcome_of(memory), layout.plan_of(scratch)
-    cells = np.int64(world.num_cells[0])
+    cells = int(world.num_cells[0])
     for segment in range(segments.shape[0]):
         group, change, largest = 0, 0.0, 0.0
         for state in range(segments[segment, 0], segments[segment, 1]):

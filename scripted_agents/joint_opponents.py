@@ -57,7 +57,7 @@ def policies_of(
         if policy is None:
             raise ValueError(f"nobody fills the seat of {name}; add policies={{{name!r}: ...}}")
         if not hasattr(policy, "act"):
-            policy = TablePolicy(task.mazes[0], policy)  # type: ignore[arg-type]
+            policy = TablePolicy(task.mazes[0], policy)
         if isinstance(policy, MemoryPolicy) or not isinstance(policy, DistributionPolicy):
             raise ValueError(
                 f"{policy!r} in the seat of {name} has no distribution(task, games, seat); only "

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
 from math import comb
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +140,8 @@ class JointStates:
         task = self.task
         games = layout.empty_games(count, task.num_agents, task.num_goals)
         real = np.zeros(count, dtype=np.bool_)
-        fill_games(*games, tuple(task.teams), task.max_cells, *self.for_kernels, first, real)
+        fill: Any = fill_games
+        fill(*games, tuple(task.teams), task.max_cells, *self.for_kernels, first, real)
         return games, real
 
     def numbers(self, games: Games) -> NDArray[np.int64]:

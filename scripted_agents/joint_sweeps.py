@@ -246,10 +246,12 @@ class Sweeper:
             arrays = (self.values, target, self.choice, segments[some], changes[some])
             worker = self._workers[number]
             if self._known and self._store is not None:
-                sweep_stored(*self._store, *worker[-5:], *arrays)
+                kernel: Any = sweep_stored
+                kernel(*self._store, *worker[-5:], *arrays)
                 return
             store = _NO_STORE if self._store is None else (True, *self._store)
-            sweep(*worker, *store, *arrays)
+            kernel = sweep
+            kernel(*worker, *store, *arrays)
 
         if threads == 1:
             part(0)

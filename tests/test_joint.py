@@ -277,4 +277,3 @@ def test_refusals_name_value_rule_and_remedy() -> None:
         Simulator(heist, 1).act([best.policy, None], np.zeros((1, 2), dtype=np.int32))
     with pytest.raises(ValueError, match="not for 1"):
         Simulator(race, 1).act([None, best.policy], np.zeros((1, 2), dtype=np.int32))
-    assert load_maze("3x3").num_cells == 9
