@@ -37,6 +37,7 @@ from scripted_agents.joint import (
     evaluate_joint,
     solve_joint,
 )
+from scripted_agents.joint_opponents import why_no_distribution
 from scripted_agents.joint_policy import JointPlan
 from scripted_agents.joint_states import JointStates, check_joint_states, count_joint_states
 from scripted_agents.least_steps import least_steps, least_steps_of
@@ -151,6 +152,7 @@ __all__ = [
     "tour_length",
     "tour_lengths",
     "why_no_belief",
+    "why_no_distribution",
     "why_not_optimal",
     "why_not_team_chase",
     "work_of",
