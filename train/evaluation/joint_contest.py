@@ -35,7 +35,7 @@ def why_not_joint(task: Task, agent: str, opponents: Mapping[str, Policy], most:
 
     Args:
         task: the game.
-        agent: the name of the agent that responds.
+        agent: who responds, by name or role (the first agent of it).
         opponents: who plays the other seats, by agent name or role.
         most: the size that is solved, in the units of `joint_work`.
     """
@@ -60,7 +60,7 @@ def best_of_steps(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Jo
     """The best response in steps, as a contest counts them; None where steps are no aim."""
     if task.num_goals and task.num_evaders:
         return None
-    return solve_joint(task, agent, opponents, task.max_steps)
+    return solve_joint(task, [_name(task, agent)], opponents, task.max_steps)
 
 
 def best_of_returns(
@@ -71,4 +71,10 @@ def best_of_returns(
     rivals = task.num_goals and task.num_agents > 1
     if not rivals or task.reward_function is not None:
         return None
-    return solve_joint(task, agent, opponents, task.max_steps, objective="return")
+    own = [_name(task, agent)]
+    return solve_joint(task, own, opponents, task.max_steps, objective="return")
+
+
+def _name(task: Task, agent: str) -> str:
+    """Of the one agent that a contest is of: a role is its first agent, not all of them."""
+    return task.agent_names[task.seat(agent)]

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from pursuit.policy import Policy
 
-
 BEST_PAID = "optimal return"
 """The name of whoever is paid most, where that is known."""
 
@@ -32,7 +31,7 @@ class Score:
             sight, whose optimum is certified in these; None elsewhere.
         solved_gap: achieved / optimal - 1 over the starts that were solved alone, of one runner:
             what is left of the gap without those that ran out of time. None elsewhere.
-        mean_return: the mean of what the agent is paid in an episode; None where nothing was played.
+        mean_return: the mean of what the agent is paid in an episode; None where none was played.
     """
 
     name: str
