@@ -150,8 +150,8 @@ class Sweeper:
         problem: what is swept over.
         values: [states, quantities] float64, where it begins.
         choice: [states] int16, which gets the joint actions of those who decide.
-        store: whether what follows each state is kept, where it fits into MAX_STORE_BYTES: some ten
-            times as fast, after the first sweep.
+        store: whether what follows each state is kept, where it fits into MAX_STORE_BYTES: then
+            only the first sweep steps.
     """
 
     def __init__(
