@@ -241,7 +241,7 @@ def test_scripted_agents_play_their_distributions(name: str) -> None:
 def test_what_is_stored_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     task = make_task("heist", maze="3x3", num_goals=2)
     for horizon, discount in ((25, 1.0), (None, 0.9)):
-        rest = (horizon, discount, "return")
+        rest: Any = (horizon, discount, "return")
         stored = solve_joint(task, "chaser", IN_A_HEIST, *rest)
         with monkeypatch.context() as limits:
             limits.setattr(joint_sweeps, "MAX_STORE_BYTES", 0)

@@ -162,7 +162,8 @@ LARGER = {
 
 def compare_with_brute_force(task: Task) -> None:
     """Every agent by itself, and every side, in both objectives."""
-    steps, teams = all_steps(task), [(name,) for name in task.agent_names]
+    steps = all_steps(task)
+    teams: list[tuple[str, ...]] = [(name,) for name in task.agent_names]
     for role in dict.fromkeys(task.seat_roles):
         teams.append(tuple(name for name in task.agent_names if role_of(name) == role))
     for team in dict.fromkeys(teams):

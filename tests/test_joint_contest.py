@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pursuit.policy import Policy
 from pursuit.task import make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent, solve_joint
 from train.commands.scores import print_scores, print_whole_game
@@ -50,7 +51,7 @@ def test_a_heist_has_no_gap_in_steps() -> None:
 
 def test_each_of_several_evaders_is_judged_by_its_own_life() -> None:
     task = make_task("chase", maze="3x3-tree", num_evaders=2, max_steps=40)
-    opponents = {"chaser": AStarChaser(0.2), "evader": AStarEvader(0.2)}
+    opponents: dict[str, Policy] = {"chaser": AStarChaser(0.2), "evader": AStarEvader(0.2)}
     contest = GameContest(task, "evader_1", opponents, 1000)
     optimum = contest.optimal()
     assert optimum is not None and contest.optimal_return() is None
