@@ -37,6 +37,7 @@ from scripted_agents.joint import (
     evaluate_joint,
     solve_joint,
 )
+from scripted_agents.joint_nash import JointNashConv, joint_nash_conv
 from scripted_agents.joint_opponents import why_no_distribution
 from scripted_agents.joint_policy import JointPlan
 from scripted_agents.joint_states import JointStates, check_joint_states, count_joint_states
@@ -97,6 +98,7 @@ __all__ = [
     "HiddenChaseSolution",
     "HiddenSearch",
     "InverseKinematics",
+    "JointNashConv",
     "JointPlan",
     "JointResponse",
     "JointStates",
@@ -134,6 +136,7 @@ __all__ = [
     "fewest_searchers",
     "fewest_steps_to_find",
     "has_distributions",
+    "joint_nash_conv",
     "least_steps",
     "least_steps_of",
     "maze_difficulty",
