@@ -37,9 +37,10 @@ from scripted_agents.joint import (
     evaluate_joint,
     solve_joint,
 )
+from scripted_agents.joint_game import JointGame, solve_joint_game
 from scripted_agents.joint_nash import JointNashConv, joint_nash_conv
 from scripted_agents.joint_opponents import why_no_distribution
-from scripted_agents.joint_policy import JointPlan
+from scripted_agents.joint_policy import JointPlan, JointTable
 from scripted_agents.joint_states import JointStates, check_joint_states, count_joint_states
 from scripted_agents.least_steps import least_steps, least_steps_of
 from scripted_agents.optimal import (
@@ -98,10 +99,12 @@ __all__ = [
     "HiddenChaseSolution",
     "HiddenSearch",
     "InverseKinematics",
+    "JointGame",
     "JointNashConv",
     "JointPlan",
     "JointResponse",
     "JointStates",
+    "JointTable",
     "JointValues",
     "LeastStepsPolicy",
     "MatrixGame",
@@ -149,6 +152,7 @@ __all__ = [
     "solve_hidden_chase",
     "solve_in_turns",
     "solve_joint",
+    "solve_joint_game",
     "solve_matrix_game",
     "table_of",
     "team_survival",

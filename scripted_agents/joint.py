@@ -34,8 +34,8 @@ from scripted_agents.joint_sweeps import MAX_SWEEPS, Problem, Quantity, Sweeper
 MAX_PLAN_BYTES = 5 * 10**8
 """Bound on a plan for every step; above it the plan of the first step is played throughout."""
 
-Objective = Literal["steps", "return"]
-OBJECTIVES = ("steps", "return")
+Objective = Literal["steps", "return", "lead"]
+OBJECTIVES = ("steps", "return", "lead")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class JointResponse:
 
     Attributes:
         agents: the names of those who respond, moving as one.
-        objective: "steps" or "return".
+        objective: "steps", "return" or "lead".
         states: of the game; `states.numbers(games)` says which of them games stand in.
         values: [states] float64, what is to come from each state on: expected steps until the game
             is over (or none of those who respond is free), the last included, or what they are paid
@@ -118,6 +118,7 @@ def solve_joint(
         horizon: the number of steps after which the game is cut, or None.
         discount: what a step counts in terms of the one before it; above 0 and at most 1.
         objective: "return": as much as `agents` can be paid together, by the rewards of the task;
+            "lead": that less what all others are paid;
             "steps": as few steps as possible until the game is over, or as many for evaders, until
             none of these is free.
         most_states: above this number of states the game is refused.
@@ -126,8 +127,8 @@ def solve_joint(
         ValueError: arguments outside these limits; a policy that is missing, or has no known
             distribution; more states, or bytes, than are solved; "steps" for evaders that collect
             goals (to be caught is quickest), for whoever hunts those, or for a team of evaders and
-            others; "return" where a user's function pays; a problem without an end or discount, in
-            which the end can be put off for ever.
+            others; "return" and "lead" where a user's function pays; a problem without an end or
+            discount, in which the end can be put off for ever.
     """
     task, seats = checked_task(task), _seats_of(task, agents)
     one_of("objective", objective, OBJECTIVES)
@@ -140,7 +141,8 @@ def solve_joint(
     others = lay_out_others(states, fixed, filled)
     counts = [int(seat in seats) for seat in range(task.num_agents)]
     nothing = [0] * task.num_agents
-    what = Quantity(nothing, counts) if objective == "steps" else Quantity(counts, nothing)
+    lead = [1 if count else -1 if objective == "lead" else 0 for count in counts]
+    what = Quantity(nothing, counts) if objective == "steps" else Quantity(lead, nothing)
     problem = Problem(states, seats, others, (what,), sign, discount)
     if horizon is None and discount == 1.0:
         _check_end(problem, counts, for_all=sign < 0.0)
@@ -293,7 +295,7 @@ def _seats_of(task: Task, agents: str | Sequence[str]) -> tuple[int, ...]:
 
 def _sign(task: Task, seats: tuple[int, ...], objective: Objective) -> float:
     """1 to make as little as possible of what is summed up, -1 to make as much."""
-    if objective == "return":
+    if objective != "steps":
         if task.reward_function is not None:
             raise ValueError(
                 f"task {task.name!r} is paid by a function; what the rule book pays alone is "

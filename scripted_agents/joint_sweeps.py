@@ -167,7 +167,7 @@ class Sweeper:
             threads = min(os.cpu_count() or 1, MAX_THREADS)
         self._workers = [problem.worker() for _ in range(threads)]
         self._pool = ThreadPoolExecutor(threads)
-        self._store = _store_for(problem) if store else None
+        self.store = _store_for(problem) if store else None
         self._known = False
 
     def __enter__(self) -> Sweeper:
@@ -186,7 +186,7 @@ class Sweeper:
             self._known = False
             for number in range(1, MAX_SWEEPS + 1):
                 change, largest = self._run(level[going], self.values)
-                self._known = self._store is not None
+                self._known = self.store is not None
                 scale = np.maximum(largest, 1.0)
                 # The changes to come are about a geometric series; its rate is that of two windows.
                 rate = np.divide(change, before[going], out=np.zeros_like(change), where=number > 1)
@@ -227,7 +227,7 @@ class Sweeper:
                     np.logical_or.at(still, of[mine], change > SAME * np.maximum(largest, 1.0))
                     moving[level] = still
                 settled &= not moving[level].any()
-            self._known = self._store is not None
+            self._known = self.store is not None
             self.values, target = target, self.values
             yield step
             if not any(going.any() for going in moving):
@@ -245,11 +245,11 @@ class Sweeper:
             some = slice(bounds[number], bounds[number + 1])
             arrays = (self.values, target, self.choice, segments[some], changes[some])
             worker = self._workers[number]
-            if self._known and self._store is not None:
+            if self._known and self.store is not None:
                 kernel: Any = sweep_stored
-                kernel(*self._store, *worker[-5:], *arrays)
+                kernel(*self.store, *worker[-5:], *arrays)
                 return
-            store = _NO_STORE if self._store is None else (True, *self._store)
+            store = _NO_STORE if self.store is None else (True, *self.store)
             kernel = sweep
             kernel(*worker, *store, *arrays)
 

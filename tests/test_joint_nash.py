@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents import (
     AStarChaser,
@@ -14,6 +17,7 @@ from scripted_agents import (
     joint_nash_conv,
     solve_chase,
     solve_joint,
+    solve_joint_game,
 )
 from train.evaluation.exploitability import nash_conv
 
@@ -53,3 +57,42 @@ def test_a_side_gains_no_less_than_its_agents() -> None:
     assert sides.gains["evader"] == pytest.approx(each.gains["evader_0"])
     assert sides.gains["chaser"] >= max(each.gains["chaser_0"], each.gains["chaser_1"])
     assert np.isfinite(sides.nash_conv)
+
+
+@pytest.mark.parametrize("order", ["simultaneous", "chasers_first"])
+def test_the_game_of_a_duel_is_that_of_pairs_of_cells(order: Any) -> None:
+    task = make_task("chase", maze="3x3", rewards="zero_sum", move_order=order)
+    known = solve_chase(task.mazes[0], 0.95, move_order=order)
+    found = solve_joint_game(task, 0.95)
+    # The chaser pays what the evader is paid: its lead is twice what it pays.
+    np.testing.assert_allclose(found.values, -2.0 * known.values.ravel(), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["race", "heist"])
+def test_nobody_gains_against_an_equilibrium_of_a_race_or_a_heist(name: str) -> None:
+    task = make_task(name, maze="2x2" if name == "heist" else "3x3", num_goals=2)
+    game = solve_joint_game(task, 0.9)
+    found = joint_nash_conv(task, game.policies, None, 0.9, objective="lead")
+    first, second = task.agent_names
+    assert found.returns[first] == pytest.approx(game.mean_over_starts, abs=1e-6)
+    assert found.returns[second] == pytest.approx(-game.mean_over_starts, abs=1e-6)
+    assert found.best[first] == pytest.approx(game.mean_over_starts, abs=1e-6)
+    assert found.nash_conv == pytest.approx(0.0, abs=1e-5)
+    if name == "race":  # the seats are alike
+        assert game.mean_over_starts == pytest.approx(0.0, abs=1e-6)
+    simulator = Simulator(task, 2000, 2**62, auto_restart=False)
+    actions, paid = np.zeros((2000, 2), dtype=np.int32), np.zeros(2000)
+    for step in range(60):
+        simulator.act([game.policies[first], game.policies[second]], actions)
+        simulator.step(actions)
+        paid += 0.9**step * (simulator.rewards[:, 0] - simulator.rewards[:, 1])
+    assert abs(paid.mean() - game.mean_over_starts) < 4.0 * paid.std() / 2000**0.5 + 1e-2
+
+
+def test_what_is_no_game_of_two_is_refused() -> None:
+    with pytest.raises(ValueError, match="3 agents"):
+        solve_joint_game(make_task("race", maze="3x3", num_runners=3))
+    with pytest.raises(ValueError, match="discount 1"):
+        solve_joint_game(make_task("race", maze="3x3"), 1.0)
+    with pytest.raises(ValueError, match="1,640,625 states"):
+        solve_joint_game(make_task("race", maze="5x5"))
