@@ -19,8 +19,8 @@ from scripted_agents.joint_policy import JointTable
 from scripted_agents.joint_states import JointStates, check_joint_states, joint_states_of
 from scripted_agents.joint_sweeps import Problem, Quantity, Sweeper
 
-MAX_GAME_STATES = 200_000
-"""Above this number of states a game is not solved: minutes."""
+MAX_GAME_STATES = 2_000_000
+"""Above this number of states a game is not solved: minutes, and more than a gigabyte."""
 
 SADDLE = 1e-12
 """Relative difference below which the pure maximin and minimax count as equal."""
