@@ -284,7 +284,8 @@ class GameContest:
     @cached_property
     def best_of_returns(self) -> JointResponse | None:
         """The best response in what the agent is paid, among rivals for goals."""
-        if self.task.num_agents == 1 or self.why_not_joint() is not None:
+        task = self.task
+        if task.num_agents == 1 or not task.num_goals or self.why_not_joint() is not None:
             return None
         return best_of_returns(self.task, self.agent, self.opponents)
 
