@@ -133,6 +133,11 @@ def solve_joint(
     task, seats = checked_task(task), _seats_of(task, agents)
     one_of("objective", objective, OBJECTIVES)
     _check(horizon, discount)
+    if task.num_actions ** len(seats) > np.iinfo(np.int16).max:
+        raise ValueError(
+            f"{len(seats)} agents as one have {task.num_actions ** len(seats):,} joint actions; at "
+            f"most {np.iinfo(np.int16).max:,} are solved: name fewer agents"
+        )
     sign = _sign(task, seats, objective)
     fixed = tuple(seat for seat in range(task.num_agents) if seat not in seats)
     filled = policies_of(task, fixed, policies)
@@ -230,13 +235,11 @@ def _solve(
                 plan.append(choice.astype(small))
         if before > room or not keep:
             return sweeper.values, choice.astype(small)[None], False
+        if horizon > room:  # the last steps alone would be played too soon
+            return sweeper.values, plan[-1][None], False
         # Where nothing changes any more, earlier steps are as the first that was looked at.
-        more = horizon - before
-        room -= before
-        if more > room:
-            more = 0
-        steps = np.stack([*[plan[-1]] * more, *plan[::-1]])
-        return sweeper.values, steps, more == horizon - before
+        steps = np.stack([*[plan[-1]] * (horizon - before), *plan[::-1]])
+        return sweeper.values, steps, True
 
 
 def _check_end(problem: Problem, counts: list[int], for_all: bool) -> None:

@@ -24,6 +24,7 @@ from scripted_agents import (
     evaluate_joint,
     evaluate_team,
     expected_tour_length,
+    joint,
     joint_sweeps,
     mean_over_starts,
     mean_over_team_starts,
@@ -252,12 +253,27 @@ def test_what_is_stored_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None
         np.testing.assert_array_equal(stored.values, threaded.values)
 
 
+def test_a_plan_that_does_not_fit_is_that_of_the_first_step(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    task = make_task("race", maze="3x3", num_goals=2)
+    whole = solve_joint(task, "runner_0", SCRIPTED, 100)
+    for room in (3, 90):  # less than the sweeps that it takes to settle, and more
+        monkeypatch.setattr(joint, "MAX_PLAN_BYTES", room * whole.states.count)
+        first = solve_joint(task, "runner_0", SCRIPTED, 100)
+        assert not first.reaches_values and len(first.policy.choices) == 1
+        np.testing.assert_array_equal(first.policy.choices[0], whole.policy.choices[0])
+        np.testing.assert_array_equal(first.values, whole.values)
+
+
 def test_refusals_name_value_rule_and_remedy() -> None:
     race, heist = make_task("race", maze="3x3"), make_task("heist", maze="3x3")
-    with pytest.raises(ValueError, match=r"47,176,7\d\d|states.*at most 1,000 are solved: take"):
+    with pytest.raises(ValueError, match=r"10,449 states .*at most 1,000 are solved: take"):
         solve_joint(race, "runner_0", SCRIPTED, most_states=1000)
     with pytest.raises(ValueError, match=r"states .*at most 100,000,000 are solved"):
         solve_joint(make_task("race", maze="9x9"), "runner_0", SCRIPTED)
+    with pytest.raises(ValueError, match="8 agents as one have 65,536 joint actions"):
+        solve_joint(make_task("race", maze="4x4", num_runners=8, num_goals=1), "runner", {})
     with pytest.raises(ValueError, match="nobody fills the seat of runner_1"):
         solve_joint(race, "runner_0", {})
     with pytest.raises(ValueError, match="take NearestGoalRunner"):
