@@ -153,7 +153,11 @@ def places_of_agents(task: Task) -> Games:
 
 
 class Policy(Protocol):
-    """Whoever fills a seat: scripted, exact or learned."""
+    """Whoever fills a seat: scripted, exact or learned.
+
+    One that fills many seats may besides have `act_together(view, seats, actions)`, which is called
+    once for all of them (see `play_all`); `view` is that of the first.
+    """
 
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game.
@@ -232,6 +236,9 @@ def play_all(
 ) -> None:
     """Write the action of every seat that has a policy into `actions` [games, agents] = `shape`.
 
+    A policy without memory that has `act_together(view, seats, actions)` is called once for all its
+    seats; it writes what its `act` would do in each of them.
+
     Raises:
         ValueError: a wrong shape, another number of seats, or a policy that is none.
     """
@@ -242,11 +249,19 @@ def play_all(
     if not fit:
         needed = f"a policy or None a seat, actions of shape {shape}"
         raise ValueError(f"policies={policies!r}, actions={actions!r}; {needed}")
+    together: dict[int, list[int]] = {}
     for seat, policy in enumerate(policies):
-        if policy is not None:
-            if not hasattr(policy, "act"):
-                raise ValueError(f"{policy!r} is no policy; it has no method `act`")
+        if policy is None:
+            continue
+        if not hasattr(policy, "act"):
+            raise ValueError(f"{policy!r} is no policy; it has no method `act`")
+        if getattr(policy, "act_together", None) is None or hasattr(policy, "begin"):
             actions[:, seat] = play(policy, view(seat))
+        else:
+            together.setdefault(id(policy), []).append(seat)
+    for seats in together.values():
+        player: Any = policies[seats[0]]
+        player.act_together(view(seats[0]), tuple(seats), actions)
 
 
 @runtime_checkable

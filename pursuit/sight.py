@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.declared import FrozenDict, is_whole, truth, whole
-from pursuit.maze import MAX_TABLE_CELLS, Maze, table_of_distances
+from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze, table_of_distances
 from pursuit.rules.layout import UNREACHABLE, Games
 from pursuit.rules.sight import SEES_ALL
 
@@ -38,12 +39,12 @@ class Limit(NamedTuple):
 
 
 def visible_cells(
-    maze: Maze, view_radius: int | None = None, line_of_sight: bool = False
+    maze: Maze | str | Path, view_radius: int | None = None, line_of_sight: bool = False
 ) -> NDArray[np.bool_]:
     """[own cell, other cell] bool, a fresh array: whether the other is seen from the own one.
 
     Args:
-        maze: of at most `pursuit.maze.MAX_TABLE_CELLS` cells.
+        maze: of at most `pursuit.maze.MAX_TABLE_CELLS` cells, or the name of one.
         view_radius: path steps, 0 or more, up to which cells are seen; None for no such limit.
         line_of_sight: cells are seen along rows and columns only, until a wall. With a radius as
             well both must hold.
@@ -52,8 +53,9 @@ def visible_cells(
         A symmetric matrix, True on its diagonal: one's own cell is always seen.
 
     Raises:
-        ValueError: a radius that is none, or a maze too large for a table of all pairs.
+        ValueError: a radius or a maze that is none, or a maze too large for a table of all pairs.
     """
+    maze = load_maze(maze)
     radius = None if view_radius is None else whole("view_radius", view_radius)
     check_visible(maze)
     size = maze.num_cells

@@ -51,6 +51,7 @@ from scripted_agents.optimal import (
     table_of,
     why_not_optimal,
 )
+from scripted_agents.regret import DuelRegret, duel_regret
 from scripted_agents.runner import NearestGoalRunner, TourRunner
 from scripted_agents.scripted import RandomAgent
 from scripted_agents.searchers import (
@@ -94,6 +95,7 @@ __all__ = [
     "BestResponse",
     "ChaseSolution",
     "Difficulty",
+    "DuelRegret",
     "Estimate",
     "HiddenCell",
     "HiddenChaseSolution",
@@ -132,6 +134,7 @@ __all__ = [
     "check_optimal",
     "cop_number",
     "count_joint_states",
+    "duel_regret",
     "evaluate_exactly",
     "evaluate_joint",
     "evaluate_team",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,9 +89,30 @@ def worth_of_actions(
         later: [own cell, other cell], the values of what follows; capture counts 0.
         num_actions: of the responder.
     """
+    cells = maze.num_cells
+    steps = np.ones((cells, cells, num_actions))
+    for action, chance, mine, theirs, caught in outcomes(
+        role, maze, opponent_table, num_actions, move_order
+    ):
+        steps[:, :, action] += np.where(caught, 0.0, discount * chance * later[mine, theirs])
+    return steps
+
+
+def outcomes(
+    role: Literal["chaser", "evader"],
+    maze: Maze,
+    opponent_table: NDArray[np.float64],
+    num_actions: int,
+    move_order: MoveOrder,
+) -> Iterator[tuple[int, NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]]:
+    """What one step of a duel may lead to, for every own action and every reply to it.
+
+    Yields:
+        The own action, and by [own cell, other cell] the chance of the reply, the own and the
+        other's cell after both have moved, and whether that is a capture.
+    """
     cells, neighbors = maze.num_cells, maze.neighbors
     own, other = np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij")
-    steps = np.ones((cells, cells, num_actions))
     for action in range(num_actions):
         mine = neighbors[own, action]
         for reply in range(opponent_table.shape[2]):
@@ -102,5 +124,4 @@ def worth_of_actions(
                 caught |= mine == other
             else:
                 caught |= theirs == own
-            steps[:, :, action] += np.where(caught, 0.0, discount * chance * later[mine, theirs])
-    return steps
+            yield action, chance, mine, theirs, caught

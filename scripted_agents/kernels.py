@@ -4,7 +4,7 @@ A set of moves is a bit mask over the actions. The same functions fill the table
 probabilities and act in the batch, so that what is solved exactly is what plays.
 
 Entries are given `*view.games` and `*view.mazes`; `scratch` is int32 [NUM_SCRATCH, cells of the
-largest maze], -1 in the rows of distances: room for two searches, one within the other.
+largest maze], -1 in the rows of distances: room for three searches, one within the other.
 """
 
 from __future__ import annotations
@@ -15,11 +15,14 @@ import numpy as np
 
 from pursuit.compiled import compiled, inlined, subroutine
 from pursuit.rules.distances import (
+    begin_field,
     distance_within,
     forget,
     has_table,
+    moves_down,
     pair_index,
     search_within,
+    spread_field,
     table_distance,
 )
 from pursuit.rules.layout import (
@@ -34,12 +37,24 @@ from pursuit.rules.layout import (
     stream_of,
     world_of,
 )
-from pursuit.rules.randomness import draw_action, next_uniform
+from pursuit.rules.randomness import draw_action
 from pursuit.rules.step import legal_moves
 
 CHASER, EVADER, RUNNER, RANDOM = range(4)
 FAR = 2**30
-LOOK_DISTANCE, LOOK_QUEUE, PATH_DISTANCE, PATH_QUEUE, NUM_SCRATCH = range(5)
+(
+    LOOK_DISTANCE,
+    LOOK_QUEUE,
+    PATH_DISTANCE,
+    PATH_QUEUE,
+    FIELD_DISTANCE,
+    FIELD_QUEUE,
+    FIELD_OWNER,
+    SOUGHT,
+    NUM_SCRATCH,
+) = range(9)
+PAIRS_A_CELL = 8
+"""A search takes about as long for a cell as it takes to look up so many pairs."""
 
 
 @inlined
@@ -54,39 +69,10 @@ def path_of(scratch: Any) -> Search:
     return Search(scratch[PATH_DISTANCE], scratch[PATH_QUEUE])
 
 
-@subroutine
-def mask_towards(
-    world: World, search: Search, maze: int, own: int, targets: Any, count: int
-) -> int:
-    """First steps of shortest paths to the nearest of `targets[:count]`; 0 if there is none.
-
-    One breadth-first search from all targets at once, until it comes to one's own cell.
-    """
-    first_cell = world.first_cell[maze]
-    head = tail = 0
-    for i in range(count):
-        if search.distance[targets[i]] < 0:
-            search.distance[targets[i]] = 0
-            search.queue[tail] = targets[i]
-            tail += 1
-    while head < tail:
-        cell = search.queue[head]
-        head += 1
-        if cell == own:
-            break
-        for action in range(4):
-            after = world.neighbors[first_cell + cell, action]
-            if search.distance[after] < 0:
-                search.distance[after] = search.distance[cell] + 1
-                search.queue[tail] = after
-                tail += 1
-    mask, nearest = 0, search.distance[own]
-    if nearest > 0:
-        for action in range(4):
-            if search.distance[world.neighbors[first_cell + own, action]] == nearest - 1:
-                mask |= 1 << action
-    forget(search, tail)
-    return mask
+@inlined
+def field_of(scratch: Any) -> Search:
+    """Room for one search for all agents of a kind, from all whom they seek."""
+    return Search(scratch[FIELD_DISTANCE], scratch[FIELD_QUEUE])
 
 
 @subroutine
@@ -141,7 +127,7 @@ def fill_greedy_table(
     settings: Any,
     greedy: Any,
 ) -> None:
-    """Fill `greedy`, laid out as `tables`: the mask at [own, other]; 0 where any move will do.
+    """Fill `greedy`, laid out as `tables`: the mask at [own, other], all moves where any will do.
 
     `settings` is (epsilon, alert distance, look radius, stay action).
     """
@@ -162,6 +148,8 @@ def fill_greedy_table(
                         after = world.neighbors[world.first_cell[maze] + own, action]
                         if table_distance(world, maze, after, other) == distance - 1:
                             mask |= 1 << action
+                if mask == 0:
+                    mask = legal_moves(world, maze, own)
                 greedy[pair_index(world, maze, own, other)] = mask
 
 
@@ -178,205 +166,179 @@ def sought_by(kind: int, teams: Teams) -> Any:
 
 
 @inlined
-def cell_of_sought(kind: int, games: Games, game: int, number: int) -> int:
-    """The cell of a goal or of an opponent; -1 where it is gone."""
-    if kind == RUNNER:
-        return np.int64(games.goal[game, number])
-    return np.int64(games.position[game, number]) if games.active[game, number] else -1
+def list_sought(kind: int, games: Games, game: int, teams: Teams, cells: Any) -> int:
+    """List the cells of the goals or opponents that are left, in their order; how many."""
+    count = 0
+    for number in sought_by(kind, teams):
+        sought = np.uint64(number)
+        if kind == RUNNER:
+            cells[np.uint64(count)] = games.goal[game, sought]
+            count += games.goal[game, sought] >= 0
+        else:
+            cells[np.uint64(count)] = games.position[game, sought]
+            count += games.active[game, sought] != 0
+    return count
 
 
 @inlined
-def nearest_by_table(
-    kind: int,
-    games: Games,
-    game: int,
-    own: int,
-    limit: int,
-    teams: Teams,
-    world: World,
-    greedy: Any,
-) -> int:
-    """The greedy moves towards all that are nearest, or away from the first that is nearest.
+def cell_of_only(kind: int, games: Games, game: int, teams: Teams) -> int:
+    """The cell of the only one that is sought; -1 where it is gone."""
+    number = np.uint64(sought_by(kind, teams).start)
+    if kind == RUNNER:
+        return np.int64(games.goal[game, number])
+    return np.int64(games.position[game, number]) if games.active[game, number] else np.int64(-1)
 
-    `limit` is a distance that does not count any more.
+
+@inlined
+def towards_nearest(world: World, maze: int, own: int, cells: Any, count: int, greedy: Any) -> int:
+    """The greedy moves towards all of `cells[:count]` that are nearest; 0 where there is none.
+
+    Without a branch, of which every agent would have to be guessed anew.
     """
-    maze = np.int64(games.maze[game])
-    mask, nearest = 0, limit
-    for number in sought_by(kind, teams):
-        cell = cell_of_sought(kind, games, game, number)
-        if cell >= 0:
-            pair = pair_index(world, maze, own, cell)
-            distance, moves = np.int64(world.tables[pair]), np.int64(greedy[pair])
-            if distance < nearest:
-                nearest, mask = distance, moves
-            elif distance == nearest and kind != EVADER:
-                mask |= moves
+    row, mask, nearest = pair_index(world, maze, own, 0), np.int64(0), np.int64(FAR)
+    for i in range(count):
+        pair = np.uint64(row + np.int64(cells[np.uint64(i)]))
+        distance, moves = np.int64(world.tables[pair]), np.int64(greedy[pair])
+        farther, as_near = -np.int64(distance > nearest), -np.int64(distance >= nearest)
+        mask = (mask & as_near) | (moves & ~farther)
+        nearest = min(nearest, distance)
     return mask
 
 
 @inlined
-def nearest_by_search(
-    kind: int,
-    games: Games,
-    game: int,
-    own: int,
-    teams: Teams,
-    world: World,
-    scratch: Any,
-    settings: Any,
+def away_from_nearest(
+    world: World, maze: int, own: int, cells: Any, count: int, greedy: Any
 ) -> int:
-    """The same in a maze without a table; the queue of the look holds whom it heads for."""
+    """The greedy moves away from the first of `cells[:count]` that is nearest; 0 without any."""
+    row, nearest = pair_index(world, maze, own, 0), np.int64(2**62)
+    for i in range(count):
+        distance = np.int64(world.tables[np.uint64(row + np.int64(cells[np.uint64(i)]))])
+        nearest = min(nearest, (distance << 32) | i)
+    if count == 0:
+        return 0
+    threat = cells[np.uint64(nearest & 0xFFFFFFFF)]
+    return np.int64(greedy[np.uint64(row + np.int64(threat))])
+
+
+@inlined
+def moves_away(
+    world: World, maze: int, own: int, threat: int, greedy: Any, scratch: Any, settings: Any
+) -> int:
+    """The moves of an evader whose nearest chaser stands in `threat`."""
     _, alert, look, stay_action = settings
-    maze, path = np.int64(games.maze[game]), path_of(scratch)
-    if kind == EVADER:
-        threat, nearest = -1, np.int64(alert)
-        for number in sought_by(kind, teams):
-            cell = cell_of_sought(kind, games, game, number)
-            if cell >= 0:
-                distance = distance_within(world, path, maze, own, cell, nearest)
-                if distance < nearest:
-                    nearest, threat = distance, cell
-        if threat < 0:
-            return 0
-        return mask_fleeing(world, scratch, maze, own, threat, alert + look, look, stay_action)
-    targets, count = look_of(scratch).queue, 0
-    for number in sought_by(kind, teams):
-        cell = cell_of_sought(kind, games, game, number)
-        if cell >= 0:
-            targets[count] = cell
-            count += 1
-    return mask_towards(world, path, maze, own, targets, count)
+    if has_table(world, maze):
+        return np.int64(greedy[pair_index(world, maze, own, threat)])
+    return mask_fleeing(world, scratch, maze, own, threat, alert + look, look, stay_action)
 
 
-@compiled
-def choose_actions(
-    kind: int,
-    position: Any,
-    active: Any,
-    event: Any,
-    goal: Any,
-    steps: Any,
-    maze_of: Any,
-    streams: Any,
-    epsilon_of: Any,
-    seat: int,
-    counts: Any,
-    mazes: Any,
-    neighbors: Any,
-    facts: Any,
-    tables: Any,
-    greedy: Any,
-    scratch: Any,
-    settings: Any,
-    actions: Any,
-) -> None:
-    """Fill `actions` [games] for the agent in `seat`.
-
-    `counts` is (chasers, evaders, runners, goals); `settings` is (epsilon, alert distance, look
-    radius, stay action). An epsilon of NaN in the game means that of the settings.
-    """
-    chasers, evaders, runners, goals = counts
-    default, alert, _, stay_action = settings
-    games = Games(position, active, event, goal, steps, maze_of)
-    teams = Teams(chasers, evaders, runners, goals)
-    world = world_of(mazes, neighbors, facts, tables)
-    limit = np.int64(alert if kind == EVADER else FAR)
-    for game in range(actions.shape[0]):
-        maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
-        if has_table(world, maze):
-            mask = nearest_by_table(kind, games, game, own, limit, teams, world, greedy)
-        else:
-            mask = nearest_by_search(kind, games, game, own, teams, world, scratch, settings)
-        every = legal_moves(world, maze, own)
-        if mask == 0:
-            mask = every
-        epsilon = default if np.isnan(epsilon_of[game, seat]) else epsilon_of[game, seat]
-        actions[game] = draw_action(
-            mask, every, epsilon, stay_action, streams[game], stream_of(seat)
-        )
+@inlined
+def all_have_tables(world: World) -> bool:
+    """Whether no maze is too large for a table."""
+    for maze in range(world.table.shape[0]):
+        if world.table[maze] < 0:
+            return False
+    return True
 
 
-@compiled
-def list_moves(
-    kind: int,
-    position: Any,
-    active: Any,
-    event: Any,
-    goal: Any,
-    steps: Any,
-    maze_of: Any,
-    seat: int,
-    counts: Any,
-    mazes: Any,
-    neighbors: Any,
-    facts: Any,
-    tables: Any,
-    greedy: Any,
-    alert: int,
-    moves: Any,
-) -> None:
-    """Fill `moves` [games, 2] with the masks that `choose_actions` draws from: greedy, and every.
-
-    Arguments are the same as there; all mazes have tables.
-    """
-    chasers, evaders, runners, goals = counts
-    limit = np.int64(alert if kind == EVADER else FAR)
-    games = Games(position, active, event, goal, steps, maze_of)
-    teams = Teams(chasers, evaders, runners, goals)
-    world = world_of(mazes, neighbors, facts, tables)
-    for game in range(moves.shape[0]):
-        maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
-        mask = nearest_by_table(kind, games, game, own, limit, teams, world, greedy)
-        every = legal_moves(world, maze, own)
-        moves[game, 0], moves[game, 1] = mask if mask != 0 else every, every
+@inlined
+def use_table(world: World, maze: int, pairs: int) -> bool:
+    """Whether so many pairs are quicker looked up than searched, which takes all cells at most."""
+    return has_table(world, maze) and pairs <= PAIRS_A_CELL * world.num_cells[maze]
 
 
-@compiled
-def sample_table(
-    position: Any,
-    active: Any,
-    event: Any,
-    goal: Any,
-    steps: Any,
-    maze_of: Any,
-    streams: Any,
-    epsilon_of: Any,
-    seat: int,
-    opponents: Any,
-    mazes: Any,
-    neighbors: Any,
-    facts: Any,
-    tables: Any,
-    cumulative: Any,
-    table_offsets: Any,
-    default: float,
-    actions: Any,
-) -> None:
-    """Fill `actions` [games] from a policy table, given as cumulative sums over the actions.
+def entry_for(kind: int) -> Any:
+    """The compiled decisions of the agents of one kind."""
 
-    The other cell is that of the first active opponent. `cumulative` is [all pairs, actions], the
-    pairs of maze m beginning at `table_offsets[m]`.
-    """
-    games = Games(position, active, event, goal, steps, maze_of)
-    world, stream = world_of(mazes, neighbors, facts, tables), stream_of(seat)
-    num_actions = cumulative.shape[1]
-    for game in range(actions.shape[0]):
-        actions[game] = 0
-        maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
-        other = np.int64(-1)
-        for i in range(opponents.shape[0]):
-            if other < 0 and games.active[game, opponents[i]]:
-                other = np.int64(games.position[game, opponents[i]])
-        if other < 0 or not games.active[game, seat]:
-            continue
-        epsilon = epsilon_of[game, seat]
-        if np.isnan(epsilon):
-            epsilon = default
-        if epsilon > 0.0 and next_uniform(streams[game], stream) < epsilon:
-            every = legal_moves(world, maze, own)
-            actions[game] = draw_action(every, every, 0.0, num_actions == 5, streams[game], stream)
-            continue
-        pair = table_offsets[maze] + own * world.num_cells[maze] + other
-        draw = next_uniform(streams[game], stream) * cumulative[pair, num_actions - 1]
-        while actions[game] < num_actions - 1 and draw >= cumulative[pair, actions[game]]:
-            actions[game] += 1
+    @compiled
+    def choose_actions(
+        position: Any,
+        active: Any,
+        event: Any,
+        goal: Any,
+        steps: Any,
+        maze_of: Any,
+        streams: Any,
+        epsilon_of: Any,
+        seats: Any,
+        columns: Any,
+        counts: Any,
+        mazes: Any,
+        neighbors: Any,
+        facts: Any,
+        tables: Any,
+        greedy: Any,
+        scratch: Any,
+        settings: Any,
+        actions: Any,
+    ) -> None:
+        """Fill `columns` of `actions` [games, any] for the agents in `seats`, both [agents] int64.
+
+        `counts` is (chasers, evaders, runners, goals); `settings` is (epsilon, alert distance, look
+        radius, stay action). An epsilon of NaN in the game means that of the settings. Captured
+        evaders choose as if they were free: it takes less time than to ask who is.
+
+        Whom they seek is listed once a game. A few are looked up one by one; where agents are many,
+        or the maze has no table, one search spreads from all who are sought to all who ask, so that
+        agents and cells add up, and are not multiplied.
+        """
+        default, alert, _, stay_action = settings
+        games = Games(position, active, event, goal, steps, maze_of)
+        teams = Teams(counts[0], counts[1], counts[2], counts[3])
+        world = world_of(mazes, neighbors, facts, tables)
+        field, owner, sought = field_of(scratch), scratch[FIELD_OWNER], scratch[SOUGHT]
+        if len(sought_by(kind, teams)) == 1 and seats.shape[0] == 1 and all_have_tables(world):
+            for game in range(actions.shape[0]):
+                row, seat = np.uint64(game), np.uint64(seats[0])
+                maze, own = np.int64(games.maze[row]), np.int64(games.position[row, seat])
+                other = cell_of_only(kind, games, row, teams)
+                every = legal_moves(world, maze, own)
+                mask = every
+                if other >= 0:
+                    mask = np.int64(greedy[np.uint64(pair_index(world, maze, own, other))])
+                epsilon = epsilon_of[row, seat]
+                epsilon = default if np.isnan(epsilon) else epsilon
+                stream = stream_of(seat)
+                actions[row, np.uint64(columns[0])] = draw_action(
+                    mask, every, epsilon, stay_action, streams[row], stream
+                )
+            return
+        for game in range(actions.shape[0]):
+            maze, row = np.int64(games.maze[np.uint64(game)]), np.uint64(game)
+            head = tail = 0
+            count = list_sought(kind, games, row, teams, sought)
+            by_table = use_table(world, maze, count * seats.shape[0])
+            if not by_table and kind != RANDOM:
+                tail = begin_field(field, owner, sought, count)
+                if kind == EVADER:
+                    head, tail = spread_field(world, maze, field, owner, -1, alert - 1, head, tail)
+            for i in range(seats.shape[0]):
+                seat = np.uint64(seats[np.uint64(i)])
+                own, mask = np.int64(games.position[row, seat]), np.int64(0)
+                if by_table and kind == EVADER:
+                    mask = away_from_nearest(world, maze, own, sought, count, greedy)
+                elif by_table:
+                    mask = towards_nearest(world, maze, own, sought, count, greedy)
+                elif kind == EVADER:
+                    if 0 <= field.distance[own] < alert:
+                        threat = np.int64(sought[owner[own]])
+                        mask = moves_away(world, maze, own, threat, greedy, scratch, settings)
+                elif kind != RANDOM:
+                    head, tail = spread_field(world, maze, field, owner, own, FAR, head, tail)
+                    mask = moves_down(world, maze, field, own)
+                every = legal_moves(world, maze, own)
+                epsilon = epsilon_of[row, seat]
+                actions[row, np.uint64(columns[np.uint64(i)])] = draw_action(
+                    every if mask == 0 else mask,
+                    every,
+                    default if np.isnan(epsilon) else epsilon,
+                    stay_action,
+                    streams[row],
+                    stream_of(seat),
+                )
+            forget(field, tail)
+
+    return choose_actions
+
+
+ENTRIES = {kind: entry_for(kind) for kind in (CHASER, EVADER, RUNNER, RANDOM)}
+"""What fills actions, by the kind of agent; each is compiled when it is first used."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,7 @@ from pursuit.policy import GameView
 from pursuit.rules.layout import Games
 from pursuit.task import Task
 from scripted_agents import kernels
+from scripted_agents.move_kernels import list_moves
 
 
 class Scripted:
@@ -40,19 +43,44 @@ class Scripted:
     def __repr__(self) -> str:
         return f"{type(self).__name__}(epsilon={self.epsilon:g})"
 
+    def __init_subclass__(cls) -> None:
+        own_way = cls.act is not Scripted.act  # its own, or of whatever else it inherits
+        if own_way and cls.act_together is Scripted.act_together:
+            cls.act_together = None  # type: ignore[assignment]  # nobody else knows that way
+
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game; random numbers from the seat's stream."""
+        actions = np.empty((view.num_games, 1), dtype=np.int32)
+        self._fill(view, _numbers((view.seat,)), _numbers((0,)), actions)
+        return actions[:, 0]
+
+    def act_together(
+        self, view: GameView, seats: tuple[int, ...], actions: NDArray[np.int32]
+    ) -> None:
+        """Write into `actions` [num_games, num_agents] what `act` would do in each of `seats`.
+
+        In one pass over the games, and with one look at whom they all seek.
+        """
+        self._fill(view, _numbers(seats), _numbers(seats), actions)
+
+    def _fill(
+        self,
+        view: GameView,
+        seats: NDArray[np.int64],
+        columns: NDArray[np.int64],
+        actions: NDArray[np.int32],
+    ) -> None:
+        """Write into these columns of `actions` what the agents in `seats` do."""
         task = view.task
         room = max(task.max_cells, task.num_agents, task.num_goals)
         if room > self._scratch.shape[1]:
             self._scratch = _scratch_for(room)
-        actions = np.empty(view.num_games, dtype=np.int32)
-        kernels.choose_actions(
-            self.kind,
+        kernels.ENTRIES[self.kind](
             *view.games,
             view.streams,
             view.epsilon,
-            view.seat,
+            seats,
+            columns,
             (task.num_chasers, task.num_evaders, task.num_runners, task.num_goals),
             *view.mazes,
             self._greedy_table(view.mazes, task.stay_action),
@@ -60,17 +88,17 @@ class Scripted:
             self._settings(task.stay_action),
             actions,
         )
-        return actions
 
     def on_device(self, task: Task, seat: int, mazes: MazeArrays) -> Call:
         """The same on a GPU: the kernel, and what it is given."""
         given = {
-            "kind": self.kind,
+            "seats": _numbers((seat,)),
+            "columns": _numbers((seat,)),
             "counts": tuple(task.teams),
             "greedy": self._greedy_table(mazes, task.stay_action),
             "settings": self._settings(task.stay_action),
         }
-        return Call(kernels.choose_actions, given, work=("scripted", kernels.NUM_SCRATCH))
+        return Call(kernels.ENTRIES[self.kind], given, work=("scripted", kernels.NUM_SCRATCH))
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: the exact distribution in a game of one to one.
@@ -87,9 +115,8 @@ class Scripted:
         greedy = self._greedy_table(arrays, stay_action)
         pairs = (maze.num_cells, maze.num_cells)
         every = np.broadcast_to(arrays.world.moves[:, None], pairs)
-        masks = np.where(greedy.reshape(pairs) == 0, every, greedy.reshape(pairs))
         rows = rows_of_moves(self.epsilon, 5 if stay_action else 4)
-        return rows[number_of_moves(np.stack([masks, every], axis=-1))]
+        return rows[number_of_moves(np.stack([greedy.reshape(pairs), every], axis=-1))]
 
     def moves(self, task: Task, games: Games, seat: int) -> NDArray[np.uint8]:
         """[games, 2] uint8, bit masks over the actions in `seat` of any games of a task: the greedy
@@ -110,14 +137,15 @@ class Scripted:
             )
         mazes = lay_out(task.mazes)
         moves = np.zeros((len(games.steps), 2), dtype=np.uint8)
-        kernels.list_moves(
+        most = max(task.num_agents, task.num_goals)
+        list_moves(
             self.kind,
             *games,
             seat,
             tuple(task.teams),
             *mazes,
             self._greedy_table(mazes, task.stay_action),
-            self.alert_distance,
+            np.empty(most, dtype=np.int32),
             moves,
         )
         return moves
@@ -174,6 +202,8 @@ def greedy_moves(
 ) -> NDArray[np.uint8]:
     """The greedy moves at every [own, other], laid out as the distance tables, as bit masks.
 
+    All moves where any will do; 0 where a cell has none.
+
     Args:
         kind: of agent, as `kernels` numbers them.
         mazes: the arrays of the mazes.
@@ -189,6 +219,12 @@ def greedy_moves(
 
 def _scratch_for(room: int) -> NDArray[np.int32]:
     return np.full((kernels.NUM_SCRATCH, room), -1, dtype=np.int32)
+
+
+@lru_cache(maxsize=256)
+def _numbers(seats: tuple[int, ...]) -> NDArray[np.int64]:
+    """Seats as kernels take them."""
+    return np.array(seats, dtype=np.int64)
 
 
 class RandomAgent(Scripted):

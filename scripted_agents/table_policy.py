@@ -12,7 +12,7 @@ from pursuit.maze_arrays import MazeArrays
 from pursuit.policy import GameView
 from pursuit.rules.layout import Games
 from pursuit.task import Task
-from scripted_agents import kernels
+from scripted_agents import table_kernels
 from scripted_agents.best_response import checked_table
 from scripted_agents.scripted import RandomAgent
 
@@ -48,7 +48,7 @@ class TablePolicy:
         task = view.task
         self._check(task)
         actions = np.empty(view.num_games, dtype=np.int32)
-        kernels.sample_table(
+        table_kernels.sample_table(
             *view.games,
             view.streams,
             view.epsilon,
@@ -75,7 +75,7 @@ class TablePolicy:
             "table_offsets": self._offsets,
             "default": self.epsilon,
         }
-        return Call(kernels.sample_table, given)
+        return Call(table_kernels.sample_table, given)
 
     def _check(self, task: Task) -> None:
         if task.mazes != (self.maze,):

@@ -18,6 +18,8 @@ from scripted_agents import scripted, tour
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 # One thread each: small networks gain nothing from more, and lose much where cores are shared.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# The processes that tests start read some 300 of our files each: let the first keep them compiled.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # `make test` is steady: the same examples every time. `make test-all` looks for new ones
 # (--hypothesis-profile=random), and prints how to see a failure again.

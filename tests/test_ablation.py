@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,14 @@ import polars
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.stats import mannwhitneyu
 
 from train.commands.main import main
 from train.experiments.ablation import ABLATIONS, load_ablation
 from train.experiments.ablation_figures import Curve
-from train.experiments.ablation_report import summary, verdict
+from train.experiments.ablation_report import correct, summary, verdict
+from train.experiments.forms import Hints
 from train.experiments.statistics import (
     first_below,
     improvement,
@@ -27,7 +28,6 @@ from train.experiments.statistics import (
     mean_over,
     permutation_p,
     probability_of_improvement,
-    stratified_interval,
 )
 from train.experiments.sweep import shipped
 from train.experiments.tables import CURVES, RUNS
@@ -42,6 +42,7 @@ seeds = [0, 1]
 task = "maze"
 maze = "3x3"
 frames = 6000
+max_steps = 40
 num_games = 32
 minibatch_size = 128
 
@@ -98,41 +99,8 @@ def test_improvement_is_mann_and_whitneys_u(ours: list[int], theirs: list[int]) 
 def test_the_probability_of_improvement_over_tasks_is_their_mean() -> None:
     point, (low, high) = probability_of_improvement([[1, 2, 3], [5, 6]], [[4, 5, 6], [5, 6]])
     assert point == pytest.approx((1.0 + 0.5) / 2) and low < point < high
-    assert probability_of_improvement([[1.0] * 3], [[2.0] * 3]) == (1.0, (1.0, 1.0))
-    assert probability_of_improvement([[2.0] * 3], [[2.0] * 3]) == (0.5, (0.5, 0.5))
+    assert probability_of_improvement([[2.0] * 3], [[2.0] * 3])[0] == 0.5
     assert np.isnan(probability_of_improvement([[1.0]], [[2.0]])[1][0])
-
-
-def test_the_stratified_interval_is_scipys_where_there_is_one_stratum() -> None:
-    values = np.random.default_rng(1).exponential(size=30)
-    theirs = stats.bootstrap(
-        (values,), np.mean, method="percentile", n_resamples=20_000, rng=np.random.default_rng(2)
-    ).confidence_interval
-    ours = stratified_interval([values.tolist()], lambda x: np.asarray(x).mean(axis=-1))
-    width = theirs.high - theirs.low
-    assert ours == pytest.approx((theirs.low, theirs.high), abs=0.06 * width)
-
-
-def test_strata_are_never_mixed() -> None:
-    def seen(values: NDArray[np.float64]) -> Any:
-        assert set(np.unique(values[..., :2])) <= {1.0, 2.0}
-        assert set(np.unique(values[..., 2:])) <= {100.0, 200.0, 300.0}
-        return values.mean(axis=-1)
-
-    low, high = stratified_interval([[1.0, 2.0], [100.0, 200.0, 300.0]], seen)
-    assert 60.0 < low < high < 182.0
-    # Two tasks of very different size, each with equal seeds: nothing is uncertain.
-    assert stratified_interval([[1.0, 1.0], [9.0, 9.0]]) == (5.0, 5.0)
-    # One seed tells nothing of the spread of its task.
-    assert np.isnan(stratified_interval([[1.0, 2.0], [9.0]])).all()
-
-
-def test_the_interval_covers_the_truth_about_as_often_as_it_says() -> None:
-    rng, covered = np.random.default_rng(0), 0
-    for _ in range(200):
-        low, high = stratified_interval([rng.standard_normal(20).tolist()])
-        covered += low <= 0.0 <= high
-    assert 0.85 < covered / 200 <= 1.0
 
 
 def test_times_and_areas() -> None:
@@ -190,16 +158,50 @@ def test_the_p_value_of_several_tasks_is_that_of_all_splits_within_them() -> Non
     assert 0.01 < exact < 0.5 and permutation_p(ours, theirs) == pytest.approx(exact, abs=0.01)
 
 
+def verdicts(hints: Hints, **arms: list[Curve]) -> list[str]:
+    rows = [summary(name, curves, arms["none"]) for name, curves in arms.items()]
+    correct(rows, hints)
+    return [verdict(row, hints) for row in rows]
+
+
 def test_a_verdict_needs_more_than_chance() -> None:
+    hints = Hints("", control="none", arms=["none", "arm"])
     control = [curve([50.0, 20.0 + seed], seed) for seed in range(5)]
     for shift, wanted in ((-15.0, "better"), (15.0, "worse"), (0.0, "no difference shown")):
         arm = [curve([50.0, 20.0 + seed + shift], seed) for seed in range(5)]
-        assert verdict(summary("arm", arm, control), "none").startswith(wanted)
-    three = summary("arm", [curve([1.0], seed) for seed in range(3)], control[:3])
-    assert verdict(three, "none") == "no difference shown (p = 0.10)"
-    assert verdict(summary("none", control, control), "none") == "control"
-    one = summary("arm", control[:1], control[:1])
-    assert verdict(one, "none") == "nothing can be said"
+        told = verdicts(hints, none=control, arm=arm)
+        assert told[0] == "control" and told[1].startswith(wanted)
+    three = verdicts(hints, none=control[:3], arm=[curve([1.0], seed) for seed in range(3)])
+    assert three[1] == "no difference shown (p = 0.10)"
+    assert verdicts(hints, none=control[:1], arm=control[:1])[1] == "nothing can be said"
+
+
+def test_many_arms_need_more_and_the_one_that_was_named_before_does_not() -> None:
+    control = [curve([50.0, 20.0 + seed], seed) for seed in range(5)]
+    better = [curve([50.0, 5.0 + seed], seed) for seed in range(5)]
+    arms = {"none": control, **{name: better for name in "abcdefg"}}
+    told = verdicts(Hints("", control="none"), **arms)
+    assert {*told[1:]} == {"no difference shown (p = 0.056)"}  # 7 times 2 of 252 splits
+    told = verdicts(Hints("", control="none", primary="b"), **arms)
+    assert told[2] == "better (p = 0.008, primary)" and told[1] == "better (p = 0.048)"
+
+
+def test_equal_is_said_only_within_a_margin_that_was_named() -> None:
+    control = [curve([50.0, 20.0 + 0.1 * seed], seed) for seed in range(5)]
+    arms = {"none": control, "arm": control}
+    assert verdicts(Hints("", control="none"), **arms)[1].startswith("no difference")
+    assert verdicts(Hints("", control="none", margin=1.0), **arms)[1].startswith("equal within 1 ")
+    told = verdicts(Hints("", control="none", margin=0.1), **arms)[1]
+    assert told.startswith("no difference shown")
+
+
+def test_the_share_of_frames_on_the_last_lesson() -> None:
+    def taught(*lessons: float) -> Curve:
+        return replace(curve([5.0] * len(lessons), 0), lesson=np.array(lessons))
+
+    assert taught(3.0, 3.0, 3.0, 3.0).settled == 1.0
+    assert taught(1.0, 2.0, 3.0, 3.0).settled == 0.5
+    assert np.isnan(taught(np.nan, np.nan).settled)
 
 
 # -- files -----------------------------------------------------------------------------------------
@@ -224,6 +226,9 @@ def test_every_shipped_ablation_is_sound_in_both_versions(name: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
+        ('control = "none"', 'control = "none"\nprimary = "none"', "none of the arms beside the"),
+        ('control = "none"', 'control = "none"\nmargin = 0', "margin=0"),
+        ('control = "none"', 'control = "none"\nthreshold = 7', "threshold=7; one of"),
         ('control = "none"', "", "control=None is none of the arms"),
         ('control = "none"', 'control = "nobody"', "control='nobody' is none of the arms"),
         ('name = "near first"', 'name = "none"', "all different"),

@@ -357,6 +357,7 @@ class Point:
         return lambda place: network.logits(torch.tensor([[place]])).argmax(-1).item()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ppo", "a2c", "dqn"])
 def test_learners_learn_where_there_is_no_maze(name: str) -> None:
     torch.manual_seed(0)

@@ -153,6 +153,7 @@ def test_evaluate_render_and_baseline_say_what_they_found(
     assert "optimal" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_run_on_a_maze_file_does_not_need_the_file_later(tmp_path: Path) -> None:
     maze = tmp_path / "mine.txt"
     run("maze", "--generate", "prim", "--height", "3", "--out", maze)

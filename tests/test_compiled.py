@@ -126,7 +126,8 @@ def test_kernels_call_kernels_of_their_own_file_and_of_the_rules_only() -> None:
         for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             if module.name == "pursuit.stable_baselines":
                 continue  # loads torch, and has no kernels
-            for kernel in vars(importlib.import_module(module.name)).values():
+            names = vars(importlib.import_module(module.name))
+            for kernel in (*names.values(), *names.get("ENTRIES", {}).values()):
                 if not isinstance(kernel, Dispatcher):
                     continue
                 own = kernel.py_func.__module__
@@ -148,7 +149,7 @@ def test_one_kernel_serves_one_game_and_many() -> None:
         actions = np.zeros((games, 2), dtype=np.int32)
         simulator.act([None, scripted_agents.AStarEvader(0.5)], actions)
         seen.append((simulator.observe("index", 0)[0].tolist(), actions[0].tolist()))
-        entries: list[Any] = [encodings.encode_index, kernels.choose_actions]
+        entries: list[Any] = [encodings.encode_index, kernels.ENTRIES[kernels.EVADER]]
         known.append([set(kernel.overloads) for kernel in entries])
     assert seen[0] == seen[1] and known[0] == known[1]
 

@@ -24,7 +24,7 @@ from pursuit.maze_arrays import lay_out
 from pursuit.rules import layout
 from pursuit.simulator import Simulator
 from pursuit.task import Rewards, Task, make_task
-from scripted_agents import AStarEvader, TablePolicy
+from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent, TablePolicy
 
 SIMULATED = {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "ignore"}
 
@@ -130,10 +130,12 @@ def test_steps_and_starts_of_every_task_compile_to_ptx(compiles: Any, name: str)
 @pytest.mark.slow
 def test_every_agent_that_plays_on_a_gpu_compiles_to_ptx(compiles: Any) -> None:
     task = make_task("chase", maze="3x3")
-    table = np.full((9, 9, 4), 0.25)
-    for policy in (AStarEvader(0.1), TablePolicy(task.mazes[0], table)):
-        call = policy.on_device(task, 1, lay_out(task.mazes))
-        compiles(task, call, of_seat=True, seat=1)
+    table = TablePolicy(task.mazes[0], np.full((9, 9, 4), 0.25))
+    for seat, policy in ((0, AStarChaser()), (1, AStarEvader(0.1)), (1, RandomAgent()), (1, table)):
+        call = policy.on_device(task, seat, lay_out(task.mazes))
+        compiles(task, call, of_seat=True, seat=seat)
+    task = make_task("maze", maze="3x3")
+    compiles(task, NearestGoalRunner().on_device(task, 0, lay_out(task.mazes)), of_seat=True)
 
 
 @pytest.mark.slow

@@ -123,7 +123,14 @@ def test_chasers_and_evaders_learn_with_every_kind_of_learner(
     assert steps_of(evader) > 1.5 * evader.trainee.contest.score("random", RandomAgent()).mean_steps
 
 
-SLOW_PRESETS = ("thesis-reacher-ppo", "thesis-ddpg", "thesis-td3", "thesis-dqn", "thesis-a2c")
+SLOW_PRESETS = (
+    "thesis-ppo",
+    "thesis-reacher-ppo",
+    "thesis-ddpg",
+    "thesis-td3",
+    "thesis-dqn",
+    "thesis-a2c",
+)
 """An iteration takes seconds; `make test-all` runs them."""
 
 

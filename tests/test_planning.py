@@ -116,6 +116,7 @@ def test_learners_of_choices_take_it(tmp_path: Path, own: str) -> None:
     assert load_policy(tmp_path / "run").seat.features.kind == "grid"
 
 
+@pytest.mark.slow
 def test_it_learns_to_go_in_mazes_that_it_never_saw(tmp_path: Path) -> None:
     command = "train --task maze --num-goals 1 --maze suite:5x5-train/0-99 --observation window "
     command += (

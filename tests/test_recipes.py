@@ -60,6 +60,7 @@ def test_stable_baselines_learns_and_its_model_is_a_table(
                 assert table[own, other].argmax() == predicted[0]
 
 
+@pytest.mark.slow
 def test_a_saved_model_is_an_opponent(models: dict[str, Path], tmp_path: Path) -> None:
     flat = {"role": "evader", "maze": "3x3", "frames": 3000, "num_games": 16, "minibatch_size": 64}
     chosen = settings_of(**flat, threads=1, opponent=str(models["ppo"]))
@@ -72,6 +73,7 @@ def test_a_saved_model_is_an_opponent(models: dict[str, Path], tmp_path: Path) -
         settings_of(maze="3x3", frames=1, opponent=str(models["ppo"]))
 
 
+@pytest.mark.slow
 def test_runners_share_their_network_through_supersuit(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -252,14 +252,16 @@ def test_every_learner_resumes_in_every_scheme(
     "changes",
     [
         {"share_networks": True},
-        {"evader": "astar", "sampling": "pfsp"},
+        pytest.param({"evader": "astar", "sampling": "pfsp"}, marks=pytest.mark.slow),
         pytest.param(
             {"task": {"num_chasers": 2, "num_evaders": 2}, "sampling": "double-oracle",
              "pool_size": 7},
             marks=pytest.mark.slow,
         ),
         {"task": {"num_chasers": 2}, "hyper": replace(PPO, central_critic=True)},
-        {"hyper": replace(PPO, recurrent="gru"), "sampling": "pfsp"},
+        pytest.param(
+            {"hyper": replace(PPO, recurrent="gru"), "sampling": "pfsp"}, marks=pytest.mark.slow
+        ),
         {"task": {"num_chasers": 2}, "hyper": replace(PPO, central_critic=True, recurrent="gru")},
     ],
     ids=[

@@ -267,11 +267,17 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
 @pytest.mark.parametrize(
     "changes",
     [
-        {"share_networks": True},
+        pytest.param({"share_networks": True}, marks=pytest.mark.slow),
         {"chaser_algorithm": "dqn", "evader_algorithm": "a2c", "frames": 30_000},
-        {"task": {"num_chasers": 2, "num_evaders": 2, "max_steps": 30}},
+        pytest.param(
+            {"task": {"num_chasers": 2, "num_evaders": 2, "max_steps": 30}},
+            marks=pytest.mark.slow,
+        ),
         {"task": {"num_chasers": 2}, "hyper": replace(QUICK, central_critic=True)},
-        {"task": {"stay_action": True, "move_order": "chasers_first"}, "observation": "planes"},
+        pytest.param(
+            {"task": {"stay_action": True, "move_order": "chasers_first"}, "observation": "planes"},
+            marks=pytest.mark.slow,
+        ),
         {"task": {"task": "heist"}, "sampling": "uniform"},
     ],
 )

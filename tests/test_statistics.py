@@ -1,24 +1,109 @@
-"""Statistics over seeds, against SciPy and by how often they hold."""
+"""Statistics over few seeds: against SciPy, and by how often they hold."""
+
+from collections.abc import Callable
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import trim_mean
+from scipy import stats
 
-from train.experiments.statistics import bootstrap_interval, interquartile_mean
+from train.experiments.statistics import (
+    difference_interval,
+    holm,
+    interquartile_mean,
+    logrank_p,
+    mean_interval,
+    probability_of_improvement,
+)
+
+SPREAD: dict[str, tuple[float, Callable[..., Any]]] = {
+    "normal": (0.0, lambda rng, size: rng.normal(size=size)),
+    "uniform": (0.5, lambda rng, size: rng.random(size)),
+    "two-sided exponential": (0.0, lambda rng, size: rng.laplace(size=size)),
+    "somewhat to one side": (4.0, lambda rng, size: rng.gamma(4.0, size=size)),
+}
 
 
-def test_the_interquartile_mean_and_the_interval_are_right() -> None:
+@pytest.mark.parametrize("spread", SPREAD)
+@pytest.mark.parametrize("runs", [2, 3, 5, 10, 20])
+def test_the_interval_of_a_mean_covers_it_at_every_number_of_runs(runs: int, spread: str) -> None:
+    truth, draw = SPREAD[spread]
+    drawn = draw(np.random.default_rng(runs), (1500, runs))
+    ends = np.array([mean_interval([sample]) for sample in drawn])
+    covered = np.mean((ends[:, 0] <= truth) & (truth <= ends[:, 1]))
+    assert 0.9 < covered < 0.985
+
+
+@pytest.mark.parametrize("shift", [0.0, 1.0, 2.0, 4.0])
+@pytest.mark.parametrize(("runs", "tasks"), [(3, 1), (5, 1), (10, 1), (3, 3)])
+def test_the_interval_of_p_covers_it_even_where_all_runs_lie_apart(
+    runs: int, tasks: int, shift: float
+) -> None:
+    rng, covered = np.random.default_rng(runs), 0
+    truth = float(stats.norm.cdf(shift / np.sqrt(2.0)))
+    for _ in range(400):
+        ours = rng.normal(size=(tasks, runs)).tolist()
+        _, (low, high) = probability_of_improvement(
+            ours, rng.normal(shift, size=(tasks, runs)).tolist()
+        )
+        covered += low <= truth <= high
+    # At 3 against 3 U has 10 values, and a tenth of all cases are its ends.
+    assert covered / 400 > (0.87 if (runs, tasks) == (3, 1) else 0.915)
+
+
+def test_three_against_three_is_never_certain() -> None:
+    point, (low, high) = probability_of_improvement([[1, 2, 3]], [[4, 5, 6]])
+    assert point == 1.0 == high and 0.45 < low < 0.55
+    assert probability_of_improvement([[4, 5, 6]], [[1, 2, 3]])[1] == pytest.approx((0.0, 1 - low))
+
+
+def test_intervals_of_means_are_scipys() -> None:
+    rng = np.random.default_rng(1)
+    own, other = rng.normal(size=5), rng.normal(1.0, 3.0, size=7)
+    assert mean_interval([own]) == pytest.approx(stats.ttest_1samp(own, 0).confidence_interval())
+    welch = stats.ttest_ind(own, other, equal_var=False).confidence_interval(0.9)
+    assert difference_interval([own], [other], 0.9) == pytest.approx((welch.low, welch.high))
+    # Two tasks of very different size, each with equal seeds: nothing is uncertain.
+    assert mean_interval([[1.0, 1.0], [9.0, 9.0]]) == (5.0, 5.0)
+    # Half the difference of two tasks is the mean of one and of the other's negative.
+    halves = difference_interval([own / 2], [other / 2])
+    assert mean_interval([own, -other]) == pytest.approx(halves)
+    assert np.isnan(mean_interval([[1.0, 2.0], [9.0]])).all()
+
+
+def test_holms_correction_is_closed_testing_with_bonferroni() -> None:
+    ps = np.random.default_rng(0).random(5) ** 3
+    sets = [set(c) for size in range(1, 6) for c in combinations(range(5), size)]
+    closed = [
+        max(min(1.0, len(s) * min(ps[list(s)])) for s in sets if number in s) for number in range(5)
+    ]
+    assert holm(ps.tolist()) == pytest.approx(closed)
+    assert holm([0.03, float("nan"), 0.02])[::2] == pytest.approx([0.04, 0.04])
+    assert np.isnan(holm([0.03, float("nan")])[1]) and holm([]) == []
+
+
+def test_the_log_rank_test_is_that_of_its_definition() -> None:
+    ours, theirs = [2.0, 3.0, np.inf], [3.0, 5.0, np.inf, np.inf]
+    ends = ([9.0] * 3, [9.0] * 4)
+    observed = expected = variance = 0.0
+    for time in (2.0, 3.0, 5.0):
+        a, b = sum(t >= time for t in ours), sum(t >= time for t in theirs)
+        got = sum(t == time for t in ours + theirs)
+        n = a + b
+        observed += sum(t == time for t in ours)
+        expected += got * a / n
+        variance += got * (a / n) * (b / n) * (n - got) / (n - 1) if n > 1 else 0.0
+    p = 2.0 * stats.norm.sf(abs(observed - expected) / variance**0.5)
+    assert logrank_p(ours, theirs, ends) == pytest.approx(p)
+    assert np.isnan(logrank_p([np.inf], [np.inf], ([1.0], [1.0])))
+
+
+def test_the_interquartile_mean_is_that_of_the_middle_half() -> None:
     generator = np.random.default_rng(0)
     for count in (4, 8, 20, 40):
         values = generator.normal(size=count)
-        assert interquartile_mean(list(values)) == pytest.approx(trim_mean(values, 0.25))
+        assert interquartile_mean(list(values)) == pytest.approx(stats.trim_mean(values, 0.25))
     assert interquartile_mean([3.0]) == 3.0
     assert interquartile_mean([1.0, 2.0]) == pytest.approx(1.5)
     assert interquartile_mean([0.0, 1.0, 100.0]) == pytest.approx((0.25 * 0 + 1 + 25.0) / 1.5)
-    covered = 0
-    for _ in range(200):
-        low, high = bootstrap_interval(list(generator.normal(size=30)))
-        covered += low <= 0.0 <= high
-    assert 180 <= covered <= 199  # of 95 %, a little fewer at 30 values
-    assert np.isnan(bootstrap_interval([1.0])).all()
-    assert bootstrap_interval([2.0, 2.0]) == (2.0, 2.0)

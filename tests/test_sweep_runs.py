@@ -120,6 +120,7 @@ def test_a_sweep_over_files_is_taken_up_again_and_reads_its_own_copies(
     assert (row["maze"], row["opponent"]) == (str(given["maze"]), str(given["opponent"]))
 
 
+@pytest.mark.slow
 def test_a_run_travels_with_all_that_it_reads(given: dict[str, Any], tmp_path: Path) -> None:
     names(tmp_path, given)
     ((_, folder),) = prepare(load_sweep(str(tmp_path / "s.toml")), tmp_path / "out")

@@ -32,6 +32,7 @@ seeds = [0, 1]
 [settings]
 task = "maze"
 frames = 2000
+max_steps = 40
 num_games = 32
 
 [grid]

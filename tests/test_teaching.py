@@ -140,7 +140,8 @@ def test_every_axis_and_curriculum_that_can_be_named_can_be_made() -> None:
     assert set(CURRICULUM_MAKERS) == set(CURRICULA.values()) - {CURRICULA["none"]}
 
 
-SLOW_AXES = {"goal-spread-fixed", "start-distance", "num-goals", "maze-size"}
+SLOW_AXES = set(AXES) - {"opponent-epsilon", "goal-spread-start"}
+"""An axis of each end of the game is looked at each time; `make test-all` looks at all."""
 
 
 @pytest.mark.parametrize(
@@ -169,7 +170,16 @@ def test_every_axis_turns_what_it_says_up_to_the_task_itself(axis: str, tmp_path
     assert all(row["reason"].startswith("linear schedule at") for row in log)
 
 
-@pytest.mark.parametrize("name", ["uniform", "learning-progress", "success-gated", "shuffled"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "uniform",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("learning-progress", "success-gated", "shuffled")
+        ),
+    ],
+)
 def test_stages_lie_on_the_axis_and_the_last_is_the_task(name: str, tmp_path: Path) -> None:
     more = {"window": 100} if name == "success-gated" else {}
     settings = settings_of(**MAZE, curriculum=name, axis="num-goals", **more)

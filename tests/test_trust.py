@@ -213,6 +213,7 @@ def test_workers_find_and_trust_what_their_sweep_does(module: str) -> None:
     assert found[parts.ALLOW] == module and str(Path.cwd()) in found[parts.LOOK_IN]
 
 
+@pytest.mark.slow
 def test_a_sweep_of_own_parts_runs_in_its_workers(module: str, tmp_path: Path) -> None:
     """From the folder that the module is in; a train.py there does not stand in for ours."""
     Path("train.py").write_text("raise SystemExit('the wrong one')\n")

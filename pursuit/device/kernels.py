@@ -57,20 +57,22 @@ def parts_of(
     """The function of a thread that calls `entry`, and its parameters after those of the games.
 
     Args:
-        entry: a kernel of the CPU.
+        entry: a kernel of the CPU. One that has `columns`, those of the actions of all agents that
+            it fills, finds those of a seat by itself.
         written: the argument that has a row for each game; of one seat's actions "seat's actions".
         absent: arguments that are None.
         final: whether the games are those that have ended, as they ended.
     """
     function = getattr(entry, "py_func", entry)
-    of_seat, written = written == "seat's actions", written.removeprefix("seat's ")
+    names = list(inspect.signature(function).parameters)
+    of_seat = written == "seat's actions" and "columns" not in names
+    written = written.removeprefix("seat's ")
     column = ", seat]" if of_seat else "]"
     meanings = {
         **OF_GAME,
         written: f"{written}[game:game + 1{column}",
         **dict.fromkeys(absent, "None"),
     }
-    names = list(inspect.signature(function).parameters)
     known = {*OF_GAMES, *OF_MEMORY, "maze_of", "goals_", "epsilon_of", *absent} - {written}
     rest = tuple(name for name in names if name not in known)
     call = f"entry({', '.join(meanings.get(name, name) for name in names)})"

@@ -163,3 +163,60 @@ def manhattan(world: World, first_cell: int, a: int, b: int) -> int:
     """Rows plus columns between cells of the maze that begins at `first_cell`, walls ignored."""
     a, b = np.uint64(first_cell + a), np.uint64(first_cell + b)
     return abs(world.row[a] - world.row[b]) + abs(world.column[a] - world.column[b])
+
+
+@inlined
+def begin_field(field: Search, owner: Any, cells: Any, count: int) -> int:
+    """Begin one search from all of `cells[:count]` at once; how many different ones they are.
+
+    `owner` gets the first of them, as a number in the list, for every cell that is reached.
+    """
+    tail = 0
+    for i in range(count):
+        cell = cells[i]
+        if field.distance[cell] < 0:
+            field.distance[cell] = 0
+            owner[cell] = i
+            field.queue[tail] = cell
+            tail += 1
+    return tail
+
+
+@subroutine
+def spread_field(
+    world: World, maze: int, field: Search, owner: Any, own: int, limit: int, head: int, tail: int
+) -> tuple[int, int]:
+    """Go on with a search until it has reached `own`, or `limit` steps; the ends of its queue.
+
+    Of the sources that are nearest to a cell `owner` has the first where `own` is -1, which ends
+    at the limit only: a cell has its owner when all that are nearer have been left behind.
+    """
+    first_cell = world.first_cell[maze]
+    while head < tail and (own < 0 or field.distance[own] < 0):
+        cell = field.queue[head]
+        after_steps = field.distance[cell] + 1
+        if after_steps > limit:
+            break
+        head += 1
+        for action in range(4):
+            after = world.neighbors[first_cell + cell, action]
+            if field.distance[after] < 0:
+                field.distance[after] = after_steps
+                owner[after] = owner[cell]
+                field.queue[tail] = after
+                tail += 1
+            elif field.distance[after] == after_steps and owner[cell] < owner[after]:
+                owner[after] = owner[cell]
+    return head, tail
+
+
+@inlined
+def moves_down(world: World, maze: int, field: Search, own: int) -> int:
+    """The moves that come nearer to the sources of a search that has reached `own`, or 0."""
+    mask, steps = 0, field.distance[own]
+    if steps > 0:
+        for action in range(4):
+            after = world.neighbors[world.first_cell[maze] + own, action]
+            if field.distance[after] == steps - 1:
+                mask |= 1 << action
+    return mask

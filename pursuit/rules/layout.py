@@ -35,8 +35,7 @@ GOING_ON, TERMINATED, TRUNCATED = range(3)
 OK, BAD_ACTION, NO_PLACEMENT = range(3)
 UNPLACED = -1
 """The cell of who waits for `pursuit.placements` to choose a start."""
-UNCHANGED = -1.0
-"""The next episode's epsilon where none waits: the present one stays."""
+UNCHANGED = -1.0  # the next episode's epsilon where none waits: the present one stays
 
 # The stacked layers of the flat arrays.
 POSITION, ACTIVE, EVENT, FINAL_POSITION, FINAL_ACTIVE, FINAL_EVENT, AGENT_LAYERS = range(7)
@@ -44,9 +43,8 @@ GOAL, FINAL_GOAL, GOAL_LAYERS = range(3)
 STEPS, MAZE, FINAL_STEPS, FINAL_MAZE, CLOCK_LAYERS = range(5)
 EPSILON, NEXT_EPSILON, RETURNS, EPISODE_RETURNS, REAL_LAYERS = range(5)
 ENDED_BY_RULE, ENDED_BY_TIME, FLAG_LAYERS = range(3)
-SCRATCH_DISTANCE, SCRATCH_QUEUE, SCRATCH_AFTER, SCRATCH_CAPTORS, SCRATCH_TAKERS, SCRATCH_LAYERS = (
-    range(6)
-)
+SCRATCH_DISTANCE, SCRATCH_QUEUE, SCRATCH_AFTER = range(3)
+SCRATCH_CAPTORS, SCRATCH_TAKERS, SCRATCH_CAPTURED, SCRATCH_LAYERS = range(3, 7)
 (
     NEXT_MAZE,
     NEXT_NUM_GOALS,
@@ -194,13 +192,14 @@ class Plan(NamedTuple):
     """What is decided before anything is written, for one game after the other; int32.
 
     after: [agents], where each will stand.
-    captors: [agents], how many chasers capture this evader.
+    captors: [agents], how many chasers capture this evader; captured: those who are, in order.
     takers: [goals], how many collect this goal.
     """
 
     after: Any
     captors: Any
     takers: Any
+    captured: Any
 
 
 class Memory(NamedTuple):
@@ -343,7 +342,8 @@ def search_of(scratch: Any) -> Search:
 @inlined
 def plan_of(scratch: Any) -> Plan:
     """Where a step decides."""
-    return Plan(scratch[SCRATCH_AFTER], scratch[SCRATCH_CAPTORS], scratch[SCRATCH_TAKERS])
+    after, captors = scratch[SCRATCH_AFTER], scratch[SCRATCH_CAPTORS]
+    return Plan(after, captors, scratch[SCRATCH_TAKERS], scratch[SCRATCH_CAPTURED])
 
 
 # -- who is who ------------------------------------------------------------------------------------

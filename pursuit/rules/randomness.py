@@ -61,12 +61,14 @@ def draw_action(
     """
     word = next_word(streams, stream)
     mask = greedy
-    if np.float64(word >> np.uint64(32)) * 2.0**-32 < epsilon:
+    # Signed: the processor has no conversion of unsigned words.
+    if np.float64(np.int64(word >> np.uint64(32))) * 2.0**-32 < epsilon:
         mask = every
     if mask == 0:
         return STAY if stay_action else 0
-    chosen = ((word & np.uint64(0xFFFFFFFF)) * np.uint64(MASK_SIZE[mask])) >> np.uint64(32)
-    return np.int64(MASK_ITEM[mask, np.int64(chosen)])
+    number = np.uint64(mask)
+    chosen = ((word & np.uint64(0xFFFFFFFF)) * np.uint64(MASK_SIZE[number])) >> np.uint64(32)
+    return np.int64(MASK_ITEM[number, chosen])
 
 
 @compiled

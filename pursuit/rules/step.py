@@ -44,7 +44,7 @@ from pursuit.rules.layout import (
 @inlined
 def legal_moves(world: World, maze: int, cell: int) -> int:
     """The bit mask of the moves that change the cell."""
-    return np.int64(world.moves[world.first_cell[maze] + cell])
+    return np.int64(world.moves[np.uint64(world.first_cell[np.uint64(maze)] + cell)])
 
 
 @inlined
@@ -57,9 +57,8 @@ def step(
     for chaser in chasers_of(teams):
         plan.after[chaser] = destination(games, game, chaser, actions, world, first_cell)
     for evader in evaders_of(teams):
-        plan.after[evader] = games.position[game, evader]
-        if games.active[game, evader]:
-            plan.after[evader] = destination(games, game, evader, actions, world, first_cell)
+        cell = destination(games, game, evader, actions, world, first_cell)
+        plan.after[evader] = cell if games.active[game, evader] else games.position[game, evader]
     for runner in runners_of(teams):
         plan.after[runner] = destination(games, game, runner, actions, world, first_cell)
     captures = decide_captures(games, game, rules, plan)
@@ -69,7 +68,7 @@ def step(
     for chaser in chasers_of(teams):
         event, earned = 0, np.float32(0.0)
         if captures > 0:
-            event, earned = captures_of(games, game, chaser, rules, plan)
+            event, earned = captures_of(games, game, chaser, rules, plan, captures)
         if pays_step(rules.chaser, event, end):
             earned = np.float32(rules.chaser.step)
             if rules.chaser.distance != 0.0:
@@ -77,17 +76,17 @@ def step(
                 earned = np.float32(rules.chaser.step + rules.chaser.distance * away)
         write(games, game, chaser, event, earned, plan, outcome)
     for evader in evaders_of(teams):
-        event, earned = 0, np.float32(0.0)
-        if plan.captors[evader] > 0:
+        event, earned, active = 0, np.float32(0.0), games.active[game, evader] != 0
+        if captures > 0 and plan.captors[evader] > 0:
             event, earned = WAS_CAPTURED, np.float32(rules.evader.capture)
-        elif games.active[game, evader]:
-            if collected > 0:
+        else:
+            if collected > 0 and active:
                 event, earned = goals_taken_by(games, game, evader, teams, rules.evader, plan)
-            if pays_step(rules.evader, event, end):
-                earned = np.float32(rules.evader.step)
-                if rules.evader.distance != 0.0:
-                    away = nearest_chaser(evader, teams, world, first_cell, plan)
-                    earned = np.float32(rules.evader.step + rules.evader.distance * away)
+            due = active & pays_step(rules.evader, event, end)
+            earned = np.float32(rules.evader.step) if due else earned
+            if rules.evader.distance != 0.0 and due:
+                away = nearest_chaser(evader, teams, world, first_cell, plan)
+                earned = np.float32(rules.evader.step + rules.evader.distance * away)
         write(games, game, evader, event, earned, plan, outcome)
     for runner in runners_of(teams):
         event, earned = 0, np.float32(0.0)
@@ -99,10 +98,8 @@ def step(
                 away = nearest_goal(games, game, runner, teams, world, first_cell, plan)
                 earned = np.float32(rules.runner.step + rules.runner.distance * away)
         write(games, game, runner, event, earned, plan, outcome)
-    if captures > 0:
-        for evader in evaders_of(teams):
-            if plan.captors[evader] > 0:
-                games.active[game, evader] = 0
+    for i in range(captures):
+        games.active[game, plan.captured[i]] = 0
     if collected > 0:
         for goal in goals_of(teams):
             if plan.takers[goal] > 0:
@@ -146,9 +143,10 @@ def meet(games: Games, game: int, chaser: int, evader: int, rules: Rules, plan: 
 
 @inlined
 def decide_captures(games: Games, game: int, rules: Rules, plan: Plan) -> int:
-    """Count the captors of every evader; how many captures there are.
+    """Count the captors of every evader and list who is captured; how many are.
 
-    Where the chasers move first, whoever they reach moves no more.
+    Where the chasers move first, whoever they reach moves no more. Every pair is asked, without
+    branches: lists by cell were no quicker for 50 against 50.
     """
     captures = 0
     for evader in evaders_of(rules.teams):
@@ -161,6 +159,7 @@ def decide_captures(games: Games, game: int, rules: Rules, plan: Plan) -> int:
             for chaser in chasers_of(rules.teams):
                 captors += meet(games, game, chaser, evader, rules, plan)
         plan.captors[evader] = captors
+        plan.captured[captures] = evader
         captures += captors > 0
     return captures
 
@@ -212,12 +211,13 @@ def pays_step(pay: Pay, event: int, end: int) -> bool:
 
 @inlined
 def captures_of(
-    games: Games, game: int, chaser: int, rules: Rules, plan: Plan
+    games: Games, game: int, chaser: int, rules: Rules, plan: Plan, captures: int
 ) -> tuple[int, float]:
     """The event and the reward of a chaser: captors of one evader share it equally."""
     event, earned = 0, np.float32(0.0)
-    for evader in evaders_of(rules.teams):
-        if plan.captors[evader] > 0 and meet(games, game, chaser, evader, rules, plan):
+    for i in range(captures):
+        evader = plan.captured[i]
+        if meet(games, game, chaser, evader, rules, plan):
             event = CAPTURED
             earned = np.float32(earned + rules.chaser.capture / plan.captors[evader])
     return event, earned

@@ -42,6 +42,10 @@ GROUPS: dict[str, dict[str, Command]] = {
             "evaluate a trained run again, on as many episodes as you like",
             "runs/first --episodes 10000",
         ),
+        "regret": Command(
+            "say in which states a trained policy loses what it loses",
+            "runs/first",
+        ),
         "baseline": Command(
             "random, scripted and optimal agents on a task: what can be reached",
             "--task maze --maze 5x5 --num-goals 3",

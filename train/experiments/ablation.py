@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from pathlib import Path
 
-from train.experiments.forms import AblationFile, SweepFile
+from train.experiments.forms import THRESHOLDS, AblationFile, SweepFile
 from train.experiments.sweep import Sweep, choose_version, multiply_out, read_file, read_form
 from train.runs.folder import RUN
 from train.runs.parts import contest_of
@@ -47,6 +47,16 @@ def load_ablation(name: str, version: str | None = None) -> Sweep:
         check(len(arms) > 1, "give at least two [[arms]], with names")
         names = [arm.get("name") for arm in arms]
         check(control in names, f"control={control!r} is none of the arms {names}; name one")
+        others = [name for name in names if name != control]
+        primary, margin, threshold = file.primary, file.margin, file.threshold
+        check(
+            primary in (None, *others),
+            f"primary={primary!r} is none of the arms beside the control: {others}; name one",
+        )
+        check(margin is None or margin > 0, f"margin={margin}; points of the gap, above 0")
+        check(
+            threshold in THRESHOLDS, f"threshold={threshold:g}; one of the gaps {THRESHOLDS} in %"
+        )
         for arm in arms:
             own = sorted(set(EQUAL) & set(arm))
             check(
@@ -55,7 +65,8 @@ def load_ablation(name: str, version: str | None = None) -> Sweep:
                 "same task and seeds: set it for all, in [settings]",
             )
         shared = {n: getattr(file, n) for n in AblationFile.__struct_fields__}
-        del shared["arms"], shared["control"]
+        for name in ("arms", "control", "primary", "margin", "threshold"):
+            del shared[name]
         chosen = choose_version(SweepFile(**shared, variants=arms), version)
         for arm in arms:
             if "curriculum" not in (chosen.settings or {}):
@@ -86,6 +97,7 @@ def load_ablation(name: str, version: str | None = None) -> Sweep:
                 "ablation is measured against it; take a runner alone, one chaser against one "
                 "evader, or a smaller game without a hunt for goals",
             )
-        return replace(sweep, report={"control": control, "arms": names, "x": sweep.report["x"]})
+        report = {"control": control, "arms": names, "x": sweep.report["x"], "primary": primary}
+        return replace(sweep, report=report | {"margin": margin, "threshold": threshold})
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None

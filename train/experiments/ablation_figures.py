@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from train.experiments.statistics import interquartile_means
 from train.figures import (
     GREY,
+    KINK,
     PALETTE,
     PLAIN,
     Look,
@@ -55,6 +55,24 @@ class Curve:
     seed: int
     task: str
 
+    @property
+    def settled_at(self) -> int:
+        """Which evaluation was the first on whose lesson training stayed; -1 without lessons."""
+        last = self.lesson[-1]
+        if np.isnan(last):
+            return -1
+        other = np.flatnonzero(~np.isclose(self.lesson, last))
+        return int(other[-1]) + 1 if len(other) else 0
+
+    @property
+    def settled(self) -> float:
+        """The share of the frames that were spent on the last lesson; NaN without lessons."""
+        at = self.settled_at
+        if at < 0:
+            return float("nan")
+        began = self.frames[at - 1] if at else 0.0  # a lesson is told after it was trained on
+        return float(1.0 - began / self.frames[-1])
+
     def time(self, unit: str) -> NDArray[np.float64]:
         """[evaluations]: frames in millions, or seconds, as axes have them."""
         return time_scale(unit) * (self.frames if unit == "frames" else self.seconds)
@@ -80,10 +98,10 @@ def draw_final(
         left.plot([row["best"], row["worst"]], [place, place], "|", color=color, ms=9)
     left.set_yticks(range(len(table)), [row["arm"] for row in table])
     left.set_ylim(len(table) - 0.5, -0.5)
-    left.set_xscale("symlog", linthresh=1.0)
+    left.set_xscale("symlog", linthresh=KINK)
     short_numbers(left.xaxis)
     ends = [row[name] for row in table for name in ("best", "worst")]
-    left.set_xlim(1.4 * min(*ends, 0.0) - 0.1, 1.6 * max(ends) + 0.2)
+    left.set_xlim(1.4 * min(*ends, 0.0) - KINK / 10, 1.6 * max(ends) + 0.2)
     left.axvline(0, color="#333333", lw=1.0, ls=":")
     left.set_xlabel("final gap to the optimum (%)")
     right.set_xlim(-0.03, 1.03)
@@ -98,7 +116,10 @@ def draw_final(
 def draw_arms(
     path: Path, arms: dict[str, list[Curve]], control: str, title: str, look: Look = PLAIN
 ) -> None:
-    """A panel for each arm: the control in grey, all seeds faint, what was trained on below."""
+    """A panel for each arm: the control in grey, all seeds faint, what was trained on below.
+
+    A dotted line stands where a run's last lesson began.
+    """
     unit = look.x or "seconds"
     names = [name for name in arms if name != control] or [control]
     columns = min(len(names), 4)
@@ -127,13 +148,17 @@ def draw_arms(
             places, middle = _middle(arms.get(arm, []), unit)
             if len(places):
                 upper.plot(places, middle, color=shade, lw=1.9, zorder=order + 2, label=arm)
-        upper.set_yscale("symlog", linthresh=1.0)
+        upper.set_yscale("symlog", linthresh=KINK)
         upper.set_ylim(1.3 * bottom, 1.6 * top + 0.2)
         short_numbers(upper.yaxis)
         upper.axhline(0, color="#333333", lw=1.0, ls=":")
         upper.set_title(name, fontsize=10)
         for curve in arms[name]:
             lower.plot(curve.time(unit), curve.lesson, color=color, lw=1.0, alpha=0.6)
+            if curve.settled_at > 0:
+                began = curve.time(unit)[curve.settled_at - 1]
+                for axis in (upper, lower):
+                    axis.axvline(began, color=color, lw=0.8, ls=":", alpha=0.6)
         if all(np.isnan(curve.lesson).all() for curve in arms[name]):
             said = "as the task" if name == control else "levels, chosen one by one"
             lower.text(0.5, 0.5, said, transform=lower.transAxes, ha="center", va="center")
@@ -153,7 +178,7 @@ def draw_arms(
 
 
 def _middle(curves: list[Curve], unit: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The interquartile mean of the curves, where all of them are."""
+    """The mean of the curves, where all of them are."""
     if not curves:
         return np.zeros(0), np.zeros(0)
     times = [curve.time(unit) for curve in curves]
@@ -162,4 +187,4 @@ def _middle(curves: list[Curve], unit: str) -> tuple[NDArray[np.float64], NDArra
     values = [
         np.interp(places, time, curve.shortfall) for time, curve in zip(times, curves, strict=True)
     ]
-    return places, interquartile_means(np.stack(values, axis=-1))
+    return places, np.mean(values, axis=0)

@@ -11,17 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train.experiments.ablation_figures import Curve, draw_arms, draw_final
-from train.experiments.forms import HINTS, read_hints
+from train.experiments.forms import HINTS, THRESHOLDS, Hints, read_hints
 from train.experiments.methods import METHODS_LINE, methods
 from train.experiments.power import power_line
 from train.experiments.statistics import (
     Interval,
+    difference_interval,
     first_below,
-    interquartile_mean,
+    holm,
+    logrank_p,
+    mean_interval,
     mean_over,
     permutation_p,
     probability_of_improvement,
-    stratified_interval,
 )
 from train.experiments.tables import collect
 from train.figures import PLAIN, Look
@@ -29,8 +31,9 @@ from train.files import write_text
 from train.result_table import Column, ResultTable
 from train.settings.checks import check
 
-THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
-"""Per cent above the optimum that are waited for."""
+LEVEL = 0.05
+SPENT = 0.8
+"""An arm with a smaller share of its frames on its last lesson is pointed out."""
 
 
 def curve_of(row: dict[str, Any], evaluations: list[dict[str, Any]]) -> Curve:
@@ -93,13 +96,15 @@ def ablation_report(out: Path, look: Look = PLAIN) -> Path:
         arms.setdefault(row["variant"], []).append(curve_of(row, by_run[row["run"]]))
     arms = {name: curves for name, curves in arms.items() if curves}
     rows = [summary(name, curves, arms.get(control, [])) for name, curves in arms.items()]
-    table = table_of(rows, control)
+    correct(rows, hints)
+    table = table_of(rows, hints)
     sizes = [
         tuple(zip(map(len, strata(curves)), map(len, strata(arms[control])), strict=True))
         for name, curves in arms.items()
         if name != control and {c.task for c in curves} == {c.task for c in arms.get(control, [])}
     ]
-    power = "".join(f"Here {power_line(each)}. " for each in dict.fromkeys(sizes))
+    others = len(sizes) - (hints.primary is not None)
+    power = "".join(f"Here {power_line(each, others)}. " for each in dict.fromkeys(sizes))
     folder = out / "report"
     folder.mkdir(exist_ok=True)
     figures = ["final.png"]
@@ -112,7 +117,7 @@ def ablation_report(out: Path, look: Look = PLAIN) -> Path:
         figures.append(name)
     table.write(folder)
     write_text(folder / "methods.md", methods([out / "runs" / row["run"] for row in complete]))
-    text = markdown(hints.title, table, complete, everything, figures, power)
+    text = markdown(hints, table, complete, everything, figures, power)
     write_text(folder / "report.md", text)
     return folder
 
@@ -128,11 +133,12 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
 
     Shortfalls in per cent, times in seconds and frames.
     """
-    finals = [curve.final for curve in curves]
-    low, high = stratified_interval(strata(curves))
+    finals, tasks = strata(curves), {c.task for c in curves}
+    low, high = mean_interval(finals)
     row: dict[str, Any] = {"arm": name, "runs": len(curves)}
-    row |= {"gap": interquartile_mean(finals), "gap_low": low, "gap_high": high}
-    row |= {"best": min(finals), "worst": max(finals)}
+    row |= {"gap": float(np.mean([np.mean(each) for each in finals]))}
+    row |= {"gap_low": low, "gap_high": high}
+    row |= {"best": min(map(min, finals)), "worst": max(map(max, finals))}
     for kind in ("greedy", "sampled"):
         each = [getattr(curve, kind) for curve in curves]
         row |= {f"{kind}_best": min(each), f"{kind}_worst": max(each)}
@@ -141,16 +147,45 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
             times = [first_below(getattr(c, unit), c.shortfall, threshold) for c in curves]
             row[f"reached_{threshold:g}"] = int(np.isfinite(times).sum())
             row[f"{unit}_to_{threshold:g}"] = _median(times)
-    areas = [mean_over(c.seconds, c.optimality) for c in curves]
-    low, high = stratified_interval([areas])
-    row |= {"area": interquartile_mean(areas), "area_low": low, "area_high": high}
-    point, (low, high), p = float("nan"), (float("nan"), float("nan")), float("nan")
-    tasks = {c.task for c in curves}
+    areas = [mean_over(c.frames, c.optimality) for c in curves]
+    low, high = mean_interval([areas])
+    row |= {"area": float(np.mean(areas)), "area_low": low, "area_high": high}
+    row["settled"] = float(np.mean([c.settled for c in curves]))
+    empty = (float("nan"), float("nan"))
+    point, (low, high), p, apart = float("nan"), empty, float("nan"), empty
     if control and tasks == {c.task for c in control}:
-        point, (low, high) = probability_of_improvement(strata(curves), strata(control))
-        p = permutation_p(strata(curves), strata(control))
+        point, (low, high) = probability_of_improvement(finals, strata(control))
+        p = permutation_p(finals, strata(control))
+        apart = difference_interval(finals, strata(control), 1.0 - 2.0 * LEVEL)
     row |= {"improvement": point, "improvement_low": low, "improvement_high": high, "p": p}
+    row |= {"apart_low": apart[0], "apart_high": apart[1]}
+    for threshold in THRESHOLDS:
+        row[f"p_to_{threshold:g}"] = _p_of_times(curves, control, threshold)
     return row
+
+
+def _p_of_times(curves: list[Curve], control: list[Curve], threshold: float) -> float:
+    """Of the log-rank test of frames to a gap, over all tasks; nan without a control."""
+    if not control:
+        return float("nan")
+    sides = [
+        [first_below(c.frames, c.shortfall, threshold) for c in side] for side in (curves, control)
+    ]
+    ends = ([c.frames[-1] for c in curves], [c.frames[-1] for c in control])
+    return logrank_p(sides[0], sides[1], ends)
+
+
+def correct(rows: list[dict[str, Any]], hints: Hints) -> None:
+    """Correct what p there is for how many arms are compared: `p_holm`, `p_time`.
+
+    The primary arm, which was named before, stands alone.
+    """
+    others = [row for row in rows if row["arm"] not in (hints.control, hints.primary)]
+    for name, source in (("p_holm", "p"), ("p_time", f"p_to_{hints.threshold:g}")):
+        for row in rows:
+            row[name] = float("nan") if row["arm"] == hints.control else row[source]
+        for row, p in zip(others, holm([row[source] for row in others]), strict=True):
+            row[name] = p
 
 
 def _median(times: Sequence[float]) -> float:
@@ -162,25 +197,32 @@ def _median(times: Sequence[float]) -> float:
     return (ordered[middle - 1] + ordered[middle]) / 2
 
 
-def verdict(row: dict[str, Any], control: str) -> str:
+def verdict(row: dict[str, Any], hints: Hints) -> str:
     """What an arm shows against the control, in words."""
-    if row["arm"] == control:
+    if row["arm"] == hints.control:
         return "control"
-    low = row["improvement_low"]
-    if np.isnan(low):
+    p, margin = row["p_holm"], hints.margin
+    if np.isnan(row["improvement_low"]):
         return "nothing can be said"
-    told = f"p = {row['p']:.3f}" if row["p"] < 0.1 else f"p = {row['p']:.2f}"
-    if row["p"] >= 0.05:
-        return f"no difference shown ({told})"
-    return f"{'better' if row['improvement'] > 0.5 else 'worse'} ({told})"
+    told = f"p = {_p(p)}" + (", primary" if row["arm"] == hints.primary else "")
+    if p < LEVEL:
+        return f"{'better' if row['improvement'] > 0.5 else 'worse'} ({told})"
+    if margin is not None and -margin < row["apart_low"] <= row["apart_high"] < margin:
+        return f"equal within {margin:g} points ({told})"
+    return f"no difference shown ({told})"
 
 
-def table_of(rows: list[dict[str, Any]], control: str) -> ResultTable:
-    """`summary` of every arm as people read it."""
+def _p(p: float) -> str:
+    return f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
+
+
+def table_of(rows: list[dict[str, Any]], hints: Hints) -> ResultTable:
+    """`summary` of every arm as people read it; `correct` has been there."""
+    control = hints.control
     columns = [
         Column("arm", lambda row: str(row["arm"]), left=True),
         Column("runs", lambda row: str(row["runs"])),
-        Column("final gap, % [95 %]", partial(_cell_with, "gap")),
+        Column("final gap, mean, % [95 %]", partial(_cell_with, "gap")),
         Column("best to worst", partial(_cell_range, "")),
         Column("greedy, %", partial(_cell_range, "greedy_")),
         Column("sampled, %", partial(_cell_range, "sampled_")),
@@ -188,14 +230,25 @@ def table_of(rows: list[dict[str, Any]], control: str) -> ResultTable:
             Column(f"to {t:g} %: seconds, M frames (runs)", partial(_cell_time, f"{t:g}"))
             for t in THRESHOLDS
         ),
+        Column(
+            f"log-rank p, to {hints.threshold:g} %",
+            lambda row: "" if np.isnan(row["p_time"]) else _p(row["p_time"]),
+        ),
         Column("optimality over training [95 %]", partial(_cell_with, "area")),
+        Column("frames on its last lesson", lambda row: _cell_settled(row["settled"])),
         Column(
             f"P(better than {control}) [95 %]",
             lambda row: "" if row["arm"] == control else _cell_with("improvement", row),
         ),
-        Column("verdict", lambda row: verdict(row, control), left=True),
+        Column("verdict", lambda row: verdict(row, hints), left=True),
     ]
     return ResultTable(rows, columns)
+
+
+def _cell_settled(share: float) -> str:
+    if np.isnan(share):
+        return ""
+    return f"{100 * share:.0f} %" + ("" if share >= SPENT else f", below {100 * SPENT:.0f} %")
 
 
 def _cell_with(name: str, row: dict[str, Any]) -> str:
@@ -216,7 +269,7 @@ def _cell_time(threshold: str, row: dict[str, Any]) -> str:
 
 
 def markdown(
-    title: str,
+    hints: Hints,
     table: ResultTable,
     rows: list[dict[str, Any]],
     everything: list[dict[str, Any]],
@@ -224,12 +277,21 @@ def markdown(
     power: str,
 ) -> str:
     """The report as Markdown; `power` says what so many runs can show."""
-    lines = [f"# {title}", "", table.markdown()]
+    lines = [f"# {hints.title}", "", table.markdown()]
     budgets = {(row["budget_seconds"], row["budget_frames"]) for row in rows}
     told = "; ".join(f"{s:g} s" if s is not None else f"{f:,} frames" for s, f in budgets)
     seeds = sorted({row["seed"] for row in rows})
     kinds = sorted({str(row["evaluate"]) for row in rows})
     machines = sorted({str(row["machine"]) for row in rows})
+    if hints.primary is None:
+        asked = "No arm was named as the primary one before the runs, so all p are corrected. "
+    else:
+        asked = f"Asked for before the runs: {hints.primary} against {hints.control}. "
+    if hints.margin is not None:
+        asked += (
+            f"Equal is said where the 90 % interval of the difference of the means (Welch) lies "
+            f"within {hints.margin:g} points, a margin named before the runs. "
+        )
     lines += [
         "",
         f"{len(rows)} runs of {told} each, seeds {', '.join(map(str, seeds))}, "
@@ -237,17 +299,21 @@ def markdown(
         "",
         "Every arm is evaluated on the same task at its final difficulty, throughout training. The "
         f"gap is by how many per cent the {' or '.join(kinds)} policy is worse than the exact "
-        "optimum: the interquartile mean over runs, with a stratified bootstrap. Greedy takes the "
+        "optimum: the mean over runs, with Student's interval, which says little where some runs "
+        "solve their task and some do not: then count those that got there. Greedy takes the "
         "most probable action, sampled plays the policy as it is learned: where the greedy one "
         "steps to and fro between two cells for ever, that gets away; both are given, best to "
         "worst run. Times are those of the first evaluation at or below the threshold, medians "
         "over runs; a run that never got there "
-        "counts as infinitely late, not as missing. Optimality is optimum / steps (for evaders "
-        "steps / optimum), averaged over training time; 1 is perfect. P is the probability that "
-        "a run of the arm ends nearer to the optimum than one of the control (Mann and Whitney); "
-        "p is that of a permutation test of P against 0.5, two-sided; a verdict is given only "
-        f"below 0.05. {power}With few seeds intervals are hardly more than "
-        "the range of the runs.",
+        "counts as infinitely late, not as missing, and is censored in the log-rank test (of "
+        "frames). Optimality is optimum / steps (for evaders "
+        "steps / optimum), averaged over the frames of training; 1 is perfect. P is the "
+        "probability that "
+        "a run of the arm ends nearer to the optimum than one of the control (Mann and Whitney), "
+        "its interval Newcombe's; "
+        "p is that of a permutation test of P against 0.5, two-sided; all p are corrected for the "
+        f"number of arms (Holm), but that of a primary one. {asked}A verdict is given only "
+        f"below {LEVEL:g}. {power}".rstrip(),
         "",
         METHODS_LINE,
     ]

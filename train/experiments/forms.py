@@ -15,6 +15,8 @@ from train.settings.checks import check, check_seed
 
 HINTS, LABEL = "sweep.json", "run.json"
 VERSIONS = ("short", "full")
+THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
+"""Gaps in per cent that an ablation waits for."""
 REMEDY = "mend that line; the README's section on sweeps shows the form"
 ANEW = "remove that file; the next `pursuit sweep` writes it anew"
 
@@ -70,11 +72,21 @@ class SweepFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 
 
 class AblationFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
-    """An ablation file: a sweep's, with arms instead of variants, and a control."""
+    """An ablation file: a sweep's, with arms instead of variants, and a control.
+
+    Attributes:
+        primary: the one arm whose difference from the control is asked for: its p stands alone,
+            those of the others are corrected for how many they are.
+        margin: points of the gap within which an arm is to count as equal to the control.
+        threshold: the gap in per cent whose time to reach is tested.
+    """
 
     title: str | None = None
     kind: str | None = None
     control: str | None = None
+    primary: str | None = None
+    margin: float | None = None
+    threshold: float = 5.0
     settings: Table | None = None
     grid: Table | None = None
     arms: list[Table] | None = None
@@ -120,7 +132,7 @@ class Hints(msgspec.Struct):
         title: of the report.
         runs: the names of the runs; None where nobody has said (all that are there).
         x, group: columns of the table of runs.
-        control, arms: of an ablation.
+        control, arms, primary, margin, threshold: of an ablation (`AblationFile`).
     """
 
     title: str
@@ -129,6 +141,9 @@ class Hints(msgspec.Struct):
     group: list[str] = msgspec.field(default_factory=list)
     control: str | None = None
     arms: list[str] = msgspec.field(default_factory=list)
+    primary: str | None = None
+    margin: float | None = None
+    threshold: float = 5.0
 
 
 Label = dict[str, bool | int | float | str | list[str] | None]

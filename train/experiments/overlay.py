@@ -14,11 +14,11 @@ from train.experiments.forms import read_hints
 from train.experiments.measures import GAP, Measure, measure_of
 from train.experiments.methods import METHODS, METHODS_LINE, methods
 from train.experiments.page import page_of
-from train.experiments.statistics import is_range
-from train.experiments.sweep_figures import bands
+from train.experiments.sweep_figures import BAND_FROM, draw_group
 from train.experiments.sweep_report import put_groups, summary, table_of
 from train.experiments.tables import collect, row_of
 from train.figures import (
+    KINK,
     PALETTE,
     PLAIN,
     Look,
@@ -106,11 +106,12 @@ def told_bands(rows: Rows) -> str:
     most, least = max(runs.values()), min(runs.values())
     if most == 1:
         return "A curve is a single run: how others would end, nothing here tells."
-    told = "A curve is the mean over runs as far as the shortest of them goes, its band "
-    if is_range(most):
-        return told + "their range."
-    told += "the 95 % bootstrap interval of that mean"
-    return told + (", or the range where there are few runs." if is_range(least) else ".")
+    told = "A thick curve is the mean over runs as far as the shortest of them goes; "
+    band = "a band is Student's 95 % interval of that mean"
+    if least >= BAND_FROM:
+        return told + band + "."
+    told += "thin ones are the runs"
+    return told + (f", where they are below {BAND_FROM}; {band}." if most >= BAND_FROM else ".")
 
 
 def _curves_of(folder: Path) -> list[tuple[dict[str, Any], Path]]:
@@ -161,12 +162,9 @@ def draw_overlay(
             times = np.array([e[unit] for e in known]) * time_scale(unit)
             factor = 100.0 if measure is GAP_CURVE else 1.0
             curves.append((times, factor * np.array([e[measure.curve] for e in known])))
-        places, mean, low, high = bands(curves, look.log)
-        everything += [mean, low, high]
         color = PALETTE[number % len(PALETTE)]
         dash = DASHES[number // len(PALETTE) % len(DASHES)]
-        axis.plot(places, mean, dash, color=color, lw=1.7, label=group)
-        axis.fill_between(places, low, high, color=color, alpha=0.16, lw=0)
+        everything.append(draw_group(axis, curves, color, group, look.log, dash).ravel())
     if measure is GAP_CURVE:
         ends = np.concatenate(everything)
         least, most = float(np.nanmin(ends)), float(np.nanmax(ends))
@@ -174,7 +172,7 @@ def draw_overlay(
             axis.set_yscale("log")
             plain_numbers(axis.yaxis)
         else:  # the optimum is in sight
-            axis.set_yscale("symlog", linthresh=1.0)
+            axis.set_yscale("symlog", linthresh=KINK)
             axis.set_ylim(1.5 * min(least, 0.0) - 0.3, 1.5 * max(most, 0.0) + 0.3)
             axis.axhline(0, color="#333333", lw=1.2, ls=":")
             short_numbers(axis.yaxis)

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from itertools import count
 
-from train.experiments.statistics import is_range, least_p
+from train.experiments.statistics import least_p
 from train.experiments.sweep import MEASURED, Sweep, SweepRun, flat_settings
 
 LEVEL = 0.05
@@ -41,14 +41,16 @@ def _ablation(plan: Sweep, control: str) -> list[str]:
     tasks = list(dict.fromkeys(task for _, task in runs))
     arms = [arm for arm in dict.fromkeys(arm for arm, _ in runs) if arm != control]
     sizes = [tuple((runs[arm, task], runs[control, task]) for task in tasks) for arm in arms]
-    return [power_line(each) for each in dict.fromkeys(sizes)]
+    others = len(arms) - (plan.report.get("primary") is not None)
+    return [power_line(each, others) for each in dict.fromkeys(sizes)]
 
 
-def power_line(sizes: Sequence[tuple[int, int]]) -> str:
+def power_line(sizes: Sequence[tuple[int, int]], arms: int = 1) -> str:
     """Whether runs of an arm against the control can show p < 0.05, by the test of the report.
 
     Args:
         sizes: the runs of both, for each task.
+        arms: that are compared, for which p is corrected (Holm): the least p is that of the first.
     """
     told = " and ".join(dict.fromkeys(f"{ours} against {theirs}" for ours, theirs in sizes))
     if min(min(pair) for pair in sizes) == 0:
@@ -56,16 +58,22 @@ def power_line(sizes: Sequence[tuple[int, int]]) -> str:
     if len(sizes) > 1:
         same = len(set(sizes)) == 1
         told += f" in {'each of ' if same else ''}{len(sizes)} tasks"
-    least = least_p(sizes)
+    least = min(1.0, max(arms, 1) * least_p(sizes))
     test = "the least p of the permutation test (of Mann and Whitney's U)"
+    if arms > 1:
+        test += f", corrected for {arms} arms,"
     if least < LEVEL:
         return f"{told} can show p < {LEVEL:g}: {test} is {least:.2g}"
-    return f"{told} cannot show p < {LEVEL:g}: {test} is {least:.2f}; {_remedy(len(sizes))}"
+    remedy = _remedy(len(sizes), max(arms, 1))
+    return f"{told} cannot show p < {LEVEL:g}: {test} is {least:.2f}; {remedy}"
 
 
-def _remedy(tasks: int) -> str:
-    enough = next(n for n in count(1) if least_p([(n, n)] * tasks) < LEVEL)
-    return f"it takes {enough} against {enough} ({least_p([(enough, enough)] * tasks):.2g})"
+def _remedy(tasks: int, arms: int = 1) -> str:
+    def least(runs: int) -> float:
+        return arms * least_p([(runs, runs)] * tasks)
+
+    enough = next(n for n in count(1) if least(n) < LEVEL)
+    return f"it takes {enough} against {enough} ({least(enough):.2g})"
 
 
 def _sweep(numbers: Sequence[int]) -> list[str]:
@@ -76,9 +84,7 @@ def _sweep(numbers: Sequence[int]) -> list[str]:
     if least == 1:
         line += "of a single seed there is no interval either, and nothing tells chance apart"
     else:
-        line += f"it gives 95 % bootstrap intervals of the mean over {told} seeds"
-        if is_range(least):
-            line += ", which are no more than the range of the runs below 4"
+        line += f"it gives Student's 95 % intervals of the mean over {told} seeds"
     p = least_p([(least, least)])
     verb = "could not" if p >= LEVEL else "could"
     line += f". A permutation test of {least} against {least} {verb} show p < {LEVEL:g}: "

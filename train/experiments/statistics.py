@@ -1,23 +1,24 @@
-"""Statistics over few seeds, after Agarwal et al. (2021), Deep RL at the Edge of the Precipice.
+"""Statistics over few seeds.
 
-SciPy resamples, permutes and trims; rliable, which would do the same in their names, brings 80 MB
-and 3 s of imports and does not run beside pandas 3. Ours are the weights of values at the quartiles
-(rliable's interquartile mean of three seeds is their plain mean), and splits within each of several
-tasks.
+Of means Student's intervals, of probabilities of improvement Newcombe's: percentile bootstraps of 3
+to 9 values cover the truth in 50 to 90 % of the cases instead of 95, and shrink to a point where
+all values lie apart; these hold at 3 (a test simulates it). SciPy permutes, tests and trims; ours
+are the weights of values at the quartiles, and what takes several tasks at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import comb, prod
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import bootstrap, monte_carlo_test, permutation_test, trim_mean
+from scipy.optimize import brentq
+from scipy.stats import CensoredData, logrank, monte_carlo_test, norm, permutation_test, trim_mean
+from scipy.stats import t as student
 
-RESAMPLES = 2000
-PERMUTATIONS = 10 * RESAMPLES
+PERMUTATIONS = 20_000
 Interval = tuple[float, float]
 
 
@@ -36,39 +37,49 @@ def interquartile_mean(values: Sequence[float]) -> float:
     return float(interquartile_means(values))
 
 
-def bootstrap_interval(values: Sequence[float]) -> Interval:
-    """The 95 % bootstrap interval of the mean (percentiles); (nan, nan) below two values."""
-    return _interval([values], lambda drawn: drawn[0].mean(axis=-1))
+def mean_interval(tasks: Sequence[Sequence[float]], level: float = 0.95) -> Interval:
+    """Student's interval of the mean over tasks of the mean of their runs.
 
-
-def stratified_interval(
-    strata: Sequence[Sequence[float]], estimate: Callable[[Any], Any] = interquartile_means
-) -> Interval:
-    """The 95 % stratified bootstrap interval of an estimate over all values.
+    With one task the usual one; with several Welch's, its degrees of freedom by Satterthwaite
+    (1946). It covers as often as it says where runs are spread about evenly around their mean, and
+    somewhat less where few lie far on one side. Of runs that either solve their task or do not no
+    interval of a mean says much: count them.
 
     Args:
-        strata: the values of every task, one for each seed; seeds are drawn within a task only.
-        estimate: from [..., values] to [...].
+        tasks: the values of every task, one for each seed.
+        level: how often it is to cover the truth.
 
     Returns:
-        Percentiles; (nan, nan) where a stratum has a single value, which tells of no spread.
+        (nan, nan) where a task has a single value, which tells of no spread.
     """
-    return _interval(strata, lambda drawn: estimate(np.concatenate(drawn, axis=-1)))
+    return _welch([(np.asarray(task, dtype=np.float64), 1.0) for task in tasks], level)
 
 
-def _interval(samples: Sequence[Sequence[float]], estimate: Callable[[Any], Any]) -> Interval:
-    """Of an estimate over samples, [..., values] each, of which every one is drawn anew."""
-    if min(map(len, samples)) < 2:
+def difference_interval(
+    ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[float]], level: float = 0.95
+) -> Interval:
+    """Welch's interval of the mean of ours minus that of theirs, as `mean_interval` has it.
+
+    At level 0.9 it lies within a margin exactly where two one-sided tests at 0.05 say that the
+    means differ by no more (Schuirmann, 1987).
+    """
+    signed = [(own, 1.0) for own in ours] + [(other, -1.0) for other in theirs]
+    both = [(np.asarray(task, dtype=np.float64), sign * 2.0) for task, sign in signed]
+    return _welch(both, level)  # the mean over half of them: those of either side
+
+
+def _welch(samples: Sequence[tuple[NDArray[np.float64], float]], level: float) -> Interval:
+    """Of the mean over samples of their means, each times its weight."""
+    if min(len(sample) for sample, _ in samples) < 2:
         return float("nan"), float("nan")
-    interval = bootstrap(
-        [np.asarray(sample, dtype=np.float64) for sample in samples],
-        lambda *drawn, axis: estimate(drawn),
-        method="percentile",
-        n_resamples=RESAMPLES,
-        vectorized=True,
-        rng=np.random.default_rng(0),
-    ).confidence_interval
-    return float(interval.low), float(interval.high)
+    weights = np.array([weight for _, weight in samples]) / len(samples)
+    mean = float(weights @ [sample.mean() for sample, _ in samples])
+    parts = weights**2 * [sample.var(ddof=1) / len(sample) for sample, _ in samples]
+    if not parts.sum() > 0.0:
+        return mean, mean
+    freedom = parts.sum() ** 2 / (parts**2 / [len(sample) - 1 for sample, _ in samples]).sum()
+    half = float(student.ppf(0.5 + level / 2.0, freedom) * np.sqrt(parts.sum()))
+    return mean - half, mean + half
 
 
 def improvement(ours: ArrayLike, theirs: ArrayLike) -> NDArray[np.float64]:
@@ -94,15 +105,34 @@ def probability_of_improvement(
 ) -> tuple[float, Interval]:
     """How likely a run of ours ends lower than one of theirs, and the 95 % interval of that.
 
-    The mean over tasks of `improvement`; the interval is a stratified bootstrap over seeds.
+    The mean over tasks of `improvement`. The interval is Newcombe's (2006, Confidence intervals for
+    an effect size measure based on the Mann-Whitney statistic, part 2, method 5), which stays wide
+    where all of ours lie below all of theirs; of several tasks, with the mean of their variances.
 
     Args:
         ours, theirs: for each task, in the same order, one value for each seed; lower is better.
+
+    Returns:
+        The interval is (nan, nan) where a task has a single run of either.
     """
-    point, tasks = float(_mean_improvement(ours, theirs)), len(ours)
-    return point, _interval(
-        [*ours, *theirs], lambda drawn: _mean_improvement(drawn[:tasks], drawn[tasks:])
-    )
+    point = float(_mean_improvement(ours, theirs))
+    sizes = [(len(own), len(other)) for own, other in zip(ours, theirs, strict=True)]
+    if min(map(min, sizes)) < 2:
+        return point, (float("nan"), float("nan"))
+    z = float(norm.ppf(0.975))
+
+    def variance(p: float) -> float:
+        more = (1.0 - p) / (2.0 - p) + p / (1.0 + p)
+        each = [(1.0 + ((m + n) / 2.0 - 1.0) * more) / (m * n) for m, n in sizes]
+        return p * (1.0 - p) * sum(each) / len(sizes) ** 2
+
+    def beyond(p: float) -> float:
+        return (p - point) ** 2 - z**2 * variance(p)
+
+    inner = min(max(point, 1e-9), 1.0 - 1e-9)  # at 0 and 1 the variance is 0: a root, but not ours
+    low = 0.0 if point == 0.0 else float(brentq(beyond, 0.0, inner))
+    high = 1.0 if point == 1.0 else float(brentq(beyond, inner, 1.0))
+    return point, (low, high)
 
 
 def permutation_p(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[float]]) -> float:
@@ -150,10 +180,37 @@ def least_p(sizes: Sequence[tuple[int, int]]) -> float:
     return least if exact else max(least, 1.0 / (PERMUTATIONS + 1))
 
 
-def is_range(runs: int) -> bool:
-    """Whether the 95 % bootstrap interval of the mean of this many values is from the least to the
-    greatest: where more than 2.5 % of all ways to draw them draw one of them alone."""
-    return runs > 0 and float(runs) ** -runs > 0.025
+def holm(ps: Sequence[float]) -> list[float]:
+    """The p of several comparisons, corrected so that in all of them together chance is taken for a
+    difference as rarely as in one (Holm, 1979). Those that are nan stay so, and do not count."""
+    order = sorted((number for number, p in enumerate(ps) if p == p), key=lambda n: ps[n])
+    corrected, least = list(ps), 0.0
+    for place, number in enumerate(order):
+        least = max(least, min(1.0, (len(order) - place) * ps[number]))
+        corrected[number] = least
+    return corrected
+
+
+def logrank_p(
+    ours: Sequence[float], theirs: Sequence[float], ends: tuple[Sequence[float], Sequence[float]]
+) -> float:
+    """Two-sided p of the log-rank test (Mantel, 1966) that ours and theirs get there alike soon.
+
+    Args:
+        ours, theirs: when each run got there; inf for one that did not.
+        ends: when each run ended: one that did not get there by then is censored.
+
+    Returns:
+        nan where no run got there, or all did at the same time.
+    """
+    samples = []
+    for times, last in zip((ours, theirs), ends, strict=True):
+        got = np.isfinite(times)
+        samples.append(CensoredData.right_censored(np.where(got, times, last), ~got))
+    if not any(np.isfinite(times).any() for times in (ours, theirs)):
+        return float("nan")
+    with np.errstate(invalid="ignore"):  # all at once: nothing was ever at risk
+        return float(logrank(samples[0], samples[1]).pvalue)
 
 
 def first_below(places: ArrayLike, values: ArrayLike, threshold: float) -> float:

@@ -10,8 +10,9 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from train.experiments.measures import GAP, measure_of, size_of
-from train.experiments.statistics import bootstrap_interval
+from train.experiments.statistics import mean_interval
 from train.figures import (
+    KINK,
     PLAIN,
     Look,
     pyplot,
@@ -26,11 +27,14 @@ from train.figures import (
 GRID = 60
 """Points of a curve."""
 
+BAND_FROM = 10
+"""So many runs are drawn as a band: fewer are drawn one by one."""
 
-def bands(
+
+def on_one_axis(
     curves: list[tuple[NDArray[Any], NDArray[Any]]], log: bool = False
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Curves over a common axis: points, mean, and the lower and upper end of the interval.
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Curves over a common axis: its points, and [curves, points] values.
 
     The axis ends where the first curve ends; between evaluations a curve is a straight line. The
     points lie evenly on the axis, which is logarithmic if `log`; that has no place for 0.
@@ -41,9 +45,30 @@ def bands(
     start = max(float(points[0]) for points, _ in curves)
     end = min(float(points[-1]) for points, _ in curves)
     points = (np.geomspace if log else np.linspace)(start, max(end, start), GRID)
-    values = np.stack([np.interp(points, *curve) for curve in curves])
-    ends = np.array([bootstrap_interval(column) for column in values.T])
-    return points, values.mean(axis=0), ends[:, 0], ends[:, 1]
+    return points, np.stack([np.interp(points, *curve) for curve in curves])
+
+
+def draw_group(
+    axis: Any,
+    curves: list[tuple[NDArray[Any], NDArray[Any]]],
+    color: str,
+    name: str,
+    log: bool = False,
+    dash: str = "-",
+) -> NDArray[Any]:
+    """The mean of the runs that belong together, and every run, or from `BAND_FROM` runs on a band.
+
+    Returns:
+        All values that were drawn.
+    """
+    points, values = on_one_axis(curves, log)
+    axis.plot(points, values.mean(axis=0), dash, color=color, lw=1.7, label=name)
+    if len(values) < BAND_FROM:
+        axis.plot(points, values.T, dash, color=color, lw=0.7, alpha=0.45)
+        return values
+    ends = np.array([mean_interval([column]) for column in values.T])
+    axis.fill_between(points, ends[:, 0], ends[:, 1], color=color, alpha=0.18, lw=0)
+    return ends
 
 
 def draw_curves(
@@ -83,9 +108,7 @@ def draw_curves(
                 if row["_group"] == name and row["run"] in by_run
             ]
             if curves:
-                points, mean, low, high = bands(curves, look.log)
-                axis.plot(points, mean, color=color, lw=1.6, label=name)
-                axis.fill_between(points, low, high, color=color, alpha=0.18, lw=0)
+                draw_group(axis, curves, color, name, look.log)
         for column, word, style in (
             ("optimal_steps", "optimal", ":"),
             ("scripted_steps", "scripted", "--"),
@@ -140,7 +163,7 @@ def draw_final(
                 scale * row[column] for row in rows if (row["_x"], row["_group"]) == (value, name)
             ]
             if final:
-                low, high = bootstrap_interval(final)
+                low, high = mean_interval([final])
                 places.append(place + shift)
                 means.append(float(np.mean(final)))
                 lows.append(means[-1] - (means[-1] if np.isnan(low) else low))
@@ -151,9 +174,8 @@ def draw_final(
             means,
             (lows, highs),
             color=color,
-            fmt="o-",
+            fmt="o",
             ms=4.5,
-            lw=1.5,
             capsize=3,
             label=name,
         )
@@ -161,7 +183,7 @@ def draw_final(
     axis.set_xlabel(x.replace("_", " "))
     axis.set_ylabel(measure.axis)
     if gap:
-        axis.set_yscale("symlog", linthresh=1.0)
+        axis.set_yscale("symlog", linthresh=KINK)
         axis.axhline(0, color="#333333", lw=1.2, ls=":")
         short_numbers(axis.yaxis)
         finals = [100.0 * row["optimality_gap"] for row in rows]

@@ -57,7 +57,7 @@ def draw(race: Race, standing: Standing, path: Path, look: Look = PLAIN) -> None
     for axis, way in zip(axes[:, 0], ("greedy", "sampled"), strict=True):
         axis.set_ylabel(f"gap to the optimum (%, log), {way}")
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="upper center", ncols=len(labels), frameon=False)
+    figure.legend(handles, labels, loc="upper center", ncols=2 * axes.shape[1], frameon=False)
     figure.tight_layout(rect=(0, 0, 1, 0.94))
     save(figure, path, formats=look.formats)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from train.experiments.page import page_of
-from train.experiments.statistics import improvement, permutation_p
+from train.experiments.statistics import improvement, mean_interval, permutation_p
 from train.figures import PLAIN, Look
 from train.files import write_csv, write_text
 from train.race.contestants import CONTESTANTS
@@ -25,7 +25,6 @@ from train.race.tables import (
     reached,
     results_of,
     run_rows,
-    t_interval,
     table_rows,
     trial_rows,
 )
@@ -215,14 +214,14 @@ def ends_table(race: Race, standing: Standing, task: str) -> str:
         for way in WAYS if found else ():
             gaps = [result.points[-1][way] for result in found]
             solved = [result.points[-1][f"{way}_success"] for result in found]
-            interval = t_interval(gaps)
+            interval = mean_interval([gaps])
             told.append(
                 {
                     "contestant": title_of(name),
                     "policy": way,
                     "gaps at the end": ", ".join(map(in_percent, gaps)),
                     "95 % interval of the mean": ""
-                    if interval is None
+                    if len(gaps) < 2
                     else f"{in_percent(interval[0])} to {in_percent(interval[1])}",
                     "unsolved": in_percent(1.0 - float(np.mean(solved))),
                     "frames/s": f"{speed(found):,.0f}",

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from statistics import median
 
 import numpy as np
-from scipy.stats import t as student
 
 from train.experiments.statistics import first_below
 from train.race.plan import Race
@@ -40,15 +39,6 @@ def median_of(times: Sequence[float]) -> float | None:
     not known then."""
     got = sum(time < NEVER for time in times)
     return float(median(times)) if 2 * got > len(times) else None
-
-
-def t_interval(values: Sequence[float]) -> tuple[float, float] | None:
-    """Student's 95 % interval of the mean; None below three values."""
-    if len(values) < 3:
-        return None
-    half = student.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5
-    mean = float(np.mean(values))
-    return mean - float(half), mean + float(half)
 
 
 def table_rows(race: Race, standing: Standing) -> list[Row]:
