@@ -31,6 +31,17 @@ from scripted_agents.hidden_chase import HiddenChaseSolution, solve_hidden_chase
 from scripted_agents.hidden_game import HiddenCell
 from scripted_agents.hidden_policy import BeliefOptimalChaser, BeliefOptimalEvader
 from scripted_agents.hidden_search import HiddenSearch
+from scripted_agents.joint import (
+    JointResponse,
+    JointValues,
+    evaluate_joint,
+    solve_joint,
+)
+from scripted_agents.joint_game import JointGame, solve_joint_game
+from scripted_agents.joint_nash import JointNashConv, joint_nash_conv
+from scripted_agents.joint_opponents import why_no_distribution
+from scripted_agents.joint_policy import JointPlan, JointTable
+from scripted_agents.joint_states import JointStates, check_joint_states, count_joint_states
 from scripted_agents.least_steps import least_steps, least_steps_of
 from scripted_agents.optimal import (
     BestResponder,
@@ -90,6 +101,13 @@ __all__ = [
     "HiddenChaseSolution",
     "HiddenSearch",
     "InverseKinematics",
+    "JointGame",
+    "JointNashConv",
+    "JointPlan",
+    "JointResponse",
+    "JointStates",
+    "JointTable",
+    "JointValues",
     "LeastStepsPolicy",
     "MatrixGame",
     "NearestGoalRunner",
@@ -112,15 +130,19 @@ __all__ = [
     "action_values",
     "best_response",
     "best_team_response",
+    "check_joint_states",
     "check_optimal",
     "cop_number",
+    "count_joint_states",
     "duel_regret",
     "evaluate_exactly",
+    "evaluate_joint",
     "evaluate_team",
     "expected_tour_length",
     "fewest_searchers",
     "fewest_steps_to_find",
     "has_distributions",
+    "joint_nash_conv",
     "least_steps",
     "least_steps_of",
     "maze_difficulty",
@@ -132,12 +154,15 @@ __all__ = [
     "solve_chase",
     "solve_hidden_chase",
     "solve_in_turns",
+    "solve_joint",
+    "solve_joint_game",
     "solve_matrix_game",
     "table_of",
     "team_survival",
     "tour_length",
     "tour_lengths",
     "why_no_belief",
+    "why_no_distribution",
     "why_not_optimal",
     "why_not_team_chase",
     "work_of",

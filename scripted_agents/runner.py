@@ -12,6 +12,7 @@ from pursuit.device.calls import Call
 from pursuit.maze import Maze
 from pursuit.maze_arrays import MazeArrays
 from pursuit.policy import GameView
+from pursuit.rules.layout import Games
 from pursuit.task import Task
 from scripted_agents import kernels
 from scripted_agents.scripted import Scripted
@@ -85,6 +86,20 @@ class TourRunner(Scripted):
         left = np.full_like(view.goals, -1)
         left[:, 0] = self._kept.next_goal
         return super().act(replace(view, games=view.games._replace(goal=left)))
+
+    def moves(self, task: Task, games: Games, seat: int) -> NDArray[np.uint8]:
+        """As `NearestGoalRunner.moves`, in games of one goal.
+
+        Raises:
+            ValueError: several goals: of tours that are equally short it takes the one whose goal
+                has the smallest number, so that what it plays is no function of where goals are.
+        """
+        if task.num_goals > 1:
+            raise ValueError(
+                f"{self!r} in task {task.name!r}: with {task.num_goals} goals what it plays "
+                "depends on their numbers, and it has no distribution; take NearestGoalRunner"
+            )
+        return super().moves(task, games, seat)
 
     def on_device(self, task: Task, seat: int, mazes: MazeArrays) -> Call:
         """Tours are planned on the CPU.

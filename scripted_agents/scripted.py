@@ -15,6 +15,7 @@ from pursuit.policy import GameView
 from pursuit.rules.layout import Games
 from pursuit.task import Task
 from scripted_agents import kernels
+from scripted_agents.move_kernels import list_moves
 
 
 class Scripted:
@@ -114,39 +115,49 @@ class Scripted:
         greedy = self._greedy_table(arrays, stay_action)
         pairs = (maze.num_cells, maze.num_cells)
         every = np.broadcast_to(arrays.world.moves[:, None], pairs)
-        masks = greedy.reshape(pairs)
-        actions = 5 if stay_action else 4
-        # An enclosed cell has no move: whoever is there stays, or bumps into the north wall.
-        nowhere = np.eye(actions)[4 if stay_action else 0]
-        table = np.zeros((*pairs, actions))
-        for weight, sets in ((1.0 - self.epsilon, masks), (self.epsilon, every)):
-            chosen = (sets[..., None] >> np.arange(actions)) & 1
-            size = chosen.sum(axis=-1, keepdims=True)
-            table += weight * np.where(size == 0, nowhere, chosen / np.maximum(size, 1))
-        return table
+        rows = rows_of_moves(self.epsilon, 5 if stay_action else 4)
+        return rows[number_of_moves(np.stack([greedy.reshape(pairs), every], axis=-1))]
 
-    def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
-        """[games, actions] float64: the exact distribution in chases of one evader by a team.
+    def moves(self, task: Task, games: Games, seat: int) -> NDArray[np.uint8]:
+        """[games, 2] uint8, bit masks over the actions in `seat` of any games of a task: the greedy
+        moves, and all that change the cell.
 
         Raises:
-            ValueError: other games, another role's seat, or several mazes.
+            ValueError: another role's seat, or a maze that has too many cells for a table.
         """
+        if task.max_cells > MAX_TABLE_CELLS:
+            raise ValueError(
+                f"a maze of {task.max_cells} cells; moves are known up to {MAX_TABLE_CELLS}"
+            )
         role = task.seat_roles[seat]
         own = getattr(self, "role", role)
-        if own != role or task.num_evaders != 1 or task.num_goals or len(task.mazes) > 1:
+        if own != role and not (own == "runner" and role == "evader" and task.num_goals):
             raise ValueError(
-                f"{self!r} in the seat of {task.agent_names[seat]} of task {task.name!r}: its "
-                "distribution is known in chases of one evader without goals, in one maze"
+                f"{self!r} is a {own}; this seat is another's: {task.agent_names[seat]}"
             )
-        maze, cells = task.mazes[0], games.position
-        table = self.action_probabilities(maze, task.stay_action)
-        if role == "chaser":
-            other = cells[:, task.num_chasers]
-        else:  # of several the first that is nearest
-            chasers = cells[:, : task.num_chasers]
-            nearest = maze.distances[cells[:, seat, None], chasers].argmin(axis=1)
-            other = np.take_along_axis(chasers, nearest[:, None], axis=1)[:, 0]
-        return table[cells[:, seat], other]
+        mazes = lay_out(task.mazes)
+        moves = np.zeros((len(games.steps), 2), dtype=np.uint8)
+        most = max(task.num_agents, task.num_goals)
+        list_moves(
+            self.kind,
+            *games,
+            seat,
+            tuple(task.teams),
+            *mazes,
+            self._greedy_table(mazes, task.stay_action),
+            np.empty(most, dtype=np.int32),
+            moves,
+        )
+        return moves
+
+    def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
+        """[games, actions] float64: the exact distribution in any games of a task.
+
+        Raises:
+            ValueError: as `moves`.
+        """
+        rows = rows_of_moves(self.epsilon, task.num_actions)
+        return rows[number_of_moves(self.moves(task, games, seat))]
 
     def _settings(self, stay_action: bool) -> tuple[float, int, int, bool]:
         """As the kernels take them."""
@@ -162,6 +173,28 @@ class Scripted:
             # agent holds ids of arrays that it does not have.
             self._greedy[key] = (tables, greedy)
         return self._greedy[key][1]
+
+
+NUM_MOVES = 32 * 16
+"""How many pairs of greedy moves (of 5 actions) and of all moves (4) there are."""
+
+
+def number_of_moves(moves: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """[...] int64, a number below NUM_MOVES for each of `Scripted.moves` [..., 2]."""
+    return moves[..., 0].astype(np.int64) * 16 + moves[..., 1]
+
+
+def rows_of_moves(epsilon: float, num_actions: int) -> NDArray[np.float64]:
+    """[NUM_MOVES, actions] float64: how an agent plays whose moves have that number."""
+    greedy, every = np.divmod(np.arange(NUM_MOVES), 16)
+    # An enclosed cell has no move: whoever is there stays, or bumps into the north wall.
+    nowhere = np.eye(num_actions)[4 if num_actions == 5 else 0]
+    rows = np.zeros((NUM_MOVES, num_actions))
+    for weight, sets in ((1.0 - epsilon, greedy), (epsilon, every)):
+        chosen = (sets[:, None] >> np.arange(num_actions)) & 1
+        size = chosen.sum(axis=1, keepdims=True)
+        rows += weight * np.where(size == 0, nowhere, chosen / np.maximum(size, 1))
+    return rows
 
 
 def greedy_moves(

@@ -65,14 +65,13 @@ def test_runners_and_evaders_are_trained_too(task: list[str], tmp_path: Path) ->
     assert evaluation["optimal_steps"] > 0 and "objective_floor" in evaluation
 
 
-def test_teams_are_trained_too_with_and_without_a_known_optimum(tmp_path: Path) -> None:
-    for number, (team, known) in enumerate((("--num-chasers", True), ("--num-evaders", False))):
+def test_teams_are_trained_too_beside_their_optimum(tmp_path: Path) -> None:
+    for number, (team, exact) in enumerate((("--num-chasers", True), ("--num-evaders", False))):
         out = tmp_path / str(number)
         run("train", *TINY, team, "2", "--frames", "1024", "--out", out)
         evaluation = json.loads((out / "results.json").read_text())["evaluation"]
-        assert evaluation["exact"] == known
-        assert (evaluation["optimal_steps"] is not None) == known
-        assert (evaluation["optimality_gap"] is not None) == known
+        assert evaluation["exact"] == exact
+        assert evaluation["optimal_steps"] > 0 and evaluation["optimality_gap"] is not None
         assert evaluation["objective_floor"] is None
 
 

@@ -11,8 +11,15 @@ from scripted_agents import AStarChaser, AStarEvader, why_not_team_chase
 from scripted_agents.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
 from train.commands.blindness import print_blindness
 from train.commands.parse import named_task, parse
-from train.commands.scores import certificate_of, print_bounds, print_scores
+from train.commands.scores import (
+    certificate_of,
+    print_bounds,
+    print_scores,
+    print_whole_game,
+)
 from train.evaluation.arm_contest import ArmContest
+from train.evaluation.contest import GameContest
+from train.evaluation.joint_contest import MAX_BASELINE_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.runs.parts import contest_of
 from train.settings.checks import check
@@ -43,6 +50,8 @@ def baseline(arguments: Sequence[str]) -> None:
     contest = contest_of(given.task, given.episodes, given.seed)
     if isinstance(contest, SuiteContest):
         contest = replace(contest, exact=True)
+    if isinstance(contest, GameContest):
+        contest = replace(contest, most_work=MAX_BASELINE_WORK)
     print(contest.line())
     scores = contest.baselines()
     print_scores(scores, certificate_of(contest))
@@ -65,6 +74,8 @@ def baseline(arguments: Sequence[str]) -> None:
     elif why_not_team_chase(task) is None:
         cells, chasers = maze.num_cells, task.num_chasers
         print(f"distinct states: {(cells - 1) ** chasers * cells:,}")
+    elif len(task.mazes) == 1:
+        print_whole_game(contest)
     if given.blindness > 0.0:
         check(task.is_duel, "blindness is for duels: one chaser, one evader, no goals")
         role: Any = contest.role

@@ -16,7 +16,9 @@ from train.commands.scores import certificate_of, print_bounds, print_floor, pri
 from train.commands.suites import compared, exact_where_known, judged
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.closeups import recorded
+from train.evaluation.contest import GameContest
 from train.evaluation.floor import objective_floor
+from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.files import write_json
@@ -84,6 +86,8 @@ def evaluate(arguments: Sequence[str]) -> None:
         if settings.observation in NO_WALLS:
             warn(f"{given.run} observes {settings.observation!r}, which shows no walls")
     contest = contest_of(settings.task, given.episodes, given.seed)
+    if isinstance(contest, GameContest):
+        contest = replace(contest, most_work=MAX_EVALUATED_WORK)
     more: dict[str, Any] = {}
     print(contest.line())
     if isinstance(contest, SuiteContest):

@@ -9,10 +9,11 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from scripted_agents import count_joint_states
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.hidden_contest import Certificate
-from train.evaluation.scores import Score, optimality_gap
+from train.evaluation.scores import BEST_PAID, Score, optimality_gap, return_regret
 
 
 def print_floor(floor: float | None, discount: float) -> None:
@@ -41,6 +42,23 @@ def print_bounds(contest: ArmContest) -> None:
         )
 
 
+def print_whole_game(contest: GameContest) -> None:
+    """The states of a game of teams or rivals, and its optima over all starts, or why there are
+    none."""
+    states = count_joint_states(contest.task)
+    print(f"distinct states: {states:,}")
+    obstacle = contest.why_not_joint()
+    if obstacle is not None:
+        print(f"no exact optimum: {obstacle}")
+        return
+    if contest.best_of_steps is not None:
+        mean = contest.best_of_steps.mean_over_starts
+        print(f"mean optimum over all starts: {mean:.4f} steps (exact)")
+    if contest.best_of_returns is not None:
+        mean = contest.best_of_returns.mean_over_starts
+        print(f"most that {contest.agent} can be paid, over all starts: {mean:.4f} (exact)")
+
+
 def certificate_of(contest: Any) -> Certificate | None:
     """What is proven of the optimum of a contest, of an agent with limited sight only."""
     return contest.certificate() if isinstance(contest, GameContest) else None
@@ -60,7 +78,9 @@ def print_scores(scores: Sequence[Score], certificate: Certificate | None = None
     certain = () if certificate is None else ("discounted", certificate.head)
     cut = [s for s in scores if s.success_rate < 1.0 and s.solved_gap is not None]
     solved = ("of the solved",) if cut else ()
-    for column in ("steps", "95 % interval", "success", "gap to optimum", *solved, *certain):
+    best = next((score for score in scores if score.name == BEST_PAID), None)
+    paid = () if best is None else ("return", "below the best")
+    for column in ("steps", "95 % interval", "success", "gap to optimum", *solved, *paid, *certain):
         table.add_column(column, justify="right")
     for score in scores:
         gap = optimality_gap(score, optimum)
@@ -79,11 +99,21 @@ def print_scores(scores: Sequence[Score], certificate: Certificate | None = None
                 ["" if score not in cut else f"{100 * (score.solved_gap or 0.0):+.2f} %"]
                 * len(solved)
             ),
+            *(_paid(score, best) if paid else ()),
             *(proven if certain else ()),
             style="bold" if score.name == "learned" else "",
         )
     Console(width=None if sys.stdout.isatty() else 100).print(table)
     print_certificate(certificate)
+
+
+def _paid(score: Score, best: Score | None) -> tuple[str, str]:
+    """What is paid in an episode, and what less than the best."""
+    regret = None if score is best else return_regret(score, best)
+    return (
+        "" if score.mean_return is None else f"{score.mean_return:.3f}",
+        "" if regret is None else f"{regret:.3f}",
+    )
 
 
 def _percent(gap: float | None) -> str:

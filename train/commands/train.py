@@ -162,5 +162,10 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
             f"{evaluation['optimal_steps']:.3f} ({how}): gap "
             f"{100 * evaluation['optimality_gap']:+.2f} %{of_solved(evaluation)}"
         )
+    if evaluation.get("return_regret") is not None:
+        print(
+            f"\nlearned return {evaluation['mean_return']:.3f}, the best on the same starts "
+            f"{evaluation['optimal_return']:.3f}: {evaluation['return_regret']:.3f} below it"
+        )
     print_floor(evaluation["objective_floor"], trainee.parts.hyper.gamma)
     print(f"results, curve, replay, methods and {REPORT}: {run.folder}")

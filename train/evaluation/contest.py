@@ -23,6 +23,7 @@ from pursuit.task import ROLES, Task
 from scripted_agents import (
     BestResponse,
     HiddenChaseSolution,
+    JointResponse,
     PairValues,
     RandomAgent,
     TablePolicy,
@@ -54,7 +55,13 @@ from train.evaluation.hidden_contest import (
     discounted,
     solution_of,
 )
-from train.evaluation.scores import Score, told
+from train.evaluation.joint_contest import (
+    MAX_WORK,
+    best_of_returns,
+    best_of_steps,
+    why_not_joint,
+)
+from train.evaluation.scores import BEST_PAID, Score, told
 from train.settings.checks import EVALUATION_SEED
 
 
@@ -63,7 +70,8 @@ class GameContest:
     """One agent of a task, with fixed policies in all other seats; a `Contest`.
 
     The optimum is that of all actions; with `mask_bumps`, that of an agent that is forbidden moves
-    into walls stands beside it.
+    into walls stands beside it. Whole games (teams, races, heists) are solved up to `most_work`, in
+    the units of `joint_work`.
     """
 
     task: Task
@@ -72,6 +80,7 @@ class GameContest:
     episodes: int = 1000
     seed: int = EVALUATION_SEED
     mask_bumps: bool = False
+    most_work: int = MAX_WORK
 
     @property
     def role(self) -> str:
@@ -149,7 +158,8 @@ class GameContest:
 
     def score(self, name: str, policy: Policy) -> Score:
         """Play, and solve where it can be solved."""
-        lengths, won = self.play(policy)
+        simulator = self.starts()
+        lengths, won = self._played(policy, simulator)
         mean, ci95, exact = float(lengths.mean()), half_width(lengths), False
         if self.is_exact and is_table_in(self.task, policy):
             values, task = self._pair_values(policy), self.task
@@ -163,7 +173,8 @@ class GameContest:
             certain = discounted(self.task, self.role, policy, self.opponent_table(), lengths)
         of_solved = None if exact else self._gap_of(lengths, won)
         score = Score(name, mean, ci95, float(won.mean()), len(lengths), exact, *certain)
-        return replace(score, solved_gap=of_solved)
+        paid = simulator.returns[:, self.task.seat(self.agent)]
+        return replace(score, solved_gap=of_solved, mean_return=float(paid.mean()))
 
     def _gap_of(self, lengths: NDArray[np.int64], won: NDArray[np.bool_]) -> float | None:
         """The gap of these starts to their shortest tours, where those are known."""
@@ -229,9 +240,11 @@ class GameContest:
     def optimal(self) -> Score | None:
         """The exact optimum on the same starts; None where it is not known.
 
-        Known for one agent of a chase of one evader (the best response to all others) and for one
+        Known for one agent of a chase of one evader (the best response to all others), for one
         runner (the shortest tours, up to MAX_EXACT_GOALS goals: beyond, tours are heuristic), while
-        `max_steps` is enough for one start at least. Not under limited sight: see `certificate`.
+        `max_steps` is enough for one start at least, and for one agent among teams or rivals while
+        the game is small (`why_not_joint`). Not under limited sight: see `certificate`. Nor where
+        evaders collect goals: see `optimal_return`.
         """
         if self.is_limited:
             return None
@@ -243,6 +256,8 @@ class GameContest:
             return Score("optimal", mean, 0.0, float(won.mean()), self.episodes, True)
         if best is not None:
             return self._score_of("optimal", best)
+        if self.best_of_steps is not None:
+            return self._joint_score("optimal", self.best_of_steps)
         lengths = self.tours
         if lengths is None:
             return None
@@ -251,6 +266,46 @@ class GameContest:
             return None
         mean = float(np.minimum(lengths, task.max_steps).mean())
         return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
+
+    def why_not_joint(self) -> str | None:
+        """What is in the way of solving the whole game; None for nothing, or where other solvers
+        know the optimum."""
+        if self.is_limited:
+            return "limited sight"
+        return why_not_joint(self.task, self.agent, self.opponents, self.most_work)
+
+    @cached_property
+    def best_of_steps(self) -> JointResponse | None:
+        """The best response in steps in games that only `solve_joint` solves."""
+        if (self.task.num_agents, self.task.num_runners) == (1, 1) or self.why_not_joint():
+            return None
+        return best_of_steps(self.task, self.agent, self.opponents)
+
+    @cached_property
+    def best_of_returns(self) -> JointResponse | None:
+        """The best response in what the agent is paid, among rivals for goals."""
+        task = self.task
+        if task.num_agents == 1 or not task.num_goals or self.why_not_joint() is not None:
+            return None
+        return best_of_returns(self.task, self.agent, self.opponents)
+
+    def _joint_score(self, name: str, best: JointResponse) -> Score:
+        """What a best response achieves on the starts of the evaluation: expected from each, not
+        sampled; the other figures are of its games."""
+        simulator = self.starts()
+        expected = best.values_of(simulator.games)
+        lengths, won = self._played(best.policy, simulator)
+        paid = float(simulator.returns[:, self.task.seat(self.agent)].mean())
+        mean, ci95, share = float(expected.mean()), half_width(expected), float(won.mean())
+        if best.objective == "return":
+            paid, mean, ci95 = mean, float(lengths.mean()), half_width(lengths)
+        return Score(name, mean, ci95, share, self.episodes, False, mean_return=paid)
+
+    def optimal_return(self) -> Score | None:
+        """Who is paid most, among rivals for goals: `mean_return` is expected from the same starts,
+        exactly. None where it is not known, or nobody competes for goals."""
+        best = self.best_of_returns
+        return None if best is None else self._joint_score(BEST_PAID, best)
 
     @cached_property
     def tours(self) -> NDArray[np.int64] | None:
@@ -281,8 +336,8 @@ class GameContest:
         if full is not None:
             scores.append(self._score_of("optimal, full sight", full))
         optimum = self.optimal()
-        if optimum is not None:
-            scores.append(optimum)
+        paid = self.optimal_return()
+        scores += [score for score in (optimum, paid) if score is not None]
         best = self.best_response(mask_bumps=True) if self.mask_bumps else None
         return scores if best is None else [*scores, self._score_of("optimal with masks", best)]
 
@@ -313,12 +368,14 @@ class GameContest:
         return self.play(policy)[0].astype(np.float64)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
-        """As `Contest`; for a duel and for a runner alone."""
+        """As `Contest`; for a duel, a runner alone, and whole games in which steps count."""
         if self.is_limited:
             return None
         best = self.best_response()
         if best is not None:
             return best.values[tuple(self.starts().positions.T)]
+        if self.best_of_steps is not None:
+            return self.best_of_steps.values_of(self.starts().games)
         if (self.task.num_agents, self.task.num_runners) != (1, 1):
             return None
         return (

@@ -92,7 +92,7 @@ def won_by(simulator: Simulator, seat: int) -> Mask:
     return np.asarray(simulator.terminated & own)
 
 
-def half_width(lengths: NDArray[np.int64]) -> float:
+def half_width(lengths: NDArray[np.int64] | NDArray[np.float64]) -> float:
     """Half the width of the 95 % confidence interval of their mean; 0 for a single one."""
     return 1.96 * float(lengths.std(ddof=1)) / len(lengths) ** 0.5 if len(lengths) > 1 else 0.0
 

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from pursuit.policy import Policy
 
+BEST_PAID = "optimal return"
+"""The name of whoever is paid most, where that is known."""
+
 
 @dataclass(frozen=True)
 class Score:
@@ -28,6 +31,7 @@ class Score:
             sight, whose optimum is certified in these; None elsewhere.
         solved_gap: achieved / optimal - 1 over the starts that were solved alone, of one runner:
             what is left of the gap without those that ran out of time. None elsewhere.
+        mean_return: the mean of what the agent is paid in an episode; None where none was played.
     """
 
     name: str
@@ -39,11 +43,19 @@ class Score:
     discounted_steps: float | None = None
     discounted_ci95: float | None = None
     solved_gap: float | None = None
+    mean_return: float | None = None
 
 
 def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
     """Achieved / optimal - 1 in steps, on the same starts; negative for evaders that fall short."""
     return None if optimum is None else achieved.mean_steps / optimum.mean_steps - 1.0
+
+
+def return_regret(achieved: Score, best: Score | None) -> float | None:
+    """By how much less an agent is paid in an episode than the best one, on the same starts."""
+    if best is None or best.mean_return is None or achieved.mean_return is None:
+        return None
+    return best.mean_return - achieved.mean_return
 
 
 def told(policy: Policy) -> str:

@@ -94,8 +94,8 @@ def load_ablation(name: str, version: str | None = None) -> Sweep:
             check(
                 contest_of(run.settings.task, 2).optimal() is not None,
                 f"the exact optimum of task {task.task!r} with these agents is not known, and an "
-                "ablation is measured against it; take a runner alone, or one chaser against one "
-                "evader",
+                "ablation is measured against it; take a runner alone, one chaser against one "
+                "evader, or a smaller game without a hunt for goals",
             )
         report = {"control": control, "arms": names, "x": sweep.report["x"], "primary": primary}
         return replace(sweep, report=report | {"margin": margin, "threshold": threshold})

@@ -12,7 +12,7 @@ import torch
 from train.evaluation.contest import GameContest
 from train.evaluation.floor import objective_floor
 from train.evaluation.hidden_contest import Certificate
-from train.evaluation.scores import Score, optimality_gap
+from train.evaluation.scores import BEST_PAID, Score, optimality_gap, return_regret
 from train.runs.folder import MISFITS, RUN, misfit, part_of
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.memories import memories_of, put_memories
@@ -173,6 +173,13 @@ def evaluation_of(
             "certified_upper": certificate.upper,
             "certified_gap": certificate.gap(learned.discounted_steps),
         }
+    best, returned = by_name.get(BEST_PAID), {}
+    if best is not None:
+        returned = {
+            "mean_return": learned.mean_return,
+            "optimal_return": best.mean_return,
+            "return_regret": return_regret(learned, best),
+        }
     return {
         "evaluation": {
             "episodes": learned.episodes,
@@ -186,6 +193,7 @@ def evaluation_of(
             "solved_gap": learned.solved_gap,
             "objective_floor": floor if optimum else None,
             **certified,
+            **returned,
         },
         "scores": [asdict(score) for score in scores],
     }
