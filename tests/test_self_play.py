@@ -35,6 +35,7 @@ from train.runs.loop import Run
 from train.runs.opponents import load_policy
 from train.self_play.parts import self_play_parts
 from train.self_play.pool import OpponentPool
+from train.self_play.report import told_whole_game
 from train.self_play.side import Opponents
 from train.settings.self_play import self_play_ppo
 
@@ -305,6 +306,11 @@ def test_teams_networks_and_algorithms_of_every_kind(tmp_path: Path, changes: An
         assert sum(name.endswith("best_response") for name in results) == 1
         assert ("nash_conv" in results["evaluation"]) == (kind == "exact")
         assert ("nash_conv" in run.metrics.rows[-1]) == (kind == "exact")
+        if kind == "approximate":  # a whole game: what is paid is known exactly all the same
+            whole = results["whole_game"]
+            assert whole["nash_conv"] == pytest.approx(sum(whole["gains"].values()))
+            assert all(gain >= -1e-9 for gain in whole["gains"].values())
+            assert f"{whole['nash_conv']:.3f}" in told_whole_game(whole)
     if changes.get("share_networks"):
         networks = [side.learner.network for side in run.trainee.sides.values()]  # type: ignore[attr-defined]
         assert networks[0].policy_trunk is networks[1].policy_trunk

@@ -67,7 +67,10 @@ def certificate_of(contest: Any) -> Certificate | None:
 def print_certificate(certificate: Certificate | None) -> None:
     """One line on what is proven of the optimum of an agent with limited sight."""
     if certificate is not None:
-        print(certificate.line() + "; the gaps above are to its far end")
+        print(
+            certificate.line() + "; the gaps above are to its far end. Whoever sees everything, as "
+            "scripted references may, can lie below 0"
+        )
 
 
 def print_scores(scores: Sequence[Score], certificate: Certificate | None = None) -> None:

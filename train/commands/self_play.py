@@ -20,7 +20,11 @@ from train.runs.folder import CURVE, REPORT, SELF_PLAY
 from train.runs.loop import Run
 from train.self_play.payoffs import matches_table
 from train.self_play.pictures import draw_self_play
-from train.self_play.report import meaning_of_nash_conv, write_self_play_report
+from train.self_play.report import (
+    meaning_of_nash_conv,
+    told_whole_game,
+    write_self_play_report,
+)
 from train.settings.checks import check
 from train.settings.self_play import SelfPlaySettings
 
@@ -92,6 +96,8 @@ def show(run: Run, content: dict[str, Any]) -> None:
     if "game_value" in found and "value" in found:
         sight = " in full sight" if content.get("limited_sight") else ""
         print(f"value {found['value']:.3f}, of the game{sight} {found['game_value']:.3f}")
+    if content.get("whole_game"):
+        print(told_whole_game(content["whole_game"]))
     for kind in ("exact", "approximate"):
         for name, steps in content.get(f"{kind}_best_response", {}).items():
             full = " of full sight" if kind == "exact" and content.get("limited_sight") else ""

@@ -140,6 +140,8 @@ def told_exploitability(results: Mapping[str, Any]) -> list[str]:
             f"NashConv {found['nash_conv']:.3f} discounted steps{before}; "
             f"{meaning_of_nash_conv(results)}."
         )
+    if results.get("whole_game"):
+        told.append(told_whole_game(results["whole_game"]))
     if "game_value" in found and "value" in found:
         sight = " in full sight" if results.get("limited_sight") else ""
         told.append(f"Value {found['value']:.3f}; of the game{sight} {found['game_value']:.3f}.")
@@ -155,6 +157,18 @@ def meaning_of_nash_conv(results: Mapping[str, Any]) -> str:
             "an equilibrium need not reach 0"
         )
     return "exact; 0 is an equilibrium"
+
+
+def told_whole_game(found: Mapping[str, Any]) -> str:
+    """NashConv of a game that pays its sides, in words."""
+    each = ", ".join(
+        f"{role} is paid {paid:.3f} and could gain {found['gains'][role]:.3f}"
+        for role, paid in found["returns"].items()
+    )
+    return (
+        f"NashConv of what the sides are paid, discounted: {found['nash_conv']:.3f} ({each}; "
+        "exact, each side one player)."
+    )
 
 
 def match_table(results: Mapping[str, Any]) -> str:

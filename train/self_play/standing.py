@@ -8,10 +8,17 @@ from typing import Any
 
 from pursuit.policy import Policy
 from pursuit.task import Task
-from scripted_agents import best_team_response, why_not_optimal, work_of
+from scripted_agents import (
+    best_team_response,
+    joint_nash_conv,
+    why_no_distribution,
+    why_not_optimal,
+    work_of,
+)
 from scripted_agents.environments import SCRIPTED
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
 from train.evaluation.games import MAX_EXACT_WORK, is_exact, is_exact_team, table_in
+from train.evaluation.joint_contest import MAX_WORK, joint_work
 from train.evaluation.matchups import match
 from train.settings.self_play import ROLES
 
@@ -81,3 +88,22 @@ def exact_best_responses(
         best = best_team_response(task, other_role(role), {role: policy}, task.max_steps)
         found[f"against_{role}"] = best.mean_over_starts
     return found
+
+
+def whole_game(task: Task, pair: Mapping[str, Policy], discount: float) -> dict[str, Any]:
+    """NashConv of a game of teams or with goals, each side one player, in what the sides are paid.
+
+    Exact, of the game without an end in time: {"nash_conv": ..., "returns": by role, "gains": by
+    role}. Empty where the game is too large (`joint_work`), hides something, or pays by a function.
+    """
+    seats = range(task.num_agents)
+    if (
+        any(task.hides_from(agent) for agent in task.agent_names)
+        or task.reward_function is not None
+        or len(task.mazes) > 1
+        or joint_work(task) > MAX_WORK
+        or why_no_distribution(task, seats, pair) is not None
+    ):
+        return {}
+    found = joint_nash_conv(task, pair, None, discount, sides=True)
+    return {"nash_conv": found.nash_conv, "returns": found.returns, "gains": found.gains}

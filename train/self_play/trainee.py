@@ -36,6 +36,7 @@ from train.self_play.standing import (
     matches,
     other_role,
     scripted_beside,
+    whole_game,
 )
 from train.settings.checks import evaluation_seed
 from train.settings.self_play import LEARN, ROLES, SelfPlaySettings
@@ -258,6 +259,9 @@ class SelfPlay:
         if any(self.task.hides_from(agent) for agent in self.task.agent_names):
             content["limited_sight"] = True  # best responses and values are those of full sight
         exact = "nash_conv" in content["evaluation"]
+        if not exact and not is_exact_team(self.task, pair, MAX_FINAL_WORK):
+            self.tell("NashConv of the whole game", 0.0)
+            content["whole_game"] = whole_game(self.task, pair, self.parts.discount)
         if is_exact_team(self.task, pair, MAX_FINAL_WORK):
             learned = {role: pair[role] for role in self.sides}
             content["exact_best_response"] = exact_best_responses(self.task, learned, self.tell)
