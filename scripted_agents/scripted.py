@@ -15,7 +15,6 @@ from pursuit.policy import GameView
 from pursuit.rules.layout import Games
 from pursuit.task import Task
 from scripted_agents import kernels
-from scripted_agents.move_kernels import list_moves
 
 
 class Scripted:
@@ -138,7 +137,7 @@ class Scripted:
         mazes = lay_out(task.mazes)
         moves = np.zeros((len(games.steps), 2), dtype=np.uint8)
         most = max(task.num_agents, task.num_goals)
-        list_moves(
+        kernels.list_moves(
             self.kind,
             *games,
             seat,

@@ -58,13 +58,20 @@ def test_a_run_leaves_a_complete_folder(trained: Path) -> None:
     assert rows[-1]["frames"] == results["frames"] == 4096
 
 
-@pytest.mark.parametrize("task", [["--task", "maze", "--num-goals", "2"], ["--role", "evader"]])
+@pytest.mark.parametrize(
+    "task",
+    [
+        pytest.param(["--task", "maze", "--num-goals", "2"], marks=pytest.mark.slow),
+        ["--role", "evader"],
+    ],
+)
 def test_runners_and_evaders_are_trained_too(task: list[str], tmp_path: Path) -> None:
     run("train", *TINY, *task, "--frames", "1024", "--out", tmp_path / "run")
     evaluation = json.loads((tmp_path / "run" / "results.json").read_text())["evaluation"]
     assert evaluation["optimal_steps"] > 0 and "objective_floor" in evaluation
 
 
+@pytest.mark.slow
 def test_teams_are_trained_too_beside_their_optimum(tmp_path: Path) -> None:
     for number, (team, exact) in enumerate((("--num-chasers", True), ("--num-evaders", False))):
         out = tmp_path / str(number)

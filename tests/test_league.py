@@ -31,6 +31,7 @@ from train.settings.task import TaskSettings
 # -- the commands ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_commands_from_self_play_to_league(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -83,6 +83,7 @@ def steps_of(run: Run) -> float:
 
 
 SLOW = {
+    "reinforce",
     "plain dqn",
     "dqn with everything",
     "reinforce without a baseline",

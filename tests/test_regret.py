@@ -95,17 +95,24 @@ def test_the_action_gap_of_a_runner_in_a_corridor_is_the_way_back() -> None:
     assert (runner_gaps(maze, cells, goals[:, None]) == 2.0).all()  # a step away, and back
 
 
-def test_the_command_says_where(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    flat = "--maze 3x3 --frames 2000 --num-games 32 --minibatch-size 128 --episodes 20 --threads 1"
-    main(f"train {flat} --out {tmp_path}/duel".split())
-    main(f"train --task maze --num-goals 2 {flat} --out {tmp_path}/runner".split())
-    for name, by in (("duel", "distance between both"), ("runner", "goals left")):
-        capsys.readouterr()
-        main(f"regret {tmp_path}/{name} --episodes 50 --sampled".split())
-        told = capsys.readouterr().out
-        assert by in told and "The worst states" in told and "sampled policy" in told
-        for file in ("table.csv", "states.csv", "regret.md", "map.png"):
-            assert (tmp_path / name / "regret" / file).stat().st_size > 100
+@pytest.mark.parametrize(
+    ("task", "by"),
+    [
+        ("maze --num-goals 2", "goals left"),
+        pytest.param("chase", "distance between both", marks=pytest.mark.slow),
+    ],
+)
+def test_the_command_says_where(
+    task: str, by: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = f"train --task {task} --maze 3x3 --frames 2000 --num-games 32 --minibatch-size 128 "
+    main((command + f"--episodes 20 --threads 1 --out {tmp_path}/run").split())
+    capsys.readouterr()
+    main(f"regret {tmp_path}/run --episodes 50 --sampled".split())
+    told = capsys.readouterr().out
+    assert by in told and "The worst states" in told and "sampled policy" in told
+    for file in ("table.csv", "states.csv", "regret.md", "map.png"):
+        assert (tmp_path / "run" / "regret" / file).stat().st_size > 100
 
 
 def test_what_has_no_such_optimum_is_refused() -> None:

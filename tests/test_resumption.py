@@ -184,7 +184,10 @@ def taught(algorithm: str, curriculum: str, **flat: Any) -> Any:
     return tiny(algorithm, curriculum=curriculum, **ARM, hold=3, **flat)
 
 
-@pytest.mark.parametrize("curriculum", CURRICULA)
+@pytest.mark.parametrize(
+    "curriculum",
+    [pytest.param(name, marks=[pytest.mark.slow] * name.startswith("maze-")) for name in CURRICULA],
+)
 def test_every_curriculum_resumes(curriculum: str, tmp_path: Path) -> None:
     check_resumption(RUN, taught("ppo", curriculum), tmp_path)
 
