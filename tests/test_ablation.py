@@ -216,7 +216,10 @@ def test_the_share_of_frames_on_the_last_lesson() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=[pytest.mark.slow] * (n == "mazes")) for n in shipped(ABLATIONS)],
+    [
+        pytest.param(n, marks=[pytest.mark.slow] * (n != "opponent-epsilon"))
+        for n in shipped(ABLATIONS)
+    ],
 )
 def test_every_shipped_ablation_is_sound_in_both_versions(name: str) -> None:
     for version in ("short", "full"):

@@ -309,6 +309,7 @@ def test_the_seed_decides_the_maze(algorithm: str) -> None:
     assert drawn[0] == generate_maze(algorithm, 9, seed=7) and len(set(drawn)) == 5
 
 
+@pytest.mark.slow
 def test_wilson_is_uniform_over_spanning_trees_and_prim_is_not() -> None:
     num_trees, samples = 15, 4500  # Kirchhoff: a grid of 2×3 has 15 spanning trees
     p_values = {}

@@ -164,7 +164,14 @@ SMALL: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("name", ["maze-replay", "maze-learnability", "maze-editing"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("maze-replay", marks=pytest.mark.slow),
+        "maze-learnability",
+        pytest.param("maze-editing", marks=pytest.mark.slow),
+    ],
+)
 def test_a_run_judges_its_mazes_and_plays_the_hard_ones(name: str, tmp_path: Path) -> None:
     settings = settings_of(**SMALL, curriculum=name, judge_every=250, judged=4)
     run = start(RUN, settings, tmp_path / "run")

@@ -274,7 +274,10 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
             {"task": {"num_chasers": 2, "num_evaders": 2, "max_steps": 30}},
             marks=pytest.mark.slow,
         ),
-        {"task": {"num_chasers": 2}, "hyper": replace(QUICK, central_critic=True)},
+        pytest.param(
+            {"task": {"num_chasers": 2}, "hyper": replace(QUICK, central_critic=True)},
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             {"task": {"stay_action": True, "move_order": "chasers_first"}, "observation": "planes"},
             marks=pytest.mark.slow,
