@@ -7,11 +7,12 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
 
 from pursuit.declared import whole
 from pursuit.maze import Maze, load_maze
 from pursuit.memory import check_memory
-from scripted_agents.action_values import outcomes, worth_of_actions
+from scripted_agents.action_values import outcomes
 from scripted_agents.best_response import MoveOrder, checked_table
 
 
@@ -66,14 +67,18 @@ def duel_regret(
     other = checked_table(maze, opponent_table, "opponent_table")
     cells, actions = maze.num_cells, own.shape[2]
     check_memory(
-        f"{maze.name}, {horizon} steps,", 8 * cells * cells * (horizon + 40), "use a smaller maze"
+        f"{maze.name}, {horizon} steps,",
+        8 * cells * cells * (horizon + 40 * actions),
+        "use a smaller maze",
     )
     sign = 1.0 if role == "chaser" else -1.0
     lost = np.empty((horizon, cells, cells))
     best = np.zeros((cells, cells))
     apart = ~np.eye(cells, dtype=bool)
+    steps = _steps(role, maze, other, actions, move_order)
     for left in range(1, horizon + 1):
-        worth = sign * worth_of_actions(role, maze, other, sign * best, actions, move_order)
+        later = [(step @ best.ravel()).reshape(cells, cells) for step in steps]
+        worth = np.stack([sign + after for after in later], axis=-1)
         best = np.where(apart, worth.min(axis=2), 0.0)
         lost[horizon - left] = ((worth - best[:, :, None]) * own).sum(axis=2) * apart
     starts = (maze.distances >= max(min_start_distance, 1)).astype(np.float64)
@@ -83,14 +88,32 @@ def duel_regret(
     for costs in lost:
         visits += now
         regret += now * costs
-        following = np.zeros(cells * cells)
-        for action, chance, mine, theirs, caught in outcomes(
-            role, maze, other, actions, move_order
-        ):
-            weights = np.where(caught, 0.0, now * own[:, :, action] * chance)
-            following += np.bincount((mine * cells + theirs).ravel(), weights.ravel(), cells**2)
-        now = following.reshape(cells, cells)
+        moved = [(now * own[:, :, action]).ravel() @ step for action, step in enumerate(steps)]
+        now = np.sum(moved, axis=0).reshape(cells, cells)
     worse = worth - best[:, :, None]
     worse[worse <= 1e-9 * np.abs(best)[:, :, None]] = np.inf
     achieved = optimum + sign * float(regret.sum())
     return DuelRegret(optimum, achieved, visits, regret, worse.min(axis=2))
+
+
+def _steps(
+    role: Literal["chaser", "evader"],
+    maze: Maze,
+    other: NDArray[np.float64],
+    actions: int,
+    move_order: MoveOrder,
+) -> list[csr_array]:
+    """For each own action the chances [pairs, pairs] of the pair of cells that follows.
+
+    Pairs are numbered own cell * cells + other cell; rows sum to less than 1 where it may be a
+    capture.
+    """
+    cells = maze.num_cells
+    pairs = np.arange(cells * cells)
+    steps = [csr_array((cells * cells, cells * cells)) for _ in range(actions)]
+    for action, chance, mine, theirs, caught in outcomes(role, maze, other, actions, move_order):
+        free = np.flatnonzero(~caught & (chance > 0.0))
+        after = (mine * cells + theirs).ravel()[free]
+        shape = (cells * cells, cells * cells)
+        steps[action] += csr_array((chance.ravel()[free], (pairs[free], after)), shape)
+    return steps

@@ -99,14 +99,16 @@ def test_it_holds_the_values_of_exact_value_iteration(
     sign = 1.0 if role == "chaser" else -1.0
     # From both sides: with nothing to pay after these steps, and with 20 steps to pay.
     most = 20.0 if role == "chaser" else 0.0
-    slack = 1e-4  # of vectors that are left out, in each of infinitely many discounted sweeps
+    # Of vectors that are left out, in each of infinitely many discounted sweeps: on 3x3 there would
+    # be too many of them.
+    slack = 1e-4 if name == "3x3" else 1e-7
     least = (
         hidden_truth.exact_values(game, 40, most - 20.0, slack),
         hidden_truth.exact_values(game, 40, most, slack),
     )
 
     def holds(lower: float, upper: float, low: float, high: float) -> None:
-        assert lower <= high + 1e-5 and low - 20.0 * slack - 1e-5 <= upper
+        assert lower <= high + 1e-5 and low - max(20.0 * slack, 1e-5) <= upper
 
     for own, belief in drawn_beliefs(1, solution, 100):
         if not solution.search.game.visible[own][belief > 0.0].any():

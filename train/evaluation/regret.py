@@ -61,7 +61,7 @@ def regret_of(contest: GameContest, policy: Policy) -> Regret:
     tour. A tour that the time limit would cut counts as the time that is left.
 
     Raises:
-        ValueError: a task that has neither form, a policy with a memory, or goals above
+        ValueError: a task that has neither form, in a duel a policy with a memory, or goals above
             `MAX_EXACT_GOALS`.
     """
     task = contest.task
