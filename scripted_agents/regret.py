@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -108,12 +108,14 @@ def _steps(
     Pairs are numbered own cell * cells + other cell; rows sum to less than 1 where it may be a
     capture.
     """
-    cells = maze.num_cells
-    pairs = np.arange(cells * cells)
-    steps = [csr_array((cells * cells, cells * cells)) for _ in range(actions)]
+    cells, pairs = maze.num_cells, maze.num_cells**2
+    parts: list[list[Any]] = [[] for _ in range(actions)]
     for action, chance, mine, theirs, caught in outcomes(role, maze, other, actions, move_order):
         free = np.flatnonzero(~caught & (chance > 0.0))
         after = (mine * cells + theirs).ravel()[free]
-        shape = (cells * cells, cells * cells)
-        steps[action] += csr_array((chance.ravel()[free], (pairs[free], after)), shape)
+        parts[action].append((chance.ravel()[free], free, after))
+    steps = []
+    for replies in parts:  # what two replies lead to alike is summed up
+        chances, before, following = (np.concatenate(each) for each in zip(*replies, strict=True))
+        steps.append(csr_array((chances, (before, following)), (pairs, pairs)))
     return steps
