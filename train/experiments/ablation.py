@@ -10,7 +10,14 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 from train.experiments.forms import THRESHOLDS, AblationFile, SweepFile
-from train.experiments.sweep import Sweep, choose_version, multiply_out, read_file, read_form
+from train.experiments.sweep import (
+    Change,
+    Sweep,
+    choose_version,
+    multiply_out,
+    read_file,
+    read_form,
+)
 from train.runs.folder import RUN
 from train.runs.parts import contest_of
 from train.settings.checks import check
@@ -28,12 +35,15 @@ EQUAL = (
 """What no arm may have of its own."""
 
 
-def load_ablation(name: str, version: str | None = None) -> Sweep:
+def load_ablation(
+    name: str, version: str | None = None, change: Change = lambda file: file
+) -> Sweep:
     """Read an ablation file and multiply it out: arms times seeds (times a grid of tasks).
 
     Args:
         name: the path of a file, or the name of a shipped one.
         version: "short" or "full", where the file has both; short if left out.
+        change: what is to be another in the file than what it says.
 
     Raises:
         ValueError: no such file, no arms, an unknown control, arms with budgets of their own, or
@@ -67,7 +77,7 @@ def load_ablation(name: str, version: str | None = None) -> Sweep:
         shared = {n: getattr(file, n) for n in AblationFile.__struct_fields__}
         for name in ("arms", "control", "primary", "margin", "threshold"):
             del shared[name]
-        chosen = choose_version(SweepFile(**shared, variants=arms), version)
+        chosen = change(choose_version(SweepFile(**shared, variants=arms), version))
         for arm in arms:
             if "curriculum" not in (chosen.settings or {}):
                 arm.setdefault("curriculum", "none")

@@ -54,6 +54,9 @@ MEASURED = {"seconds": "budget_seconds", "frames": "budget_frames"}
 Told = Callable[[dict[str, str], dict[str, float]], None]
 """Called now and then with the status of every run by name, and the progress of those running."""
 
+Change = Callable[[SweepFile], SweepFile]
+"""What makes another sweep of one."""
+
 FileForm = TypeVar("FileForm", bound=msgspec.Struct)
 
 
@@ -84,7 +87,7 @@ class Sweep:
 
     Attributes:
         title: of the reports.
-        runs: all combinations, in the order of the file.
+        runs: all combinations, seed by seed, in the order of the file.
         episodes: of each final evaluation.
         report: hints for `train.experiments.report`: "x", "group".
         exact: a table that needs no learning.
@@ -104,12 +107,13 @@ def shipped(folder: Path = EXPERIMENTS) -> list[str]:
     return sorted(path.stem for path in folder.glob("*.toml"))
 
 
-def load_sweep(name: str, version: str | None = None) -> Sweep:
+def load_sweep(name: str, version: str | None = None, change: Change = lambda file: file) -> Sweep:
     """Read a sweep file and multiply it out; nothing is run.
 
     Args:
         name: the path of a file, or the name of a shipped one.
         version: "short" or "full", where the file has both; short if left out.
+        change: what is to be another in the file than what it says.
 
     Raises:
         ValueError: no such file, no TOML, an unknown key, a value of another type, an empty list, a
@@ -118,7 +122,7 @@ def load_sweep(name: str, version: str | None = None) -> Sweep:
     path, content = read_file(name, EXPERIMENTS, "sweep")
     file = read_form(SweepFile, content, path)
     try:
-        return multiply_out(choose_version(file, version), path.stem)
+        return multiply_out(change(choose_version(file, version)), path.stem)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -208,7 +212,8 @@ def multiply_out(file: SweepFile, stem: str) -> Sweep:
         load_maze(name)
     return Sweep(
         stem if file.title is None else file.title,
-        tuple(runs.values()),
+        # Seeds outside: whatever changes on the machine meanwhile meets all that is compared alike.
+        tuple(sorted(runs.values(), key=lambda run: seeds.index(run.settings.seed))),
         episodes_of(file),
         report_hints(file, tuple(runs.values()), [*grid, *drawn[0]]),
         file.exact,

@@ -1,0 +1,177 @@
+"""The rules that decide claims: what one seed says, and what all of them do."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from train.experiments.statistics import holm, permutation_p
+
+CONFIRMED, REFUTED, UNDECIDED = "confirmed", "refuted", "undecided"
+ENOUGH, FEW = 0.8, 0.2
+"""Shares of the seeds from which on, and up to which, a claim is confirmed and refuted."""
+LEAST_SEEDS = 5
+FALL = 0.01
+"""Of the time limit: what the episodes must grow shorter by in the last third to be falling."""
+TO = {"optimal": "optimal_steps", "scripted": "scripted_steps", "limit": "max_steps"}
+"""References by the column of the table of runs that has them."""
+
+Cell = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Ran:
+    """A complete run.
+
+    Attributes:
+        row: of the table of runs.
+        lengths: the mean episode length at every evaluation, in order.
+    """
+
+    row: Mapping[str, Any]
+    lengths: tuple[float, ...] = ()
+
+    @property
+    def seed(self) -> int:
+        """Its seed."""
+        return int(self.row["seed"])
+
+    @property
+    def distance(self) -> float:
+        """How far from the optimum, less is better: the gap without its sign, in per cent; of self-play NashConv."""
+        gap = self.row.get("optimality_gap")
+        return 100.0 * abs(gap) if gap is not None else float(self.row["nash_conv"])
+
+
+def diverged(run: Ran) -> bool:
+    """Whether more than half of the starts stay unsolved, and nothing falls in the last third.
+
+    Falling: the mean of the second half of the last third of the evaluations lies below that of its
+    first half by more than `FALL` of the time limit.
+    """
+    if not run.row["unsolved_share"] > 0.5:
+        return False
+    last = np.asarray(run.lengths)[-max(len(run.lengths) // 3, 2) :]
+    if len(last) < 2:
+        return True
+    half = len(last) // 2
+    return bool(last[:half].mean() - last[half:].mean() <= FALL * run.row["max_steps"])
+
+
+def worse_by(run: Ran, to: str) -> float:
+    """By how many per cent a run is worse than a reference; below 0 where it is better.
+
+    Whoever wants to be long in the game (an evader) is worse where it is short.
+    """
+    steps, reference = float(run.row["mean_steps"]), float(run.row[TO[to]])
+    sign = -1.0 if run.row.get("role") == "evader" else 1.0
+    return 100.0 * sign * (steps - reference) / reference
+
+
+# -- what a seed says ------------------------------------------------------------------------------
+
+
+Asked = tuple[Ran, list[Ran], Any]
+"""A run, those of the same seed that it is compared with, and the claim."""
+
+RULES: dict[str, Callable[[Ran, Sequence[Ran], Any], bool]] = {
+    "diverges": lambda run, others, claim: diverged(run),
+    "learns": lambda run, others, claim: not diverged(run),
+    "lower": lambda run, others, claim: all(run.distance < o.distance for o in others),
+    "higher": lambda run, others, claim: all(run.distance > o.distance for o in others),
+    "within": lambda run, others, claim: worse_by(run, claim.to) <= claim.percent + 1e-9,
+    "beyond": lambda run, others, claim: worse_by(run, claim.to) > claim.percent + 1e-9,
+}
+
+
+def cells_of(table: Cell) -> list[Cell]:
+    """Every combination of the values of a table: {"maze": ["5x5", "7x7"]} are two cells."""
+    lists = [value if isinstance(value, list) else [value] for value in table.values()]
+    return [dict(zip(table, values, strict=True)) for values in itertools.product(*lists)]
+
+
+def runs_of(runs: Sequence[Ran], cell: Cell) -> dict[int, Ran]:
+    """The runs of a cell by their seed."""
+    return {
+        run.seed: run
+        for run in runs
+        if all(run.row.get(name) == value for name, value in cell.items())
+    }
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of a claim.
+
+    Attributes:
+        verdict: `CONFIRMED`, `REFUTED` or `UNDECIDED`.
+        says: by seed, whether it says so.
+        note: why it is undecided, where that is not for the seeds' disagreement.
+        cells: what the verdict rests on: every cell with the distances of its runs by seed.
+        ps: of a comparison: p of the permutation test against each of the others, in their order,
+            corrected for how many they are (Holm).
+    """
+
+    verdict: str
+    says: dict[int, bool]
+    note: str = ""
+    cells: tuple[tuple[Cell, dict[int, Ran]], ...] = ()
+    ps: tuple[float, ...] = ()
+
+
+def decide(claim: Any, runs: Sequence[Ran], least_frames: int) -> Verdict:
+    """What the runs say of a claim: see `RULES`, `ENOUGH` and `FEW`.
+
+    Args:
+        claim: with a rule of `RULES`.
+        runs: the complete ones of its study.
+        least_frames: with fewer a run says nothing.
+    """
+    places = cells_of(claim.of)
+    ours = [runs_of(runs, cell) for cell in places]
+    theirs = [[runs_of(runs, cell) for cell in cells_of(table)] for table in claim.than]
+    everything = [*ours, *itertools.chain.from_iterable(theirs)]
+    shown = tuple(
+        zip([*places, *(c for t in claim.than for c in cells_of(t))], everything, strict=True)
+    )
+    seeds = sorted(set.intersection(*(set(found) for found in everything)))
+    few = [
+        run.row["frames"]
+        for found in everything
+        for run in found.values()
+        if run.row["frames"] < least_frames
+    ]
+    if few:
+        note = f"runs of {min(few):,} frames say nothing; it takes {least_frames:,}"
+        return Verdict(UNDECIDED, {}, note, shown)
+    rule = RULES[claim.rule]
+    says = {}
+    for seed in seeds:
+        # Cells in step: the first of ours against the first of each of the others, and so on.
+        pairs = [
+            (own[seed], [other[number % len(other)][seed] for other in theirs])
+            for number, own in enumerate(ours)
+        ]
+        says[seed] = all(rule(run, others, claim) for run, others in pairs)
+    ps: list[float] = []
+    if claim.than and len(seeds) > 1:
+        for other in theirs:
+            mine = [[own[s].distance for s in seeds] for own in ours]
+            his = [[other[n % len(other)][s].distance for s in seeds] for n in range(len(ours))]
+            ps.append(permutation_p(mine, his))
+    return Verdict(*verdict_of(says), shown, tuple(holm(ps)))
+
+
+def verdict_of(says: Mapping[int, bool]) -> tuple[str, dict[int, bool], str]:
+    """The verdict of so many seeds, what they said, and why it is none."""
+    said = dict(says)
+    if len(said) < LEAST_SEEDS:
+        return UNDECIDED, said, f"{len(said)} complete seeds; it takes {LEAST_SEEDS}"
+    share = sum(said.values()) / len(said)
+    if share >= ENOUGH - 1e-9:
+        return CONFIRMED, said, ""
+    return (REFUTED if share <= FEW + 1e-9 else UNDECIDED), said, ""
