@@ -74,6 +74,10 @@ GROUPS: dict[str, dict[str, Command]] = {
         ),
     },
     "Compare, with seeds and intervals": {
+        "reproduce": Command(
+            "the thesis' experiments again, claim by claim, with verdicts",
+            "all --dry-run",
+        ),
         "sweep": Command(
             "all runs of a sweep file, on this machine or on a Ray cluster",
             "maze_by_size --dry-run",

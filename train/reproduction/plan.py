@@ -129,6 +129,7 @@ class Replication:
         title: of the page.
         version: "short" or "full".
         studies: that are to be done, in the order of the file.
+        left_out: the ids of those that are part of the other version alone.
         tuning: the search.
         mazes: a user's own by the names of ours that they stand for.
     """
@@ -136,6 +137,7 @@ class Replication:
     title: str
     version: str
     studies: tuple[Study, ...]
+    left_out: tuple[str, ...]
     tuning: Tuning
     mazes: Mapping[str, str]
 
@@ -171,9 +173,10 @@ def load_replication(
             f"study {study.id!r} is part of {', '.join(study.versions)} only; give --version "
             f"{study.versions[0]}",
         )
+    left_out = tuple(study.id for study in chosen if version not in study.versions)
     chosen = [study for study in chosen if version in study.versions]
     own = {} if mazes is None else mazes_by_size(mazes)
-    return Replication(found.title, version, tuple(chosen), found.tuning, own)
+    return Replication(found.title, version, tuple(chosen), left_out, found.tuning, own)
 
 
 def mazes_by_size(folder: Path) -> dict[str, str]:
@@ -213,7 +216,8 @@ def tuning_sweep(plan: Replication) -> Sweep:
     variants = []
     for algorithm, space in tuning.space.items():
         drawn = draw_samples({**space, "samples": trials.samples - 1}, 1000)
-        settings = {SHIPPED: {}} | {f"draw {n}": found for n, found in enumerate(drawn, 1)}
+        settings: dict[str, Table] = {SHIPPED: {}}
+        settings |= {f"draw {n}": found for n, found in enumerate(drawn, 1)}
         variants += [
             {"name": f"{algorithm}, {name}", "algorithm": algorithm, **found}
             for name, found in settings.items()

@@ -42,7 +42,7 @@ class Ran:
 
     @property
     def distance(self) -> float:
-        """How far from the optimum, less is better: the gap without its sign, in per cent; of self-play NashConv."""
+        """How far from the optimum: the gap without its sign in per cent; of self-play NashConv."""
         gap = self.row.get("optimality_gap")
         return 100.0 * abs(gap) if gap is not None else float(self.row["nash_conv"])
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -40,7 +38,7 @@ def keep_rules(plan: Replication, out: Path) -> None:
     kept = read_json(path) if path.exists() else {}
     now = datetime.now(UTC).isoformat(timespec="seconds")
     for study in plan.studies:
-        if study.id not in kept:
+        if study.id not in kept and not study.exact:
             kept[study.id] = {"written": now, "claims": rules_of(study)}
     write_json(path, kept)
 
@@ -77,33 +75,41 @@ def carry_out(plan: Replication, out: Path, workers: int, tell: Tell, watched: W
     check(not out.is_file(), f"{out}: a file; give a folder")
     out.mkdir(parents=True, exist_ok=True)
     keep_rules(plan, out)
-    well = True
+    tuned = well = True
     if any(study.tuned for study in plan.studies):
         tell("settings for everybody, as many trials for each")
-        well = do_sweep(tuning_sweep(plan), out / TUNING, workers, watched)
+        tuned = well = do_sweep(tuning_sweep(plan), out / TUNING, workers, watched)
     for number, study in enumerate(plan.studies, 1):
         if study.exact:
             continue
         tell(f"study {number} of {len(plan.studies)}, {study.id}: {study.title}")
-        sweep = sweep_of(study, plan, tuned_settings(plan, out))
-        well = do_sweep(sweep, folder_of(study, out), workers, watched) and well
+        if study.tuned and not tuned:
+            tell("left out: trials of the settings that it needs have failed")
+            continue
+        well = (
+            do_sweep(planned_sweep(study, plan, out), folder_of(study, out), workers, watched)
+            and well
+        )
     return well
+
+
+def planned_sweep(study: Study, plan: Replication, out: Path) -> Sweep:
+    """The runs of a study with the settings that the search has found so far."""
+    return sweep_of(study, plan, tuned_settings(plan, out))
 
 
 def do_sweep(sweep: Sweep, folder: Path, workers: int, watched: Watched) -> bool:
     """Do the runs of a sweep that are not done, and write its report; whether all are complete."""
-    before = [status_of(folder / "runs" / run.name) for run in sweep.runs]
-    done = all(status == "complete" for status in before)
-    if not done:
-        folder.mkdir(parents=True, exist_ok=True)
-        statuses = run_locally(sweep, folder, workers, watched(sweep))
-        done = all(status == "complete" for status in statuses.values())
-    drawn = folder / "report" / "report.md"
-    if not drawn.exists() or set(before) != {"complete"}:
-        complete = [s for s in (status_of(folder / "runs" / r.name) for r in sweep.runs)]
-        if "complete" in complete:
+    folders = [folder / "runs" / run.name for run in sweep.runs]
+    if all(status_of(each) == "complete" for each in folders):
+        if not (folder / "report" / "report.md").exists():
             report(folder)
-    return done
+        return True
+    folder.mkdir(parents=True, exist_ok=True)
+    statuses = run_locally(sweep, folder, workers, watched(sweep)).values()
+    if "complete" in statuses:
+        report(folder)
+    return set(statuses) == {"complete"}
 
 
 # -- what came of it -------------------------------------------------------------------------------
@@ -159,16 +165,3 @@ def tuned_settings(plan: Replication, out: Path) -> dict[str, Table]:
         for algorithm, name in best.items()
         if name != SHIPPED
     }
-
-
-def hours(runs: list[Ran]) -> float:
-    """Core hours that runs have learned for."""
-    return sum(float(run.row["seconds"]) for run in runs) / 3600.0
-
-
-def since(began: float) -> str:
-    """How long ago that was."""
-    return f"{(time.monotonic() - began) / 60:.0f} minutes"
-
-
-Found = dict[str, Any]

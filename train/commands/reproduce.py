@@ -1,0 +1,112 @@
+"""`pursuit reproduce`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from train.commands.parse import parse
+from train.commands.sweep import SweepWatch
+from train.experiments.sweep import Sweep, status_of
+from train.reproduction.plan import Replication, load_replication, tuning_sweep
+from train.reproduction.report import write_replication
+from train.reproduction.run import TUNING, carry_out, folder_of, planned_sweep
+from train.settings.checks import check
+
+
+@dataclass(frozen=True)
+class ReproduceCommand:
+    """Run the thesis' experiments again, and decide its claims one by one.
+
+    Settings are searched first, as long for every algorithm; then come the studies, and a page with
+    every claim, the rule that decides it, the verdict and what it rests on. What is complete is not
+    done again: Ctrl-C loses nothing, and the same command goes on. The short version takes under
+    two hours of two cores, the full one some 40 hours.
+    """
+
+    studies: Annotated[tuple[str, ...], tyro.conf.Positional] = ("all",)
+    """all, or studies by name: figure-4.2, table-3.1, ... (see --list)."""
+    list: bool = False
+    """Name the studies and their claims."""
+    version: str = "short"
+    """short or full."""
+    mazes: Path | None = None
+    """A folder with your copy of the thesis' mazes: text files, one of each size, that stand for
+    ours of the same size."""
+    out: Path | None = None
+    """The folder of the replication; replications/thesis-VERSION if left out."""
+    workers: int = 0
+    """Runs at a time, each on a core of its own; 0 is one for each core."""
+    dry_run: bool = False
+    """Say what there is to do, but do nothing."""
+    page: bool = False
+    """Only write the page, of the runs that are complete."""
+
+
+def reproduce(arguments: Sequence[str]) -> None:
+    """`pursuit reproduce`."""
+    given = parse(ReproduceCommand, arguments, "reproduce")
+    check(given.workers >= 0, f"workers={given.workers}; at least 0")
+    plan = load_replication(given.studies, given.version, given.mazes)
+    if given.list:
+        for study in plan.studies:
+            print(f"{study.id:<20}{study.title}")
+            print("\n".join(f"{'':<22}{claim.text}" for claim in study.claims))
+        return
+    own = "-own-mazes" if given.mazes else ""
+    out = given.out or Path("replications") / f"thesis-{given.version}{own}"
+    workers = given.workers or os.cpu_count() or 1
+    if given.dry_run:
+        tell_plan(plan, out, workers)
+        return
+    if given.page:
+        check(out.is_dir(), f"{out}: no such folder; leave --page out to begin")
+        print(f"page: {write_replication(plan, out)}")
+        return
+    try:
+        well = carry_out(
+            plan,
+            out,
+            workers,
+            lambda line: print(f"\n{line}", flush=True),
+            lambda sweep: SweepWatch(sweep, workers),
+        )
+    except KeyboardInterrupt:
+        again = f"pursuit reproduce {' '.join(arguments)}"
+        print(f"\ninterrupted; what is done is kept. Go on with: {again}", file=sys.stderr)
+        raise
+    print(f"page: {write_replication(plan, out)}")
+    if not well:
+        print("runs failed; the same command tries them again", file=sys.stderr)
+        sys.exit(1)
+
+
+def tell_plan(plan: Replication, out: Path, workers: int) -> None:
+    """Say what there is to do, and what is done already."""
+    total = 0
+    places = [("settings", tuning_sweep(plan), out / TUNING)] * any(s.tuned for s in plan.studies)
+    places += [
+        (study.id, planned_sweep(study, plan, out), folder_of(study, out))
+        for study in plan.studies
+        if not study.exact
+    ]
+    for name, sweep, folder in places:
+        done = sum(status_of(folder / "runs" / run.name) == "complete" for run in sweep.runs)
+        total += len(sweep.runs) - done
+        print(f"{name:<20}{len(sweep.runs):>4} runs, {done} complete; {budget_words(sweep)}")
+    print(f"{total} runs to do into {out}, {workers} at a time; nothing was done")
+
+
+def budget_words(sweep: Sweep) -> str:
+    """How long its runs are."""
+    budgets = {(run.settings.seconds, run.settings.frames) for run in sweep.runs}
+    return " or ".join(
+        f"{seconds:g} s each" if seconds is not None else f"{frames:,} frames each"
+        for seconds, frames in sorted(budgets, key=str)
+    )
