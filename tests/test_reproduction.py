@@ -27,7 +27,7 @@ from train.reproduction.plan import (
     with_settings,
 )
 from train.reproduction.report import Decided, page, write_replication
-from train.reproduction.rules import Ran, decide, diverged, verdict_of, worse_by
+from train.reproduction.rules import PARTS, Ran, decide, diverged, part_of, verdict_of, worse_by
 from train.reproduction.run import carry_out, changed_rules, keep_rules, tuned_settings
 
 
@@ -96,6 +96,13 @@ def test_who_lives_longer_is_better_only_as_an_evader() -> None:
     assert worse_by(chaser, "scripted") < 0
 
 
+def test_a_gap_is_floor_and_loops_and_the_rest() -> None:
+    run = ran(0, 0.10, solved_gap=0.04, objective_floor=0.01)
+    parts = {part: part_of(run, part) for part in PARTS}
+    assert parts == pytest.approx({"floor": 10.0, "loops": 60.0, "learning": 30.0})
+    assert part_of(ran(0, 0.0, solved_gap=0.0, objective_floor=0.0), "floor") == 0.0
+
+
 def test_the_table_of_states_is_not_its_formula() -> None:
     verdict, lines = states_table()
     assert verdict.verdict == "refuted" and len(lines) == 2 + len(STATES)
@@ -144,6 +151,7 @@ def test_settings_that_were_found_go_to_their_algorithm_alone() -> None:
 
 def test_every_algorithm_is_searched_for_as_long() -> None:
     plan = load_replication()
+    assert plan.tuning is not None
     trials = tuning_sweep(plan).runs
     count = {name: 0 for name in plan.tuning.space}
     for run in trials:
@@ -159,13 +167,14 @@ def test_every_algorithm_is_searched_for_as_long() -> None:
             assert not {run.settings.seed for run in runs} & {trials[0].settings.seed}
 
 
-def test_every_claim_asks_for_runs_that_its_study_has() -> None:
-    plan = load_replication(version="full")
+@pytest.mark.parametrize("file", ["thesis", "optimum"])
+def test_every_claim_asks_for_runs_that_its_study_has(file: str) -> None:
+    plan = load_replication(version="full", file=file)
     assert not plan.left_out and len({study.id for study in plan.studies}) == len(plan.studies)
     for study in plan.studies:
         if study.exact:
             continue
-        labels = [
+        labels: list[dict[str, Any]] = [
             {**vars(run.settings.task), "algorithm": getattr(run.settings, "algorithm", None)}
             | run.label
             for run in sweep_of(study, plan, {}).runs
@@ -268,7 +277,7 @@ def test_a_replication_from_the_search_to_the_page(tmp_path: Path) -> None:
     )
     file = tmp_path / "studies.toml"
     file.write_text(TINY.replace("SWEEP", str(sweep)))
-    plan, out = load_replication(file=file), tmp_path / "out"
+    plan, out = load_replication(file=str(file)), tmp_path / "out"
     told: list[str] = []
     assert carry_out(plan, out, 2, told.append, lambda sweep: lambda statuses, progress: None)
     assert tuned_settings(plan, out).keys() <= {"q_learning"}

@@ -32,6 +32,9 @@ class ReproduceCommand:
 
     studies: Annotated[tuple[str, ...], tyro.conf.Positional] = ("all",)
     """all, or studies by name: figure-4.2, table-3.1, ... (see --list)."""
+    claims: str = "thesis"
+    """thesis: what the thesis claims. optimum: hypotheses of our own, on what gaps are made of. Or
+    a file of yours in their form."""
     list: bool = False
     """Name the studies and their claims."""
     version: str = "short"
@@ -40,7 +43,7 @@ class ReproduceCommand:
     """A folder with your copy of the thesis' mazes: text files, one of each size, that stand for
     ours of the same size."""
     out: Path | None = None
-    """The folder of the replication; replications/thesis-VERSION if left out."""
+    """The folder of the replication; replications/CLAIMS-VERSION if left out."""
     workers: int = 0
     """Runs at a time, each on a core of its own; 0 is one for each core."""
     dry_run: bool = False
@@ -53,14 +56,14 @@ def reproduce(arguments: Sequence[str]) -> None:
     """`pursuit reproduce`."""
     given = parse(ReproduceCommand, arguments, "reproduce")
     check(given.workers >= 0, f"workers={given.workers}; at least 0")
-    plan = load_replication(given.studies, given.version, given.mazes)
+    plan = load_replication(given.studies, given.version, given.mazes, given.claims)
     if given.list:
         for study in plan.studies:
             print(f"{study.id:<20}{study.title}")
             print("\n".join(f"{'':<22}{claim.text}" for claim in study.claims))
         return
     own = "-own-mazes" if given.mazes else ""
-    out = given.out or Path("replications") / f"thesis-{given.version}{own}"
+    out = given.out or Path("replications") / f"{plan.name}-{given.version}{own}"
     workers = given.workers or os.cpu_count() or 1
     if given.dry_run:
         tell_plan(plan, out, workers)
@@ -90,7 +93,9 @@ def reproduce(arguments: Sequence[str]) -> None:
 def tell_plan(plan: Replication, out: Path, workers: int) -> None:
     """Say what there is to do, and what is done already."""
     total = 0
-    places = [("settings", tuning_sweep(plan), out / TUNING)] * any(s.tuned for s in plan.studies)
+    places = []
+    if plan.tuning is not None:
+        places.append(("settings", tuning_sweep(plan), out / TUNING))
     places += [
         (study.id, planned_sweep(study, plan, out), folder_of(study, out))
         for study in plan.studies

@@ -15,7 +15,7 @@ from train.experiments.ablation import load_ablation
 from train.experiments.forms import SweepFile
 from train.experiments.search import draw_samples
 from train.experiments.sweep import Sweep, load_sweep, multiply_out, read_file, read_form
-from train.reproduction.rules import RULES, TO
+from train.reproduction.rules import PARTS, RULES, TO
 from train.settings.checks import check, check_choice
 
 FILES = Path(__file__).with_name("files")
@@ -38,6 +38,7 @@ class Claim(msgspec.Struct, forbid_unknown_fields=True):
         of: the cells that it is about: columns of the table of runs and their values, or lists.
         than: whom those are compared with, seed by seed.
         to, percent: a reference of `TO`, and how much worse than it counts as reaching it.
+        part: of a gap, one of `PARTS`; `percent` is its share then.
         cause: our reading, by the verdict that it explains.
     """
 
@@ -47,11 +48,13 @@ class Claim(msgspec.Struct, forbid_unknown_fields=True):
     than: list[Table] = []
     to: str = "optimal"
     percent: float = 0.0
+    part: str = "floor"
     cause: dict[str, str] = {}
 
     def __post_init__(self) -> None:
         check_choice("rule", self.rule, LEARNING_RULES)
         check_choice("to", self.to, tuple(TO))
+        check_choice("part", self.part, PARTS)
         check(
             (self.rule in ("lower", "higher")) == bool(self.than),
             f"rule={self.rule!r} and than={self.than}; lower and higher need others, the rest none",
@@ -117,8 +120,15 @@ class ReplicationFile(msgspec.Struct, forbid_unknown_fields=True):
     """A file of studies as it is written."""
 
     title: str
-    tuning: Tuning
     studies: list[Study]
+    tuning: Tuning | None = None
+
+    def __post_init__(self) -> None:
+        tuned = [study.id for study in self.studies if study.tuned]
+        check(
+            not tuned or self.tuning is not None,
+            f"tuned studies ({', '.join(tuned)}) need [tuning]; give it, or leave tuned out",
+        )
 
 
 @dataclass(frozen=True)
@@ -126,19 +136,21 @@ class Replication:
     """A file of studies, checked, with what a user wants of it.
 
     Attributes:
+        name: of the file.
         title: of the page.
         version: "short" or "full".
         studies: that are to be done, in the order of the file.
         left_out: the ids of those that are part of the other version alone.
-        tuning: the search.
+        tuning: the search, where a study needs one.
         mazes: a user's own by the names of ours that they stand for.
     """
 
+    name: str
     title: str
     version: str
     studies: tuple[Study, ...]
     left_out: tuple[str, ...]
-    tuning: Tuning
+    tuning: Tuning | None
     mazes: Mapping[str, str]
 
 
@@ -146,7 +158,7 @@ def load_replication(
     wanted: Sequence[str] = ("all",),
     version: str = "short",
     mazes: Path | None = None,
-    file: Path = FILES / "thesis.toml",
+    file: str = "thesis",
 ) -> Replication:
     """Read the file of studies and check it.
 
@@ -154,13 +166,13 @@ def load_replication(
         wanted: the ids of studies, or "all".
         version: "short" or "full".
         mazes: a folder of maze files that stand for ours of the same size.
-        file: of the studies.
+        file: of the studies: a path, or the name of a shipped one.
 
     Raises:
         ValueError: no such file, study or version, a study that the version has not, or no maze
             or several of a size in the folder.
     """
-    path, content = read_file(str(file), FILES, "replication")
+    path, content = read_file(file, FILES, "replication")
     found = read_form(ReplicationFile, content, path)
     check_choice("version", version, VERSIONS)
     ids = [study.id for study in found.studies]
@@ -176,7 +188,8 @@ def load_replication(
     left_out = tuple(study.id for study in chosen if version not in study.versions)
     chosen = [study for study in chosen if version in study.versions]
     own = {} if mazes is None else mazes_by_size(mazes)
-    return Replication(found.title, version, tuple(chosen), left_out, found.tuning, own)
+    tuning = found.tuning if any(study.tuned for study in chosen) else None
+    return Replication(path.stem, found.title, version, tuple(chosen), left_out, tuning, own)
 
 
 def mazes_by_size(folder: Path) -> dict[str, str]:
@@ -212,6 +225,7 @@ def mazes_by_size(folder: Path) -> dict[str, str]:
 def tuning_sweep(plan: Replication) -> Sweep:
     """The trials: as shipped, and drawn settings, for every algorithm."""
     tuning = plan.tuning
+    assert tuning is not None  # only tuned studies ask for it, and they need one
     trials: Trials = getattr(tuning, plan.version)
     variants = []
     for algorithm, space in tuning.space.items():

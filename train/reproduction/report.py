@@ -11,7 +11,7 @@ from statistics import median
 from train.experiments.page import page_of
 from train.files import write_bytes, write_csv, write_text
 from train.reproduction.exact import states_table, tours_table
-from train.reproduction.plan import SHIPPED, Claim, Replication, Study
+from train.reproduction.plan import SHIPPED, Claim, Replication, Study, Tuning
 from train.reproduction.rules import (
     CONFIRMED,
     REFUTED,
@@ -20,6 +20,7 @@ from train.reproduction.rules import (
     Ran,
     Verdict,
     decide,
+    part_of,
     worse_by,
 )
 from train.reproduction.run import (
@@ -35,6 +36,7 @@ from train.reproduction.run import (
 PAGE = "replication.md"
 PICTURES = ("final.png", "learning_curves_frames.png")
 """Of a study's report, the first that there is."""
+PART_WORDS = {"floor": "the objective's floor", "learning": "not learned", "loops": "loops"}
 REFERENCES = {
     "optimal": "the optimum",
     "scripted": "the scripted reference",
@@ -137,6 +139,10 @@ def rule_words(claim: Claim) -> str:
         f"{others}.",
         "within": f"A seed says so where it ends no more than {reference}.",
         "beyond": f"A seed says so where it ends more than {reference}.",
+        "part_above": f"A seed says so where at least {claim.percent:g} % of its gap is "
+        f"{PART_WORDS[claim.part]}.",
+        "part_below": f"A seed says so where less than {claim.percent:g} % of its gap is "
+        f"{PART_WORDS[claim.part]}.",
         "states": "Confirmed where all numbers are the same.",
         "tours": "Confirmed where all lie within 5 % (the table's are means over 1000 episodes).",
     }[claim.rule]
@@ -153,10 +159,14 @@ def evidence(claim: Claim, verdict: Verdict) -> list[str]:
     def value(run: Ran) -> float:
         if claim.rule in ("diverges", "learns"):
             return 100.0 * float(run.row["unsolved_share"])
+        if claim.rule in ("part_above", "part_below"):
+            return part_of(run, claim.part)
         return worse_by(run, claim.to) if claim.rule in ("within", "beyond") else run.distance
 
     if claim.rule in ("diverges", "learns"):
         what = "starts unsolved, %"
+    elif claim.rule in ("part_above", "part_below"):
+        what = f"share of the gap: {PART_WORDS[claim.part]}, %"
     elif claim.rule in ("within", "beyond"):
         what = f"worse than {REFERENCES[claim.to]} by, %"
     lines = [f"| runs | {what}, by seed | median | frames, M |", "|---|---|---|---|"]
@@ -182,8 +192,8 @@ def figure(value: float) -> str:
 def page(plan: Replication, studies: Sequence[Decided], out: Path) -> str:
     """All of it as Markdown."""
     parts = [f"# {plan.title}", *head(plan, studies, out), "## Verdicts", *summary(studies)]
-    if any(each.study.tuned for each in studies):
-        parts += ["## Settings", *settings_part(plan, out)]
+    if plan.tuning is not None:
+        parts += ["## Settings", *settings_part(plan, plan.tuning, out)]
     for each in studies:
         parts += study_part(each, out)
     return "\n\n".join(parts) + "\n"
@@ -205,13 +215,13 @@ def head(plan: Replication, studies: Sequence[Decided], out: Path) -> list[str]:
         "least four fifths of its seeds say so (five seeds at least), **refuted** where at most a "
         "fifth do, else **undecided**; the rules were written down before the runs. Distances are "
         "those of the greedy policy to the exact optimum. Again: "
-        f"`pursuit reproduce all --version {plan.version}`."
+        f"`pursuit reproduce all --claims {plan.name} --version {plan.version}`."
     ]
     if plan.left_out:
         lines.append(
             f"Part of the other version alone, and not run here: {', '.join(plan.left_out)}."
         )
-    if plan.version == "short":
+    if plan.version == "short" and plan.name == "thesis":
         lines.append(
             "Minutes stand here for the half hours of the thesis. A refutation says that the "
             "claim does not hold of our learners with these budgets; whether the thesis' own code "
@@ -232,17 +242,17 @@ def summary(studies: Sequence[Decided]) -> list[str]:
     return [f"{told}.", "\n".join(lines)]
 
 
-def settings_part(plan: Replication, out: Path) -> list[str]:
+def settings_part(plan: Replication, tuning: Tuning, out: Path) -> list[str]:
     """What the search of settings found."""
     found, scores = tuned_settings(plan, out), trial_scores(plan, out)
-    trials = getattr(plan.tuning, plan.version)
+    trials = getattr(tuning, plan.version)
     lines = ["| algorithm | settings, where not as shipped | trials complete |", "|---|---|---|"]
-    for algorithm in plan.tuning.space:
+    for algorithm in tuning.space:
         own = ", ".join(f"{name} {value:g}" for name, value in found.get(algorithm, {}).items())
         lines.append(f"| {algorithm} | {own or SHIPPED} | {len(scores.get(algorithm, {}))} |")
     return [
         f"For every algorithm {trials.samples} settings, {trials.seconds:g} s each on each of "
-        f"{', '.join(plan.tuning.mazes)}: those shipped and draws around them; the least mean "
+        f"{', '.join(tuning.mazes)}: those shipped and draws around them; the least mean "
         "logarithm of the gap was taken. Settings as shipped had been searched before, PPO's for "
         "longer than the others'.",
         "\n".join(lines),
@@ -254,7 +264,7 @@ def study_part(each: Decided, out: Path) -> list[str]:
     study = each.study
     parts = [
         f"## {study.id}: {study.title}",
-        f"**The thesis**: {study.thesis} **Here**: {study.differs}",
+        f"**What is claimed**: {study.thesis} **Here**: {study.differs}",
     ]
     if each.planned and len(each.runs) < each.planned:
         parts.append(f"**{len(each.runs)} of {each.planned} runs are complete.**")

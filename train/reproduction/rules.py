@@ -20,6 +20,9 @@ FALL = 0.01
 TO = {"optimal": "optimal_steps", "scripted": "scripted_steps", "limit": "max_steps"}
 """References by the column of the table of runs that has them."""
 
+PARTS = ("floor", "learning", "loops")
+"""Of a gap."""
+
 Cell = dict[str, Any]
 
 
@@ -72,6 +75,18 @@ def worse_by(run: Ran, to: str) -> float:
     return 100.0 * sign * (steps - reference) / reference
 
 
+def part_of(run: Ran, part: str) -> float:
+    """How many per cent of a run's gap are one of its parts (`PARTS`).
+
+    "floor" is that of the objective, "loops" what the unsolved starts add to the gap of the solved
+    ones, "learning" the rest. 0 where there is no gap at all.
+    """
+    gap, solved = float(run.row["optimality_gap"]), float(run.row["solved_gap"])
+    floor = float(run.row["objective_floor"])
+    parts = {"floor": floor, "loops": gap - solved, "learning": solved - floor}
+    return 100.0 * parts[part] / gap if gap > 0.0 else 0.0
+
+
 # -- what a seed says ------------------------------------------------------------------------------
 
 
@@ -84,6 +99,8 @@ RULES: dict[str, Callable[[Ran, Sequence[Ran], Any], bool]] = {
     "lower": lambda run, others, claim: all(run.distance < o.distance for o in others),
     "higher": lambda run, others, claim: all(run.distance > o.distance for o in others),
     "within": lambda run, others, claim: worse_by(run, claim.to) <= claim.percent + 1e-9,
+    "part_above": lambda run, others, claim: part_of(run, claim.part) >= claim.percent,
+    "part_below": lambda run, others, claim: part_of(run, claim.part) < claim.percent,
     "beyond": lambda run, others, claim: worse_by(run, claim.to) > claim.percent + 1e-9,
 }
 

@@ -76,7 +76,7 @@ def carry_out(plan: Replication, out: Path, workers: int, tell: Tell, watched: W
     out.mkdir(parents=True, exist_ok=True)
     keep_rules(plan, out)
     tuned = well = True
-    if any(study.tuned for study in plan.studies):
+    if plan.tuning is not None:
         tell("settings for everybody, as many trials for each")
         tuned = well = do_sweep(tuning_sweep(plan), out / TUNING, workers, watched)
     for number, study in enumerate(plan.studies, 1):
@@ -136,6 +136,8 @@ def complete_runs(folder: Path, mazes: Mapping[str, str]) -> list[Ran]:
 
 def trial_scores(plan: Replication, out: Path) -> dict[str, dict[str, float]]:
     """For every algorithm the mean logarithm of the gap of each of its settings, where complete."""
+    if plan.tuning is None:
+        return {}
     found: dict[str, dict[str, list[float]]] = {}
     for run in complete_runs(out / TUNING, {}):
         algorithm, _, name = str(run.row["variant"]).partition(", ")
@@ -150,15 +152,13 @@ def trial_scores(plan: Replication, out: Path) -> dict[str, dict[str, float]]:
 
 def tuned_settings(plan: Replication, out: Path) -> dict[str, Table]:
     """The settings of the least mean logarithm of the gap, for every algorithm."""
-    sweep = tuning_sweep(plan)
     best = {
-        algorithm: min(trials, key=lambda name: trials[name])
-        for algorithm, trials in trial_scores(plan, out).items()
-        if trials
+        algorithm: min(scores, key=lambda name: scores[name])
+        for algorithm, scores in trial_scores(plan, out).items()
+        if scores
     }
-    labels: dict[str, Table] = {}
-    for run in sweep.runs:
-        labels[str(run.label["variant"])] = run.label
+    trials = tuning_sweep(plan).runs if best else ()
+    labels: dict[str, Table] = {str(run.label["variant"]): run.label for run in trials}
     own = {"variant", "algorithm", "maze"}
     return {
         algorithm: {n: v for n, v in labels[f"{algorithm}, {name}"].items() if n not in own}
