@@ -309,7 +309,8 @@ def test_a_run_that_dies_is_recorded_and_the_others_go_on(
 
     def kill(statuses: dict[str, str], progress: dict[str, float]) -> None:
         if not killed and progress_of(victim) > 0:
-            found = subprocess.run(["pgrep", "-f", victim.name], capture_output=True, text=True)
+            name = ["pgrep", "-x", victim.name[-15:]]  # as a forked one is called
+            found = subprocess.run(name, capture_output=True, text=True)
             killed.extend(int(number) for number in found.stdout.split())
             for number in killed:
                 os.kill(number, signal.SIGKILL)

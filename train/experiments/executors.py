@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -14,7 +13,8 @@ from typing import Any
 from train.experiments.address import check_answers
 from train.experiments.on_ray import do_tasks, tune
 from train.experiments.sweep import ERROR, STOPPED, Sweep, Told, prepare, status_of, to_do
-from train.experiments.worker import progress_of, record_end, start_worker
+from train.experiments.warm import Process, starter
+from train.experiments.worker import POLL, progress_of, record_end
 from train.files import only_one
 
 __all__ = ["progress_of", "run_locally", "run_on_ray"]
@@ -45,28 +45,29 @@ def run_locally(
         statuses = {name: status_of(folder) for name, folder in folders.items()}
         waiting = to_do(folders, again)
         forget_ends(folders[name] for name in waiting)
-        running: dict[str, subprocess.Popen[bytes]] = {}
+        running: dict[str, Process] = {}
         told(statuses, {})
-        try:
-            while waiting or running:
-                while waiting and len(running) < workers:
-                    name = waiting.pop(0)
-                    running[name] = start_worker(folders[name], sweep.episodes)
-                    statuses[name] = "running"
-                for name, process in list(running.items()):
-                    code = process.poll()
-                    if code is not None:
-                        del running[name]
-                        record_end(folders[name], code)
-                        statuses[name] = status_of(folders[name])
-                told(statuses, {name: progress_of(folders[name]) for name in running})
-                time.sleep(0.2)
-        except KeyboardInterrupt:
-            for process in running.values():
-                process.send_signal(signal.SIGINT)
-            for process in running.values():
-                process.wait()
-            raise
+        with starter(len(waiting)) as start:
+            try:
+                while waiting or running:
+                    while waiting and len(running) < workers:
+                        name = waiting.pop(0)
+                        running[name] = start(folders[name], sweep.episodes)
+                        statuses[name] = "running"
+                    for name, process in list(running.items()):
+                        code = process.poll()
+                        if code is not None:
+                            del running[name]
+                            record_end(folders[name], code)
+                            statuses[name] = status_of(folders[name])
+                    told(statuses, {name: progress_of(folders[name]) for name in running})
+                    time.sleep(POLL)
+            except KeyboardInterrupt:
+                for process in running.values():
+                    process.send_signal(signal.SIGINT)
+                for process in running.values():
+                    process.wait()
+                raise
         return statuses
 
 

@@ -1,0 +1,218 @@
+"""Several runs of a sweep, each in a process of its own that need not import everything anew.
+
+To import torch and what else a run needs takes seconds. So one process imports it, once, has one
+thread only, and forks for every run; a forked process is what `worker.start_worker` would have
+started, from its imports on. `multiprocessing` has a fork server, but what that forks imports the
+caller's `__main__`: a user's script without a guard would begin its sweep again in every run.
+
+The sweep asks in lines of JSON, [number, verb, ...], on the standard input of that process, which
+answers [number, value]. The standard input of what it forks is a pipe whose other end it alone
+holds: when it ends, because the sweep has ended or however else, they hear so.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from train.experiments.worker import (
+    LOG,
+    POLL,
+    end_with_the_sweep,
+    perform,
+    start_worker,
+    worker_environment,
+)
+
+
+class Process(Protocol):
+    """Whoever does a run; as `subprocess.Popen` has it."""
+
+    def poll(self) -> int | None:
+        """Its exit status, negative where a signal ended it; None while it runs."""
+
+    def wait(self) -> int:
+        """The same once it has ended."""
+
+    def send_signal(self, number: int, /) -> None:
+        """Send it a signal, unless it has ended."""
+
+
+# -- the process that forks ------------------------------------------------------------------------
+
+
+def can_fork() -> bool:
+    """Whether what is forked here is whole: of other threads it would have the locks alone, and of
+    a GPU that is open nothing that it could use. Only Linux tells."""
+    try:
+        threads = len(os.listdir("/proc/self/task"))
+        opened = [os.path.realpath(path) for path in Path("/proc/self/fd").iterdir()]
+    except OSError:
+        return False
+    return threads == 1 and not any(path.startswith("/dev/nvidia") for path in opened)
+
+
+def serve() -> tuple[Path, int] | None:
+    """Answer until the sweep is gone, then None; in what is forked, the folder and episodes of its
+    run."""
+    codes: dict[int, int | None] = {}
+    heard, held = os.pipe()
+    gc.freeze()  # nobody looks through what was imported, which would copy its memory
+    for line in sys.stdin:
+        number, verb, *given = json.loads(line)
+        answer: Any = None
+        if verb == "ready":
+            answer = can_fork()
+        elif verb == "start":
+            answer = os.fork()
+            if not answer:
+                os.close(held)
+                begin(Path(given[0]), heard)
+                return Path(given[0]), given[1]
+            codes[answer] = None
+        else:  # of a process that is not waited for the number is nobody else's
+            process, *others = given
+            if verb == "poll" and codes[process] is None:
+                ended, status = os.waitpid(process, os.WNOHANG)
+                codes[process] = os.waitstatus_to_exitcode(status) if ended else None
+            elif verb == "signal" and codes[process] is None:
+                os.kill(process, *others)
+            answer = codes[process]
+        print(json.dumps([number, answer]), flush=True)
+    return None
+
+
+def begin(folder: Path, heard: int) -> None:
+    """Make a forked process one of its own: its session, name, log, end and random numbers."""
+    os.setsid()
+    Path("/proc/self/comm").write_text(folder.name[-15:])  # `ps` and `pgrep` find the run by it
+    os.dup2(heard, 0)
+    os.close(heard)
+    with (folder / LOG).open("ab") as log:
+        for said in (1, 2):
+            os.dup2(log.fileno(), said)
+    np.random.seed()  # noqa: NPY002 -- we use it nowhere, users' parts may: as if imported anew
+
+
+# -- whoever asks it -------------------------------------------------------------------------------
+
+
+class Gone(Exception):
+    """The process that forks has ended."""
+
+
+class Warm:
+    """The process that forks, as the sweep sees it."""
+
+    def __init__(self) -> None:
+        self._asked = 0
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "train.experiments.warm"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,  # where it cannot import, the runs' own processes say why
+            bufsize=0,  # an interrupted question leaves nothing behind
+            env=worker_environment(),
+            start_new_session=True,
+        )
+
+    def ask(self, *question: Any) -> Any:
+        """The answer to a verb and what belongs to it.
+
+        Raises:
+            Gone: there is nobody to answer.
+        """
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._asked += 1
+        try:
+            self._process.stdin.write(json.dumps([self._asked, *question]).encode() + b"\n")
+        except BrokenPipeError:
+            raise Gone from None
+        for line in self._process.stdout:
+            with contextlib.suppress(ValueError):  # the rest of an answer nobody waited for
+                answer = json.loads(line)
+                if isinstance(answer, list) and answer[:1] == [self._asked]:
+                    return answer[1]
+        raise Gone
+
+    def close(self) -> None:
+        """End it, and so all that still runs."""
+        self._process.kill()
+        with self._process:  # its pipes
+            pass
+
+
+class Forked:
+    """The process of a run that was forked; a new one, where the one that forks has gone."""
+
+    def __init__(self, warm: Warm, folder: Path, episodes: int) -> None:
+        self._warm, self._folder, self._episodes = warm, folder, episodes
+        self._code: int | None = None
+        self._new: Process | None = None
+        self._number = 0
+        with contextlib.suppress(Gone):
+            self._number = warm.ask("start", str(folder), episodes)
+
+    def poll(self) -> int | None:
+        """Its exit status, negative where a signal ended it; None while it runs."""
+        if self._new is None and self._code is None:
+            try:
+                self._code = self._warm.ask("poll", self._number)
+            except Gone:  # the run has heard of it: the new one waits until it has saved
+                self._new = start_worker(self._folder, self._episodes)
+        return self._code if self._new is None else self._new.poll()
+
+    def wait(self) -> int:
+        """The same once it has ended."""
+        while (code := self.poll()) is None:
+            time.sleep(POLL)
+        return code
+
+    def send_signal(self, number: int) -> None:
+        """Send it a signal, unless it has ended."""
+        if self._new is not None:
+            self._new.send_signal(number)
+        elif self._code is None:
+            try:
+                self._code = self._warm.ask("signal", self._number, number)
+            except Gone:  # it ends anyway
+                self._code = -number
+
+
+@contextlib.contextmanager
+def starter(runs: int) -> Iterator[Callable[[Path, int], Process]]:
+    """What starts the process of a run, given its folder and episodes.
+
+    For several runs it forks, where that is sound; else it is `start_worker`. The results are the
+    same. Processes that still run when it is left save and end.
+    """
+    if runs < 2 or not hasattr(os, "fork"):
+        yield start_worker
+        return
+    warm = Warm()
+    try:
+        ready = False
+        with contextlib.suppress(Gone):
+            ready = warm.ask("ready")
+        if not ready:
+            warm.close()
+        yield (lambda folder, episodes: Forked(warm, folder, episodes)) if ready else start_worker
+    finally:
+        warm.close()
+
+
+if __name__ == "__main__":
+    job = serve()
+    if job is not None:
+        end_with_the_sweep()
+        perform(*job)
