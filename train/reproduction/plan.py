@@ -14,8 +14,15 @@ from pursuit.maze import Maze
 from train.experiments.ablation import load_ablation
 from train.experiments.forms import SweepFile
 from train.experiments.search import draw_samples
-from train.experiments.sweep import Sweep, load_sweep, multiply_out, read_file, read_form
-from train.reproduction.rules import PARTS, RULES, TO
+from train.experiments.sweep import (
+    Sweep,
+    flat_settings,
+    load_sweep,
+    multiply_out,
+    read_file,
+    read_form,
+)
+from train.reproduction.rules import PARTS, RULES, TO, cells_of
 from train.settings.checks import check, check_choice
 
 FILES = Path(__file__).with_name("files")
@@ -257,16 +264,32 @@ def sweep_of(study: Study, plan: Replication, tuned: Mapping[str, Table]) -> Swe
         tuned: the settings that were found for every algorithm.
 
     Raises:
-        ValueError: runs that cannot be.
+        ValueError: runs that cannot be, or a claim about runs that there are not.
     """
 
     def change(file: SweepFile) -> SweepFile:
         file = with_mazes(file, plan.mazes)
         return with_settings(file, tuned) if study.tuned else file
 
-    if study.ablation:
-        return load_ablation(study.ablation, plan.version, change)
-    return load_sweep(str(study.sweep), plan.version, change)
+    load, name = (load_ablation, study.ablation) if study.ablation else (load_sweep, study.sweep)
+    sweep = load(str(name), plan.version, change)
+    check_cells(study, sweep, {path: name for name, path in plan.mazes.items()})
+    return sweep
+
+
+def check_cells(study: Study, sweep: Sweep, names: Mapping[str, str]) -> None:
+    """ValueError for a claim about runs that the sweep has not; `names` of mazes by their files."""
+    rows = []
+    for run in sweep.runs:
+        row = {**flat_settings(run.settings), **run.given, **run.label}
+        rows.append(row | {"maze": names.get(str(row.get("maze")), row.get("maze"))})
+    for claim in study.claims:
+        for cell in [cell for table in (claim.of, *claim.than) for cell in cells_of(table)]:
+            check(
+                any(all(row.get(n) == value for n, value in cell.items()) for row in rows),
+                f"study {study.id!r}: the claim {claim.text!r} is about {cell}, and no run of "
+                f"{study.sweep or study.ablation} is; mend the claim or the experiment",
+            )
 
 
 def with_mazes(file: SweepFile, mazes: Mapping[str, str]) -> SweepFile:
