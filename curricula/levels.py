@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -25,12 +26,25 @@ def rank_probabilities(
         ages: [levels], at least 0; their share counts with a weight of `staleness`.
         temperature, staleness: as in `LevelReplay`.
     """
-    ranks = np.empty(len(scores))
-    ranks[np.argsort(-scores, kind="stable")] = np.arange(1, len(scores) + 1)
-    by_score = ranks ** (-1.0 / temperature)
+    by_score = np.empty(len(scores))
+    by_score[np.argsort(-scores, kind="stable")] = _rank_weights(len(scores), temperature)
     by_age = ages if ages.sum() > 0 else np.ones(len(ages))
     mixed = (1.0 - staleness) * by_score / by_score.sum()
     return mixed + staleness * by_age / by_age.sum()
+
+
+@lru_cache(maxsize=8)
+def _rank_weights(count: int, temperature: float) -> NDArray[np.float64]:
+    """[count] (1 / rank)^(1 / temperature) of ranks 1, 2, ..."""
+    return np.arange(1.0, count + 1.0) ** (-1.0 / temperature)
+
+
+def least(values: NDArray[np.float64], count: int) -> NDArray[np.intp]:
+    """[count] places of the least of `values`, from the least on; of equal ones the first."""
+    if count >= len(values):
+        return np.argsort(values, kind="stable")
+    near = np.flatnonzero(values <= np.partition(values, count - 1)[count - 1])
+    return near[np.argsort(values[near], kind="stable")][:count]
 
 
 class LevelReplay:
@@ -166,10 +180,13 @@ class LevelReplay:
         seeds, scores, counts = seeds[free:], scores[free:], counts[:, free:]
         if not len(seeds):
             return
-        # The best of the new ones against the least likely of the old ones, pair by pair.
+        # The best of the new ones against the least likely of the old ones, pair by pair. One that
+        # is below all of the old ones, and whatever is worse, replaces none.
         best = np.argsort(-scores, kind="stable")
-        weak = np.argsort(self.probabilities(), kind="stable")[: len(best)]
-        best = best[: len(weak)]
+        best = best[: min(np.count_nonzero(scores > self.scores.min()), len(self.scores))]
+        if not len(best):
+            return
+        weak = least(self.probabilities(), len(best))
         better = scores[best] > self.scores[weak]
         into, new = weak[better], best[better]
         self.seeds[into], self.scores[into] = seeds[new], scores[new]
@@ -177,11 +194,13 @@ class LevelReplay:
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Seeds of levels: some of the buffer, the others new."""
-        seeds = rng.integers(0, MAX_SEED, num_games).astype(np.float64)
+        # A float64 has 53 random bits, so these are whole, and every seed is as likely. They are
+        # those of `rng.integers(0, MAX_SEED, num_games)`, without what that makes sure of.
+        seeds = rng.random(num_games) * MAX_SEED
         if self.replays and len(self._cumulative):
-            again = rng.random(num_games) < self.replay_share
-            draws = rng.random(int(again.sum())) * self._cumulative[-1]
-            chosen = np.searchsorted(self._cumulative, draws, side="right")
+            again = (rng.random(num_games) < self.replay_share).nonzero()[0]
+            draws = rng.random(len(again)) * self._cumulative[-1]
+            chosen = self._cumulative.searchsorted(draws, side="right")
             seeds[again] = self.seeds[np.minimum(chosen, len(self.seeds) - 1)]
         return seeds
 

@@ -112,7 +112,8 @@ class Uniform:
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Any."""
-        return rng.choice(self.stages, num_games)
+        # What `rng.choice` draws, without what it makes sure of at every call.
+        return self.stages[rng.integers(0, len(self.stages), num_games)]
 
     def state_dict(self) -> dict[str, Any]:
         """Whether it is in the log."""
@@ -293,6 +294,7 @@ class LearningProgress:
         count = len(self.stages)
         self.fast, self.slow = np.full(count, np.nan), np.full(count, np.nan)
         self.probabilities = np.full(count, 1.0 / count)
+        self._sums, self._summed_of = np.zeros(0), np.zeros(0)
         self._top = -1
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
@@ -311,8 +313,8 @@ class LearningProgress:
         change = np.where(np.isnan(change), known.max() if len(known) else 1.0, change)
         total = change.sum()
         share = change / total if total > 0 else np.full(count, 1.0 / count)
-        self.probabilities = self.explore_share / count + (1.0 - self.explore_share) * share
-        self.probabilities /= self.probabilities.sum()
+        mixed = self.explore_share / count + (1.0 - self.explore_share) * share
+        self.probabilities = mixed / mixed.sum()
         top = int(self.probabilities.argmax())
         if top == self._top:
             return []
@@ -323,7 +325,16 @@ class LearningProgress:
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Stages by their probabilities."""
-        return rng.choice(self.stages, num_games, p=self.probabilities)
+        # What `rng.choice` draws of them, without what it makes sure of at every call.
+        draws = rng.random(num_games)
+        return self.stages[self._cumulative().searchsorted(draws, side="right")]
+
+    def _cumulative(self) -> NDArray[np.float64]:
+        """[stages], the chances of each stage or one before it."""
+        if self._summed_of is not self.probabilities:
+            sums = self.probabilities.cumsum()
+            self._sums, self._summed_of = sums / sums[-1], self.probabilities
+        return self._sums
 
     def state_dict(self) -> dict[str, Any]:
         """The averages."""

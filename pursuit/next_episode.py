@@ -35,22 +35,35 @@ def configure(
         ValueError: a value out of range, or a start that cannot be; nothing is changed then.
     """
     seats = slice(None) if seat is None else task.seat(seat)
-    waiting = NextEpisode(*(array[games] for array in coming))
+    changed: dict[str, Any] = {}
     if epsilon is not None:
         shares = checked_shares(epsilon)
         if shares.ndim == 1 and seat is None:
             shares = shares[:, None]  # one for each game
-        fill("epsilon", waiting.epsilon[:, seats], shares)
+        changed["epsilon"] = coming.epsilon[games]
+        fill("epsilon", changed["epsilon"][:, seats], shares)
     given = {name: value for name, value in numbers.items() if value is not None}
-    limits = limits_of(task)
+    limits = limits_of(task) if given else {}
     for name, value in given.items():
-        fill(name, getattr(waiting, name), whole_numbers(name, value, *limits[name]))
+        changed[name] = np.empty(len(games), dtype=np.int32)
+        fill(name, changed[name], whole_numbers(name, value, *limits[name]))
     if goals_around is not None:
         one_of("goals_around", goals_around, ("start", "marks"))
-        waiting.goals_around_marks[:] = goals_around == "marks"
-    check_waiting(task, waiting)
-    for array, values in zip(coming, waiting, strict=True):
-        array[games] = values
+        changed["goals_around_marks"] = np.int32(goals_around == "marks")
+    # What waits has been checked, and is as possible with other epsilons and radii around starts.
+    least, most = coming.min_start_distance, coming.max_start_distance
+    if (
+        goals_around == "marks"
+        or not changed.keys().isdisjoint(("min_start_distance", "max_start_distance"))
+        or (
+            not changed.keys().isdisjoint(("maze", "num_goals"))
+            and ((least[games] > 1).any() or (most[games] >= 0).any())
+        )
+    ):
+        waiting = {name: array[games] for name, array in coming._asdict().items()}
+        check_waiting(task, NextEpisode(**waiting | changed))
+    for name, values in changed.items():
+        getattr(coming, name)[games] = values
 
 
 def limits_of(task: Task) -> dict[str, tuple[int, int]]:

@@ -14,7 +14,6 @@ from torch import nn
 from torchrl.modules import ProbabilisticActor, TanhNormal
 from torchrl.objectives import DDPGLoss, SACLoss, SoftUpdate, TD3Loss
 
-from train.algorithms.continuous import clip_gradients
 from train.algorithms.continuous_losses import (
     critic_loss,
     deterministic_actor_loss,
@@ -23,6 +22,7 @@ from train.algorithms.continuous_losses import (
     soft_actor_loss,
     temperature_loss,
 )
+from train.algorithms.learner import clip_gradients
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor, follow
 from train.networks.features import Features
 from train.networks.layers import Hidden

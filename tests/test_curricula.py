@@ -29,7 +29,7 @@ from curricula import (
     piecewise,
     step,
 )
-from curricula.levels import MAX_SEED
+from curricula.levels import MAX_SEED, least
 
 STAGES = [1.0, 2.0, 4.0, 8.0]
 finite = st.floats(-1e6, 1e6)
@@ -347,3 +347,20 @@ def test_a_curriculum_goes_on_exactly_from_its_state(name: str) -> None:
     assert play(resumed, other, 20, 40) == play(curriculum, rng, 20, 40)
     with pytest.raises(ValueError, match="of another curriculum"):
         resumed.load_state_dict({"something": 1})
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_lessons_are_drawn_as_numpys_own_functions_draw_them(seed: int) -> None:
+    ours, theirs = (np.random.default_rng(seed) for _ in range(2))
+    stages = [3.0, 1.0, 7.0, 2.0]
+    uniform, progress, levels = Uniform(stages), LearningProgress(stages), LevelReplay()
+    for chances in ([0.25] * 4, [0.1, 0.0, 0.6, 0.3]):
+        progress.probabilities = np.array(chances)
+        for count in (1, 5, 200):
+            chosen = theirs.choice(stages, count, p=chances)
+            assert (progress.sample(count, ours) == chosen).all()
+            assert (uniform.sample(count, ours) == theirs.choice(stages, count)).all()
+            assert (levels.sample(count, ours) == theirs.integers(0, MAX_SEED, count)).all()
+    values = ours.integers(0, 9, 40) / 7
+    for count in (1, 7, 39, 40, 50):
+        assert (least(values, count) == np.argsort(values, kind="stable")[:count]).all()

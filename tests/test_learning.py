@@ -82,6 +82,8 @@ def test_the_two_forms_of_the_first_layer_are_one_function_and_blind_to_the_orde
     torch.manual_seed(0)
     bag = IndexLayer(features, 16, "bag")
     dense = IndexLayer(features, 16, "dense")
+    with torch.no_grad():  # what the last row holds is not looked at
+        bag.weight[-1] = 1.0
     dense.load_state_dict(bag.state_dict())
     observed = torch.from_numpy(simulator.observe("index", 0))
     outputs, gradients = [], []
@@ -89,6 +91,10 @@ def test_the_two_forms_of_the_first_layer_are_one_function_and_blind_to_the_orde
         output = layer(layer.prepare(observed))
         output.square().sum().backward()
         outputs.append(output)
+        with torch.no_grad():  # an absent goal names the last row, which is 0
+            for seen in (observed, torch.from_numpy(features.high).expand_as(observed)):
+                glanced = layer(layer.prepare(seen, learning=False))
+                torch.testing.assert_close(glanced, layer(layer.prepare(seen)))
         assert layer.weight.grad is not None
         gradients.append(layer.weight.grad[: layer.num_rows])
     torch.testing.assert_close(outputs[0], outputs[1])

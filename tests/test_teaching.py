@@ -264,7 +264,8 @@ def test_the_regret_of_an_episode_is_against_the_optimum_of_its_own_start(tmp_pa
             simulator.step(actions)
             ended = simulator.terminated | simulator.truncated
         teacher.episode_ended(ended)
-        lessons, _, _, lengths, regrets = teacher._outcomes[-1]
+        state = teacher.state_dict()
+        lessons, _, _, lengths, regrets = (part.numpy() for part in state["outcomes"][-1])
         share = lengths / best[ended]
         wanted = 1 - share if flat.get("role") == "evader" else share - 1
         assert regrets == pytest.approx(np.maximum(wanted, 0))

@@ -18,7 +18,7 @@ from train.algorithms.continuous_losses import (
     soft_actor_loss,
     temperature_loss,
 )
-from train.algorithms.learner import Build, check_moments
+from train.algorithms.learner import Build, check_moments, clip_gradients
 from train.algorithms.off_policy import OffPolicyLearner
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor, follow
 from train.networks.policy import Player
@@ -32,13 +32,6 @@ from train.tensors import check_like
 
 Actor = TypeVar("Actor", DeterministicActor, GaussianActor)
 Figures = dict[str, torch.Tensor]
-
-
-def clip_gradients(parameters: list[torch.nn.Parameter], most: float) -> None:
-    """Scale gradients down to the norm `most`: torch's `clip_grad_norm_`, in three operations."""
-    gradients: Any = [weight.grad for weight in parameters if weight.grad is not None]
-    norm = torch.linalg.vector_norm(torch.stack(torch._foreach_norm(gradients)))
-    torch._foreach_mul_(gradients, (most / (norm + 1e-6)).clamp(max=1.0))
 
 
 class ContinuousLearner(OffPolicyLearner, Generic[Actor]):

@@ -35,7 +35,7 @@ class EpsilonGreedy(TensorDictModuleBase):
         """Write the action."""
         allowed = tensordict.get(ACTION_MASK, None)
         return tensordict.set(
-            "action", self.choose(self.network(tensordict["observation"]), allowed)
+            "action", self.choose(self.network.glance(tensordict["observation"]), allowed)
         )
 
     def choose(self, values: torch.Tensor, allowed: torch.Tensor | None) -> torch.Tensor:
@@ -72,7 +72,7 @@ def dqn_loss(
     """
     trunk = network.policy_trunk
     with torch.no_grad():
-        following = trunk.prepare(batch["next_observation"])
+        following = trunk.glance(batch["next_observation"])
         next_values = target.policy_head(target.policy_trunk(following))
         chooser = network.policy_head(trunk(following)) if double else next_values
         chooser = masked(chooser, batch.get(NEXT_MASK, None))

@@ -141,6 +141,13 @@ def network_loader(
     return load
 
 
+def clip_gradients(parameters: list[torch.nn.Parameter], most: float) -> None:
+    """Scale gradients down to the norm `most`: torch's `clip_grad_norm_`, in three operations."""
+    gradients: Any = [weight.grad for weight in parameters if weight.grad is not None]
+    norm = torch.linalg.vector_norm(torch.stack(torch._foreach_norm(gradients)))
+    torch._foreach_mul_(gradients, (most / (norm + 1e-6)).clamp(max=1.0))
+
+
 class NetworkLearner:
     """What the learners with a network and Adam share.
 
@@ -175,12 +182,15 @@ class NetworkLearner:
 
     def descend(self, loss: torch.Tensor) -> None:
         """One step of Adam, with the gradient scaled down to `max_grad_norm`."""
-        self.optimizer.zero_grad(set_to_none=True)
+        # To list a network's parameters takes longer than the norm of a gradient.
+        weights = self.optimizer.param_groups[0]["params"]
+        for weight in weights:
+            weight.grad = None
         torch.autograd.backward(loss)
-        nn.utils.clip_grad_norm_(self.network.parameters(), self._descent.max_grad_norm)
+        clip_gradients(weights, self._descent.max_grad_norm)
         self.optimizer.step()
         # A fused step does not count as a change by itself, and tables of a policy go by that.
-        torch.autograd.graph.increment_version(self.network.parameters())
+        torch.autograd.graph.increment_version(weights)
 
     def set_learning_rate(self, progress: float) -> None:
         """Anneal it."""

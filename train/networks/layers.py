@@ -95,8 +95,11 @@ class IndexLayer(nn.Module):
             self.register_buffer("places", 1 + torch.nonzero(paired).squeeze(-1), False)
             self.register_buffer("kinds", kinds[paired], False)
 
-    def prepare(self, observation: torch.Tensor) -> torch.Tensor:
-        """[..., numbers] rows to sum, those of `pairs` last; or [..., num_rows] what they are."""
+    def prepare(self, observation: torch.Tensor, learning: bool = True) -> torch.Tensor:
+        """[..., numbers] rows to sum, those of `pairs` last; or [..., num_rows] what they are.
+
+        Unless something is to be learned of it, always the rows.
+        """
         numbers = observation.long()
         rows = self.rows[numbers]
         if self.pairs is not None:
@@ -104,7 +107,7 @@ class IndexLayer(nn.Module):
             there = (own < self.cells) & (other < self.cells)
             pair = (self.kinds * self.cells + own) * self.cells + other
             return torch.cat([rows, torch.where(there, pair, len(self.pairs) - 1)], -1)
-        if self.form == "bag":
+        if self.form == "bag" or not learning:
             return rows
         one_hot = torch.zeros(*rows.shape[:-1], self.num_rows + 1, device=rows.device)
         one_hot.scatter_add_(-1, rows, torch.ones((), device=rows.device).expand(rows.shape))
@@ -112,9 +115,15 @@ class IndexLayer(nn.Module):
 
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:
         """[..., width]."""
-        if self.form == "dense":
+        if prepared.is_floating_point():
             return nn.functional.linear(prepared, self.weight[: self.num_rows].T, self.bias)
         rows = prepared.reshape(-1, prepared.shape[-1])
+        if self.form == "dense":
+            # A copy of the few rows with nothing in the last takes a sixth of the time of a sum
+            # that looks out for that row.
+            table = nn.functional.pad(self.weight[: self.num_rows], (0, 0, 0, 1))
+            found = nn.functional.embedding_bag(rows, table, mode="sum").add_(self.bias)
+            return found.reshape(*prepared.shape[:-1], -1)
         summed: torch.Tensor = self.bias
         if self.pairs is not None:
             rows, paired = rows[:, : self.num_single], rows[:, self.num_single :]
@@ -217,8 +226,17 @@ class Trunk(nn.Module):
         # Zeros and ones are exact in bfloat16, and need no cast in every pass then.
         return prepared.bfloat16() if self.casts else prepared
 
+    def glance(self, observation: torch.Tensor) -> torch.Tensor:
+        """As `prepare`, for passes without gradients: the quicker form of the first layer.
+
+        The same function, whose sums are taken in another order.
+        """
+        if self.autocast_bfloat16 or not isinstance(self.first, IndexLayer):
+            return self.prepare(observation)
+        return self.first.prepare(observation, learning=False)
+
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:
-        """[..., width] float32, from what `prepare` made of observations."""
+        """[..., width] float32, from what `prepare` or `glance` made of observations."""
         with torch.autocast(prepared.device.type, torch.bfloat16, enabled=self.autocast_bfloat16):
             hidden: torch.Tensor = self.rest(self.first(prepared))
         return hidden.float()

@@ -16,6 +16,7 @@ from scripted_agents import least_steps_of
 from train.settings.checks import check
 from train.settings.curricula import AxisSettings
 from train.teaching.axis import Axis, ends_of
+from train.teaching.optimum import Optimum
 
 EXACT_JOINTS = 5
 """Up to here the least steps of a start are known within half a millisecond."""
@@ -35,24 +36,29 @@ class ArmGround:
     def check_levels(self, name: str) -> None:
         """Starts can be replayed whatever they are."""
 
-    def optimum(self, task: Any) -> Callable[[Any, NDArray[np.intp]], NDArray[np.float64]] | None:
+    def optimum(self, task: ReacherTask) -> Optimum | None:
         """The least steps of any start; None for many joints, and where actions are discrete."""
         known = self.task.joints <= EXACT_JOINTS and not self.task.discrete_actions
-        return least_from if known else None
+
+        def steps(
+            angles: NDArray[Any],
+            target: NDArray[Any],
+            tolerance: NDArray[Any],
+            free_joints: NDArray[Any],
+            hold: NDArray[Any],
+        ) -> NDArray[np.float64]:
+            least, _, _ = least_steps_of(angles, target, task.max_turn, tolerance, free_joints)
+            lengths: NDArray[np.float64] = np.maximum(least, 1.0) + hold - 1.0
+            return np.minimum(lengths, task.max_steps)
+
+        return Optimum(_where, steps) if known else None
 
 
-def least_from(simulator: ReacherSimulator, games: NDArray[np.intp]) -> NDArray[np.float64]:
-    """[n] float64, the least length of an episode from where `games` [n] begin."""
-    arms, task = simulator.arms, simulator.task
-    lower, _, _ = least_steps_of(
-        arms.angles[games],
-        arms.target[games],
-        task.max_turn,
-        arms.tolerance[games],
-        arms.free_joints[games],
-    )
-    lengths: NDArray[np.float64] = np.maximum(lower, 1.0) + arms.hold[games] - 1.0
-    return np.minimum(lengths, task.max_steps)
+def _where(simulator: ReacherSimulator, games: NDArray[np.intp]) -> tuple[NDArray[Any], ...]:
+    """What the least length of an episode of `games` depends on."""
+    arms = simulator.arms
+    start = (arms.angles, arms.target, arms.tolerance, arms.free_joints, arms.hold)
+    return tuple(array[games] for array in start)
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.maze import Maze
 from pursuit.policy import Policy, TabularPolicy
 from pursuit.simulator import Simulator
 from pursuit.task import Task
@@ -20,28 +22,86 @@ from train.evaluation.games import MAX_EXACT_CELLS
 class Optimum:
     """The exact optimum of any start of a task.
 
+    Starts are noted as they occur, which is cheap, and solved together, which is cheaper than one
+    by one.
+
     Attributes:
-        values: for each maze [chaser cell, evader cell], one against one; None for a lone runner.
+        starts: (simulator, games [n]) -> arrays [n, ...], copies: where these games begin.
+        steps: (those arrays) -> [n] float64, the steps of the best play from there; of each start
+            by itself.
     """
 
-    values: tuple[NDArray[np.float64], ...] | None
+    starts: Callable[[Any, NDArray[np.intp]], tuple[NDArray[Any], ...]]
+    steps: Callable[..., NDArray[np.float64]]
 
-    def __call__(self, simulator: Simulator, games: NDArray[np.intp]) -> NDArray[np.float64]:
-        """[n] float64, steps of the best play from where `games` [n] begin."""
-        steps = np.empty(len(games))
-        mazes = simulator.maze_index[games]
-        for number, maze in enumerate(simulator.task.mazes):
-            here = games[mazes == number]
-            if not len(here):
-                continue
-            cells = simulator.positions[here]
-            found = (
-                tour_lengths(maze, cells[:, 0], simulator.goals[here])
-                if self.values is None
-                else self.values[number][cells[:, 0], cells[:, 1]]
-            )
-            steps[mazes == number] = np.minimum(found, simulator.task.max_steps)
-        return steps
+
+class Optima:
+    """The optimum of the episode in play in every game, found when it is asked for.
+
+    Args:
+        optimum: of a start; None where it is not known.
+        num_games: how many games.
+    """
+
+    def __init__(self, optimum: Optimum | None, num_games: int) -> None:
+        self.optimum = optimum
+        self._values = np.full(num_games, np.nan)
+        self._starts: list[tuple[NDArray[Any], ...]] = []
+        # Tickets below num_games are those of `_values`, the others of `_starts` in their order.
+        self._tickets = np.arange(num_games)
+        self._next = num_games
+
+    def begun(self, simulator: Any, games: NDArray[np.intp]) -> None:
+        """Note where the new episodes of `games` [n] begin."""
+        if self.optimum is not None:
+            self._starts.append(self.optimum.starts(simulator, games))
+            before, self._next = self._next, self._next + len(games)
+            self._tickets[games] = np.arange(before, self._next)
+
+    def tickets(self, games: NDArray[np.intp]) -> NDArray[np.intp]:
+        """[n], for `settle`: the episodes in play in `games` [n]."""
+        return self._tickets[games]
+
+    def settle(self, tickets: NDArray[np.intp]) -> NDArray[np.float64]:
+        """[n] float64, the optimum of each ticket; NaN where unknown. All tickets are void then."""
+        if self._starts:
+            assert self.optimum is not None
+            parts = (np.concatenate(part) for part in zip(*self._starts, strict=True))
+            self._values = np.concatenate([self._values, self.optimum.steps(*parts)])
+        found: NDArray[np.float64] = self._values[tickets]
+        self.take(self._values[self._tickets])
+        return found
+
+    def take(self, values: NDArray[np.float64]) -> None:
+        """Have `values` [num_games] be those of the episodes in play. All tickets are void then."""
+        self._values, self._starts = values.copy(), []
+        self._next = len(values)
+        self._tickets = np.arange(self._next)
+
+    def values(self) -> NDArray[np.float64]:
+        """[num_games] float64, those of the episodes in play. All tickets are void then."""
+        return self.settle(self._tickets)
+
+
+def _where(simulator: Simulator, games: NDArray[np.intp]) -> tuple[NDArray[Any], ...]:
+    """The mazes [n], and the cells of agents and goals [n, ...], of games."""
+    return simulator.maze_index[games], simulator.positions[games], simulator.goals[games]
+
+
+def _optimum(task: Task, steps: Callable[..., NDArray[Any]]) -> Optimum:
+    """That of `steps`: (number of a maze, maze, cells of agents, cells of goals) -> [n]."""
+
+    def all_steps(
+        mazes: NDArray[Any], cells: NDArray[Any], goals: NDArray[Any]
+    ) -> NDArray[np.float64]:
+        found = np.empty(len(mazes))
+        for number, maze in enumerate(task.mazes):
+            here = mazes == number
+            if here.any():
+                found[here] = steps(number, maze, cells[here], goals[here])
+        return np.minimum(found, task.max_steps)
+
+    return Optimum(_where, all_steps)
 
 
 def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optimum | None:
@@ -56,23 +116,26 @@ def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optim
         opponents: the policy of every other role; they stay as they are.
     """
     if (task.num_agents, task.num_runners) == (1, 1):
-        return Optimum(None) if task.num_goals <= MAX_EXACT_GOALS else None
+        return _optimum(task, _tours) if task.num_goals <= MAX_EXACT_GOALS else None
     if not task.is_duel or task.max_cells > MAX_EXACT_CELLS:
         return None
     role = task.seat_roles[task.seat(agent)]
     policy = opponents["evader" if role == "chaser" else "chaser"]
     if not isinstance(policy, TabularPolicy):
         return None
-    return Optimum(
-        tuple(
-            best_response(
-                role,  # type: ignore[arg-type]
-                maze,
-                policy.action_probabilities(maze, task.stay_action),
-                horizon=task.max_steps,
-                stay_action=task.stay_action,
-                move_order=task.move_order,  # type: ignore[arg-type]
-            ).values
-            for maze in task.mazes
-        )
-    )
+    tables = [
+        best_response(
+            role,  # type: ignore[arg-type]
+            maze,
+            policy.action_probabilities(maze, task.stay_action),
+            horizon=task.max_steps,
+            stay_action=task.stay_action,
+            move_order=task.move_order,  # type: ignore[arg-type]
+        ).values
+        for maze in task.mazes
+    ]
+    return _optimum(task, lambda number, maze, cells, goals: tables[number][tuple(cells.T)])
+
+
+def _tours(number: int, maze: Maze, cells: NDArray[Any], goals: NDArray[Any]) -> NDArray[np.int64]:
+    return tour_lengths(maze, cells[:, 0], goals)

@@ -49,6 +49,7 @@ from train.teaching.axis import Axis
 from train.teaching.edits import BASE, with_edits
 from train.teaching.exams import Exam
 from train.teaching.mazes import training_mazes
+from train.teaching.optimum import Optimum
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,7 @@ class Plan:
         lessons: its settings.
         axis: what it turns; None where it chooses levels.
         task: of the training games: the task itself, with the mazes of the curriculum.
-        optimum: (simulator, games [n]) -> [n] the exact optimum of where these games begin, where
-            the lessons need it.
+        optimum: the exact optimum of every start, where the lessons need it.
         seed: of what the curriculum draws.
         parents: of the mazes of a pool, by number: see `curricula.PoolReplay`; None without one.
         exam: what judges those mazes.
@@ -71,7 +71,7 @@ class Plan:
     lessons: CurriculumSettings
     axis: Axis | None
     task: Any
-    optimum: Callable[[Any, NDArray[np.intp]], NDArray[np.float64]] | None
+    optimum: Optimum | None
     seed: int
     parents: tuple[int, ...] | None = None
     exam: Exam | None = None
@@ -97,7 +97,7 @@ class Terrain(Protocol):
     def check_levels(self, name: str) -> None:
         """ValueError where there are no starts to be replayed by curriculum `name`."""
 
-    def optimum(self, task: Any) -> Callable[[Any, NDArray[np.intp]], NDArray[np.float64]] | None:
+    def optimum(self, task: Any) -> Optimum | None:
         """The exact optimum of every start of the training games; None where it is not known."""
 
 

@@ -15,6 +15,7 @@ from train.environments.hooks import EpisodeHook
 from train.settings.checks import check
 from train.settings.curricula import MazeReplaySettings
 from train.teaching.log import NUMBERS, REASON, row_of
+from train.teaching.optimum import Optima
 from train.teaching.plan import Plan
 from train.tensors import Misfit, check_like, check_tensor
 
@@ -47,7 +48,6 @@ class Teacher(EpisodeHook):
     Attributes:
         curriculum, axis: what is taught.
         playing: [num_games] float64, the lesson of the episode in play.
-        optima: [num_games] float64, the least steps from where that began; NaN where unknown.
         episodes: ended so far.
         rows: of `curriculum.csv`.
         examined: the policy that exams are of, always as the learner is now; whoever has both sets
@@ -55,7 +55,7 @@ class Teacher(EpisodeHook):
     """
 
     def __init__(self, plan: Plan, simulator: Any, judge: Judge) -> None:
-        self.name, self.axis, self.optimum = plan.name, plan.axis, plan.optimum
+        self.name, self.axis = plan.name, plan.axis
         self.curriculum, self.simulator, self.judge = plan.curriculum(), simulator, judge
         self.solved_within = plan.lessons.solved_within
         self.exam, self.judge_every = plan.exam, 0
@@ -66,7 +66,7 @@ class Teacher(EpisodeHook):
         self.rng = np.random.default_rng([plan.seed, 0xC0551])
         games = simulator.num_games
         self.episodes = 0
-        self.playing, self.optima = np.zeros(games), np.full(games, np.nan)
+        self.playing, self._optima = np.zeros(games), Optima(plan.optimum, games)
         self.applied = np.full(games, np.nan)
         self.error_sums, self.error_counts = np.zeros(games), np.zeros(games)
         self.rows: list[dict[str, Any]] = []
@@ -75,6 +75,7 @@ class Teacher(EpisodeHook):
         self._won: list[NDArray[np.bool_]] = []
 
     def _clear(self) -> None:
+        self._ended: list[tuple[NDArray[Any], ...]] = []
         self._outcomes: list[tuple[NDArray[Any], ...]] = []
         self._errors: list[NDArray[np.float64]] = []
 
@@ -93,26 +94,38 @@ class Teacher(EpisodeHook):
         if self.axis is None:
             self.simulator.seed_starts(games, lessons.astype(np.int64))
         else:
-            # A game keeps its settings, so only those with another lesson than before need any.
-            new = self.applied[games] != lessons
-            if new.any():
-                self.axis.apply(self.simulator, games[new], lessons[new])
+            # A game keeps its settings, so nothing is to be done where nobody's lesson is new.
+            if (self.applied[games] != lessons).any():
+                self.axis.apply(self.simulator, games, lessons)
                 self.applied[games] = lessons
         self.playing[games] = lessons
 
     def after_restart(self, games: NDArray[np.intp]) -> None:
-        """Find out how well each of the games can be played from where it begins."""
-        if self.optimum is not None:
-            self.optima[games] = self.optimum(self.simulator, games)
+        """Note where each of the games begins, to find out how well it can be played from there."""
+        self._optima.begun(self.simulator, games)
 
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
         """Note the outcomes of the games of the mask, whose episodes have just ended."""
         simulator, judge = self.simulator, self.judge
-        chosen = np.flatnonzero(games)
-        won = judge.won(simulator)[chosen]
-        lengths = simulator.steps[chosen].astype(np.int64)
-        optima = self.optima[chosen]
-        if not judge.less_is_better:
+        chosen = games.nonzero()[0]
+        won, returns = judge.won(simulator)[chosen], judge.returns(simulator)[chosen]
+        tickets = self._optima.tickets(chosen)
+        self._ended.append((self.playing[chosen], won, returns, simulator.steps[chosen], tickets))
+
+    @property
+    def optima(self) -> NDArray[np.float64]:
+        """[num_games] float64, the least steps from where each episode began; NaN where unknown."""
+        self._settle()
+        return self._optima.values()
+
+    def _settle(self) -> None:
+        """Make outcomes of the episodes that ended: all at once, for each alone is dear."""
+        if not self._ended:
+            return
+        lessons, won, returns, steps, tickets = map(np.concatenate, zip(*self._ended, strict=True))
+        self._ended = []
+        lengths, optima = steps.astype(np.int64), self._optima.settle(tickets)
+        if not self.judge.less_is_better:
             regrets = np.maximum(1.0 - lengths / optima, 0.0)
             near = lengths * self.solved_within >= optima
         else:
@@ -120,8 +133,6 @@ class Teacher(EpisodeHook):
             near = lengths <= self.solved_within * optima
         if self.solved_within:
             won = won & near
-        lessons = self.playing[chosen]
-        returns = judge.returns(simulator)[chosen]
         self._outcomes.append((lessons, won, returns, lengths, regrets))
         self._played.append(lessons)
         self._won.append(won)
@@ -151,6 +162,7 @@ class Teacher(EpisodeHook):
             if frames >= pool.rounds * self.judge_every:
                 mazes = pool.to_judge(self.rng)
                 pool.note(mazes, self.exam.marks(self.examined, mazes))
+        self._settle()
         if self._outcomes:
             lessons, won, returns, lengths, regrets = map(
                 np.concatenate, zip(*self._outcomes, strict=True)
@@ -168,6 +180,7 @@ class Teacher(EpisodeHook):
 
     def figures(self) -> dict[str, float]:
         """Means over the episodes since the last call, for `metrics.csv`."""
+        self._settle()
         if not self._played:
             return {}
         lessons, won = np.concatenate(self._played), np.concatenate(self._won)
@@ -179,6 +192,7 @@ class Teacher(EpisodeHook):
 
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain values: what a resumed run needs to go on exactly."""
+        self._settle()
         names = ("playing", "optima", "error_sums", "error_counts")
         return {
             "name": self.name,
@@ -209,7 +223,10 @@ class Teacher(EpisodeHook):
         _check_form(state, self.state_dict())
         load_curriculum(self.curriculum, state["curriculum"])
         for name, tensor in state["arrays"].items():
-            getattr(self, name)[:] = tensor.numpy()
+            if name == "optima":
+                self._optima.take(tensor.numpy())
+            else:
+                getattr(self, name)[:] = tensor.numpy()
         self.episodes = state["episodes"]
         self.rows = [dict(row) for row in state["rows"]]
         self.rng.bit_generator.state = _whole(state["rng"])
