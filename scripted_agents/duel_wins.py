@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import block_diag, csr_array, diags_array
+from scipy.sparse import csr_array
 
 from pursuit.declared import whole
 from pursuit.maze import Maze, load_maze
 from pursuit.memory import check_memory
+from scripted_agents.action_values import outcomes
 from scripted_agents.best_response import MoveOrder, checked_table
-from scripted_agents.regret import duel_steps
 
 NEGLIGIBLE = 1e-12
 """The chance of being still free below which a game counts as over."""
@@ -62,16 +62,15 @@ def duel_wins(
         40 * players * pairs * actions**2,
         "compare fewer, or use a smaller maze",
     )
-    starts = (maze.distances >= max(min_start_distance, 1)).ravel()
-    apart = ~np.eye(maze.num_cells, dtype=bool).ravel()
-    sooner, steps = np.zeros((players, players)), np.zeros((players, len(others)))
+    starts = np.flatnonzero((maze.distances >= max(min_start_distance, 1)).ravel())
+    steps_of, sooner = np.zeros((players, len(others))), np.zeros((players, players))
+    weights = np.stack(own).reshape(players, pairs, actions)
     for number, other in enumerate(others):
-        moves = duel_steps(role, maze, other, actions, move_order)
-        chain = block_diag([_chain(table, moves) for table in own], format="csr")
-        everywhere = np.tile(apart.astype(np.float64), players)
-        before = everywhere.reshape(players, pairs)[:, starts]
+        chain = _chains(role, maze, weights, other, move_order)
+        everywhere = np.ones(players * pairs)
+        before = np.ones((players, len(starts)))
         for step in range(1, horizon + 1):
-            steps[:, number] += before.mean(axis=1)
+            steps_of[:, number] += before.mean(axis=1)
             everywhere = chain @ everywhere
             free = everywhere.reshape(players, pairs)[:, starts]
             if step == horizon or free.max() < NEGLIGIBLE:
@@ -81,14 +80,37 @@ def duel_wins(
             before = free
             if not free.any():
                 break
-    sooner /= len(others) * starts.sum()
-    return (sooner if role == "chaser" else sooner.T), steps
+    sooner /= len(others) * len(starts)
+    return (sooner if role == "chaser" else sooner.T), steps_of
 
 
-def _chain(table: NDArray[np.float64], moves: Sequence[csr_array]) -> csr_array:
-    """[pairs, pairs] the chance of what follows, without captures, when a table is played."""
-    pairs = moves[0].shape[0]
-    chain = csr_array((pairs, pairs))
-    for action, move in enumerate(moves):
-        chain = chain + diags_array(table[:, :, action].ravel()) @ move
-    return csr_array(chain)
+def _chains(
+    role: Literal["chaser", "evader"],
+    maze: Maze,
+    weights: NDArray[np.float64],
+    other: NDArray[np.float64],
+    move_order: MoveOrder,
+) -> csr_array:
+    """[players * pairs, players * pairs]: what follows each pair of cells, without captures.
+
+    Laid out at once for all players, whose chances alone differ.
+
+    Args:
+        weights: [players, pairs, actions], what each plays.
+        other: [own cell, other cell, action] of their opponent.
+    """
+    players, pairs, actions = weights.shape
+    cells = maze.num_cells
+    chances, after = [], []
+    for action, chance, mine, theirs, caught in outcomes(role, maze, other, actions, move_order):
+        free = np.where(caught, 0.0, chance).ravel()
+        chances.append(weights[:, :, action] * free)
+        after.append(np.broadcast_to(mine * cells + theirs, (cells, cells)).ravel())
+    count = len(after)
+    size = players * pairs
+    form: Any = np.int32 if size * count < 2**31 else np.int64
+    places = np.stack(after, axis=-1).astype(form)
+    columns = places + pairs * np.arange(players, dtype=form)[:, None, None]
+    rows = count * np.arange(size + 1, dtype=form)
+    entries = np.stack(chances, axis=-1).ravel(), columns.ravel(), rows
+    return csr_array(entries, shape=(size, size))

@@ -75,7 +75,7 @@ def duel_regret(
     lost = np.empty((horizon, cells, cells))
     best = np.zeros((cells, cells))
     apart = ~np.eye(cells, dtype=bool)
-    steps = duel_steps(role, maze, other, actions, move_order)
+    steps = _steps(role, maze, other, actions, move_order)
     for left in range(1, horizon + 1):
         later = [(step @ best.ravel()).reshape(cells, cells) for step in steps]
         worth = np.stack([sign + after for after in later], axis=-1)
@@ -96,7 +96,7 @@ def duel_regret(
     return DuelRegret(optimum, achieved, visits, regret, worse.min(axis=2))
 
 
-def duel_steps(
+def _steps(
     role: Literal["chaser", "evader"],
     maze: Maze,
     other: NDArray[np.float64],
