@@ -17,6 +17,7 @@ from train.figures import (
     plain_numbers,
     pyplot,
     save,
+    short_numbers,
     tidy,
     time_axis,
     time_head,
@@ -121,10 +122,10 @@ def draw_snapshots(path: Path, sides: Sequence[Standings], title: str, look: Loo
         frames, color = one.frames * time_scale("frames"), COLORS[one.role]
         upper.plot(frames, one.elo, "o-", color=color, ms=3.5, lw=1.3, label=f"{one.role}s")
         lower.plot(frames, one.exploitability, "o-", color=color, ms=3.5, lw=1.3)
-    gains = np.concatenate([one.exploitability for one in sides])
+    least = min(float(one.exploitability.min()) for one in sides)
     lower.set_yscale("log")
-    lower.set_ylim(bottom=max(float(gains.min()) / 1.5, 1e-9))  # nothing lies below what rounds
-    plain_numbers(lower.yaxis)
+    lower.set_ylim(bottom=max(least / 1.5, 1e-9))  # below, it is rounding
+    short_numbers(lower.yaxis)
     upper.set_ylabel("Elo")
     lower.set_ylabel("exploitability, exact\n(discounted steps, log)")
     lower.set_xlabel(time_head("frames"))
