@@ -62,7 +62,7 @@ class Recipe:
     """Of the first run; the others follow."""
     threshold: float = 0.05
     """The exact gap of the sampled policy, as a share of the optimum, at which a run ends."""
-    frames: int = 2_000_000
+    frames: int = 600_000
     """Frames at most; lessons last for the first half of them."""
     num_games: int = 512
     """Games at once."""
@@ -163,9 +163,10 @@ def tested(labels: Sequence[int], correlations: NDArray[np.float64]) -> tuple[fl
     A permutation test, one-sided: are runs of one lesson more alike than runs of two?
     """
     statistic = partial(within_less_between, correlations=correlations)
+    seed: Any = {"random_state": np.random.default_rng(0)}  # called rng from SciPy 1.15 on
     found = permutation_test(
         (np.asarray(labels),), statistic, permutation_type="pairings", vectorized=False,
-        n_resamples=RESAMPLES, alternative="greater", rng=np.random.default_rng(0),
+        n_resamples=RESAMPLES, alternative="greater", **seed,
     )  # fmt: skip
     return float(found.statistic), float(found.pvalue)
 
