@@ -26,13 +26,13 @@ def test_maps_are_what_regret_says_and_nothing_of_a_best_response() -> None:
     assert exact_gap(contest, best, optimum) == pytest.approx(0.0, abs=1e-9)
     loss, visited = errors_of(contest, best)
     assert loss == pytest.approx(np.zeros(72), abs=1e-9) == visited
-    # With far more steps to go than a game lasts, what a state costs is its visits times the loss.
+    # With far more steps to go than a game lasts, a state costs its visits times the loss.
     chaser = AStarChaser(0.3)
     own = chaser.action_probabilities(maze)
     loss, _ = errors_of(contest, chaser)
     found = duel_regret("chaser", maze, own, other)
     apart = ~np.eye(9, dtype=bool)
-    assert loss == pytest.approx((found.regret / np.maximum(found.visits, 1e-300))[apart], abs=1e-6)
+    assert loss == pytest.approx((found.regret / np.maximum(found.visits, 1e-300))[apart], rel=1e-4)
     gap = (found.achieved - found.optimum) / found.optimum
     assert exact_gap(contest, chaser, optimum) == pytest.approx(gap)
 
@@ -57,7 +57,7 @@ def test_likeness_and_its_p_by_all_ways_to_deal_out_the_labels() -> None:
 def test_the_recipe_ends_its_runs_at_the_threshold_and_compares_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    short = "--maze 2x2 --seeds 2 --threshold 3 --frames 4096 --num-games 64"
+    short = "--maze 2x2 --seeds 2 --threshold 3 --frames 16384"
     equal_gap.main([*short.split(), "--out", str(tmp_path / "runs")])
     told = capsys.readouterr().out
     assert "near first, seed 3" in told and "uniform over starts: within less between" in told

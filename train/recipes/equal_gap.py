@@ -64,8 +64,6 @@ class Recipe:
     """The exact gap of the sampled policy, as a share of the optimum, at which a run ends."""
     frames: int = 600_000
     """Frames at most; lessons last for the first half of them."""
-    num_games: int = 512
-    """Games at once."""
     out: Path = Path("equal_gap")
     """A new folder for the runs, runs.csv, pairs.csv and report.md."""
 
@@ -121,8 +119,8 @@ def errors_of(contest: GameContest, policy: Policy) -> tuple[NDArray[np.float64]
 def learn(recipe: Recipe, lesson: str, seed: int) -> Errors:
     """Train a chaser until its gap is small enough, or its frames are spent."""
     flat = {"task": "chase", "role": "chaser", "maze": recipe.maze, "evaluate": "sampled"}
-    size: dict[str, Any] = {"frames": recipe.frames, "num_games": recipe.num_games}
-    settings = settings_of(**flat, **size, **LESSONS[lesson], seed=seed, threads=1)
+    rest: dict[str, Any] = {"frames": recipe.frames, "seed": seed, "threads": 1}
+    settings = settings_of(**flat, **rest, **LESSONS[lesson])
     run = start(RUN, settings, recipe.out / f"{lesson.replace(' ', '-')}-seed{seed}")
     contest, policy = run.trainee.contest, run.trainee.learner.policy(greedy=False)
     optimum = run.trainee.optimum.mean_steps
