@@ -12,7 +12,7 @@ from pursuit import load_maze
 from pursuit.policy import Policy
 from scripted_agents import AStarChaser, TablePolicy, best_response, duel_regret
 from train.recipes import equal_gap
-from train.recipes.equal_gap import alike, errors_of, exact_gap, tested, within_less_between
+from train.recipes.equal_gap import alike, by_permutation, errors_of, exact_gap, within_less_between
 from train.runs.parts import contest_of
 from train.settings.task import TaskSettings
 
@@ -44,7 +44,7 @@ def test_likeness_and_its_p_by_all_ways_to_deal_out_the_labels() -> None:
     found = alike(maps)
     assert found[0, 1] == pytest.approx(0.8) and found[0, 2] == pytest.approx(-1.0)
     labels = [0, 0, 1, 1]
-    difference, p = tested(labels, found)
+    difference, p = by_permutation(labels, found)
     assert difference == pytest.approx(
         0.8 - np.mean([found[0, 2], found[0, 3], found[1, 2], found[1, 3]])
     )
@@ -57,7 +57,7 @@ def test_likeness_and_its_p_by_all_ways_to_deal_out_the_labels() -> None:
 def test_the_recipe_ends_its_runs_at_the_threshold_and_compares_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    short = "--maze 2x2 --seeds 2 --threshold 3 --frames 16384"
+    short = "--maze 3x3 --seeds 2 --threshold 3 --frames 16384"
     equal_gap.main([*short.split(), "--out", str(tmp_path / "runs")])
     told = capsys.readouterr().out
     assert "near first, seed 3" in told and "uniform over starts: within less between" in told

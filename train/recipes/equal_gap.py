@@ -155,7 +155,7 @@ def within_less_between(labels: Any, correlations: NDArray[np.float64]) -> float
     return float(values[same].mean() - values[~same].mean())
 
 
-def tested(labels: Sequence[int], correlations: NDArray[np.float64]) -> tuple[float, float]:
+def by_permutation(labels: Sequence[int], correlations: NDArray[np.float64]) -> tuple[float, float]:
     """`within_less_between`, and how often it is as large where labels are dealt out at random.
 
     A permutation test, one-sided: are runs of one lesson more alike than runs of two?
@@ -187,7 +187,7 @@ def report(runs: Sequence[Errors], out: Path) -> list[str]:
     lines, pairs = [table.markdown(), ""], []
     for name, each in maps.items():
         found = alike(each)
-        difference, p = tested(labels, found)
+        difference, p = by_permutation(labels, found)
         lines.append(f"{name}: within less between lessons {difference:+.4f}, p = {p:.4f}")
         grid = []
         for i, one in enumerate(lessons):
