@@ -67,8 +67,8 @@ def duel_wins(
     weights = np.stack(own).reshape(players, pairs, actions)
     for number, other in enumerate(others):
         chain = _chains(role, maze, weights, other, move_order)
-        everywhere = np.ones(players * pairs)
-        before = np.ones((players, len(starts)))
+        everywhere: NDArray[np.float64] = np.ones(players * pairs)
+        before: NDArray[np.float64] = np.ones((players, len(starts)))
         for step in range(1, horizon + 1):
             steps_of[:, number] += before.mean(axis=1)
             everywhere = chain @ everywhere

@@ -13,6 +13,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -184,7 +185,8 @@ def report(runs: Sequence[Errors], out: Path) -> list[str]:
     labels = [lessons.index(run.lesson) for run in runs]
     maps = {"uniform over starts": [run.loss for run in runs]}
     maps["by visits of an optimal chaser"] = [run.visited for run in runs]
-    lines, pairs = [table.markdown(), ""], []
+    lines = [table.markdown(), ""]
+    pairs: list[dict[str, Any]] = []
     for name, each in maps.items():
         found = alike(each)
         difference, p = by_permutation(labels, found)
@@ -199,10 +201,10 @@ def report(runs: Sequence[Errors], out: Path) -> list[str]:
             grid.append(row)
         heads = [Column(two, lambda row, two=two: f"{row[two]:.3f}") for two in lessons]  # type: ignore[misc]
         lines += ["", ResultTable(grid, [words("lesson"), *heads]).markdown(), ""]
-        for one, two in zip(*np.triu_indices(len(runs), 1), strict=True):
-            pair = {"map": name, "one": f"{runs[one].lesson} {runs[one].seed}"}
-            pair |= {"two": f"{runs[two].lesson} {runs[two].seed}"}
-            pairs.append(pair | {"spearman": float(found[one, two])})
+        for i, k in combinations(range(len(runs)), 2):
+            pair = {"map": name, "one": f"{runs[i].lesson} {runs[i].seed}"}
+            pair |= {"two": f"{runs[k].lesson} {runs[k].seed}"}
+            pairs.append(pair | {"spearman": float(found[i, k])})
     write_csv(out / "pairs.csv", pairs)
     write_text(out / "report.md", "# Errors at an equal gap\n\n" + "\n".join(lines))
     return lines
