@@ -20,6 +20,7 @@ from scripted_agents.best_response import (
 from scripted_agents.chaser import AStarChaser
 from scripted_agents.cops_and_robbers import TurnBasedSolution, cop_number, solve_in_turns
 from scripted_agents.difficulty import Difficulty, maze_difficulty
+from scripted_agents.duel_wins import duel_wins
 from scripted_agents.equilibrium import (
     ChaseSolution,
     MatrixGame,
@@ -135,6 +136,7 @@ __all__ = [
     "cop_number",
     "count_joint_states",
     "duel_regret",
+    "duel_wins",
     "evaluate_exactly",
     "evaluate_joint",
     "evaluate_team",

@@ -72,6 +72,10 @@ GROUPS: dict[str, dict[str, Command]] = {
             "runs and scripted agents against each other: payoffs, ratings, cycles",
             "runs/pair runs/first astar random --names pair first A-star chance",
         ),
+        "snapshots": Command(
+            "the snapshots of self-play by Elo and by exact exploitability",
+            "runs/pair",
+        ),
     },
     "Compare, with seeds and intervals": {
         "reproduce": Command(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,14 @@ from train.figures import (
     plain_numbers,
     pyplot,
     save,
+    short_numbers,
     tidy,
     time_axis,
     time_head,
     time_scale,
 )
 from train.self_play.league import LeagueTable
+from train.self_play.past import Standings
 
 LABEL_WIDTH = 24
 """Letters in a line of a label."""
@@ -108,6 +111,30 @@ def draw_league(path: Path, table: LeagueTable, title: str, look: Look = PLAIN) 
     figure.colorbar(image, label="steps until capture")
     axis.set_title(title, fontsize=11)
     save(figure, path, formats=look.formats)
+
+
+def draw_snapshots(path: Path, sides: Sequence[Standings], title: str, look: Look = PLAIN) -> None:
+    """Elo and exploitability of snapshots by the frames at which they were taken."""
+    figure, (upper, lower) = pyplot().subplots(
+        2, 1, figsize=(7, 6.0), sharex=True, layout="constrained"
+    )
+    for one in sides:
+        frames, color = one.frames * time_scale("frames"), COLORS[one.role]
+        upper.plot(frames, one.elo, "o-", color=color, ms=3.5, lw=1.3, label=f"{one.role}s")
+        lower.plot(frames, one.exploitability, "o-", color=color, ms=3.5, lw=1.3)
+    least = min(float(one.exploitability.min()) for one in sides)
+    lower.set_yscale("log")
+    lower.set_ylim(bottom=max(least / 1.5, 1e-9))  # below, it is rounding
+    short_numbers(lower.yaxis)
+    upper.set_ylabel("Elo")
+    lower.set_ylabel("exploitability, exact\n(discounted steps, log)")
+    lower.set_xlabel(time_head("frames"))
+    upper.legend(frameon=False, fontsize=9)
+    upper.set_title(title, fontsize=11, loc="left", wrap=True)
+    for axis in (upper, lower):
+        time_axis(axis, look.log)
+        tidy(axis)
+    save(figure, path, 150, look.formats)
 
 
 def _broken(name: str) -> str:

@@ -68,6 +68,18 @@ def elo_ratings(
     return [tuple(map(float, row)) for row in zip(point, low, high, strict=True)]  # type: ignore[misc]
 
 
+def elo_of(wins: NDArray[np.float64], games: int) -> NDArray[np.float64]:
+    """[players] float64: Elo ratings with mean 1500 where the chances to win are known.
+
+    As `elo_ratings` of so many games in which each wins its share exactly.
+
+    Args:
+        wins: [players, players], the chance that the first does better than the second.
+        games: of each two; half a win each way is added, which counts the less the more these are.
+    """
+    return _elo(games * wins) if len(wins) > 1 else np.full(1, 1500.0)
+
+
 def guest_half_width(guest: float, others: Sequence[float], games: int) -> float:
     """Half the width of the 95 % interval of the Elo rating of who has played few games.
 

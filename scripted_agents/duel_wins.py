@@ -1,0 +1,116 @@
+"""Who does better in duels, exactly: the comparisons that ratings are made of, without games."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
+
+from pursuit.declared import whole
+from pursuit.maze import Maze, load_maze
+from pursuit.memory import check_memory
+from scripted_agents.action_values import outcomes
+from scripted_agents.best_response import MoveOrder, checked_table
+
+NEGLIGIBLE = 1e-12
+"""The chance of being still free below which a game counts as over."""
+
+
+def duel_wins(
+    role: Literal["chaser", "evader"],
+    maze: Maze,
+    tables: Sequence[ArrayLike],
+    opponents: Sequence[ArrayLike],
+    horizon: int = 200,
+    move_order: MoveOrder = "simultaneous",
+    min_start_distance: int = 1,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """How often each of several players of one role does better than each other, exactly.
+
+    Two players do the same thing apart: each plays a game of its own from one start against one
+    opponent. The chaser that captures sooner has won, and the evader that is captured later; ties
+    count half, and who is free at the horizon ties with who is captured in the last step. Mean over
+    all starts and all opponents: what the share of comparisons of `pursuit league` tends to.
+
+    Args:
+        role: of the players, "chaser" or "evader".
+        maze: or the name of one.
+        tables: of the players, [own cell, other cell, action] each, probabilities.
+        opponents: likewise.
+        horizon: steps after which a game is cut.
+        move_order, min_start_distance: as in the game.
+
+    Returns:
+        [players, players] float64, the chance that the first is better than the second, which is
+        1 less that of the other way round; and [players, opponents] float64, the expected steps.
+
+    Raises:
+        ValueError: no player or no opponent, a table that is none, a horizon below 1, or too little
+            memory.
+    """
+    maze, horizon = load_maze(maze), whole("horizon", horizon, 1, 2**31)
+    own = [checked_table(maze, table, "tables") for table in tables]
+    others = [checked_table(maze, table, "opponents") for table in opponents]
+    if not own or not others:
+        raise ValueError(f"{len(own)} tables and {len(others)} opponents; give at least one each")
+    players, pairs, actions = len(own), maze.num_cells**2, own[0].shape[2]
+    check_memory(
+        f"{maze.name}, {players} players,",
+        40 * players * pairs * actions**2,
+        "compare fewer, or use a smaller maze",
+    )
+    starts = np.flatnonzero((maze.distances >= max(min_start_distance, 1)).ravel())
+    steps_of, sooner = np.zeros((players, len(others))), np.zeros((players, players))
+    weights = np.stack(own).reshape(players, pairs, actions)
+    for number, other in enumerate(others):
+        chain = _chains(role, maze, weights, other, move_order)
+        everywhere: NDArray[np.float64] = np.ones(players * pairs)
+        before: NDArray[np.float64] = np.ones((players, len(starts)))
+        for step in range(1, horizon + 1):
+            steps_of[:, number] += before.mean(axis=1)
+            everywhere = chain @ everywhere
+            free = everywhere.reshape(players, pairs)[:, starts]
+            if step == horizon or free.max() < NEGLIGIBLE:
+                free = np.zeros_like(free)
+            ended = before - free
+            sooner += ended @ (free + 0.5 * ended).T
+            before = free
+            if not free.any():
+                break
+    sooner /= len(others) * len(starts)
+    return (sooner if role == "chaser" else sooner.T), steps_of
+
+
+def _chains(
+    role: Literal["chaser", "evader"],
+    maze: Maze,
+    weights: NDArray[np.float64],
+    other: NDArray[np.float64],
+    move_order: MoveOrder,
+) -> csr_array:
+    """[players * pairs, players * pairs]: what follows each pair of cells, without captures.
+
+    Laid out at once for all players, whose chances alone differ.
+
+    Args:
+        weights: [players, pairs, actions], what each plays.
+        other: [own cell, other cell, action] of their opponent.
+    """
+    players, pairs, actions = weights.shape
+    cells = maze.num_cells
+    chances, after = [], []
+    for action, chance, mine, theirs, caught in outcomes(role, maze, other, actions, move_order):
+        free = np.where(caught, 0.0, chance).ravel()
+        chances.append(weights[:, :, action] * free)
+        after.append(np.broadcast_to(mine * cells + theirs, (cells, cells)).ravel())
+    count = len(after)
+    size = players * pairs
+    form: Any = np.int32 if size * count < 2**31 else np.int64
+    places = np.stack(after, axis=-1).astype(form)
+    columns = places + pairs * np.arange(players, dtype=form)[:, None, None]
+    rows = count * np.arange(size + 1, dtype=form)
+    entries = np.stack(chances, axis=-1).ravel(), columns.ravel(), rows
+    return csr_array(entries, shape=(size, size))
