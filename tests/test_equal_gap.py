@@ -54,6 +54,7 @@ def test_likeness_and_its_p_by_all_ways_to_deal_out_the_labels() -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_recipe_ends_its_runs_at_the_threshold_and_compares_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

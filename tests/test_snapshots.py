@@ -132,6 +132,7 @@ def test_kendalls_tau_and_what_parts_of_a_case_made_by_hand() -> None:
     assert agreement(alike)["whole"] == 1.0 and not parted(alike).any() and widest(alike) == []
 
 
+@pytest.mark.slow
 def test_the_command_orders_the_snapshots_of_a_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
