@@ -114,14 +114,15 @@ def claim_rows(studies: Sequence[Decided]) -> list[dict[str, object]]:
 
 def named(cell: Cell) -> str:
     """A cell in words."""
+    counts = {"joints": "joint", "num_goals": "goal"}
     return ", ".join(
-        str(value)
+        f"{value} {counts[name]}{'s' * (value != 1)}"
+        if name in counts and isinstance(value, int)
+        else str(value)
         if isinstance(value, str)
-        else f"{value} {name.replace('_', ' ')}"
-        if name in ("joints", "num_goals")
         else f"{name} {value}"
         for name, value in cell.items()
-    ).replace("num goals", "goals")
+    )
 
 
 def rule_words(claim: Claim) -> str:
@@ -158,7 +159,7 @@ def evidence(claim: Claim, verdict: Verdict) -> list[str]:
 
     def value(run: Ran) -> float:
         if claim.rule in ("diverges", "learns"):
-            return 100.0 * float(run.row["unsolved_share"])
+            return 100.0 * run.number("unsolved_share")
         if claim.rule in ("part_above", "part_below"):
             return part_of(run, claim.part)
         return worse_by(run, claim.to) if claim.rule in ("within", "beyond") else run.distance
@@ -195,7 +196,7 @@ def page(plan: Replication, studies: Sequence[Decided], out: Path) -> str:
     if plan.tuning is not None:
         parts += ["## Settings", *settings_part(plan, plan.tuning, out)]
     for each in studies:
-        parts += study_part(each, out)
+        parts += study_part(each, out, "The thesis" if plan.name == "thesis" else "The claim")
     return "\n\n".join(parts) + "\n"
 
 
@@ -259,12 +260,12 @@ def settings_part(plan: Replication, tuning: Tuning, out: Path) -> list[str]:
     ]
 
 
-def study_part(each: Decided, out: Path) -> list[str]:
-    """One study."""
+def study_part(each: Decided, out: Path, who: str) -> list[str]:
+    """One study, and who claims it."""
     study = each.study
     parts = [
         f"## {study.id}: {study.title}",
-        f"**What is claimed**: {study.thesis} **Here**: {study.differs}",
+        f"**{who}**: {study.thesis} **Here**: {study.differs}",
     ]
     if each.planned and len(each.runs) < each.planned:
         parts.append(f"**{len(each.runs)} of {each.planned} runs are complete.**")

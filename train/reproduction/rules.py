@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from train.experiments.statistics import holm, permutation_p
+from train.settings.checks import check
 
 CONFIRMED, REFUTED, UNDECIDED = "confirmed", "refuted", "undecided"
 ENOUGH, FEW = 0.8, 0.2
@@ -43,11 +44,21 @@ class Ran:
         """Its seed."""
         return int(self.row["seed"])
 
+    def number(self, column: str) -> float:
+        """A figure of the table of runs; ValueError where this run has none."""
+        value = self.row.get(column)
+        check(
+            value is not None,
+            f"run {self.row.get('run')}: {column} is not known in this task, and a rule asks for "
+            "it; decide the claim by another rule",
+        )
+        return float(value)  # type: ignore[arg-type]
+
     @property
     def distance(self) -> float:
         """How far from the optimum: the gap without its sign in per cent; of self-play NashConv."""
         gap = self.row.get("optimality_gap")
-        return 100.0 * abs(gap) if gap is not None else float(self.row["nash_conv"])
+        return 100.0 * abs(gap) if gap is not None else self.number("nash_conv")
 
 
 def diverged(run: Ran) -> bool:
@@ -56,13 +67,13 @@ def diverged(run: Ran) -> bool:
     Falling: the mean of the second half of the last third of the evaluations lies below that of its
     first half by more than `FALL` of the time limit.
     """
-    if not run.row["unsolved_share"] > 0.5:
+    if not run.number("unsolved_share") > 0.5:
         return False
     last = np.asarray(run.lengths)[-max(len(run.lengths) // 3, 2) :]
     if len(last) < 2:
         return True
     half = len(last) // 2
-    return bool(last[:half].mean() - last[half:].mean() <= FALL * run.row["max_steps"])
+    return bool(last[:half].mean() - last[half:].mean() <= FALL * run.number("max_steps"))
 
 
 def worse_by(run: Ran, to: str) -> float:
@@ -70,7 +81,7 @@ def worse_by(run: Ran, to: str) -> float:
 
     Whoever wants to be long in the game (an evader) is worse where it is short.
     """
-    steps, reference = float(run.row["mean_steps"]), float(run.row[TO[to]])
+    steps, reference = run.number("mean_steps"), run.number(TO[to])
     sign = -1.0 if run.row.get("role") == "evader" else 1.0
     return 100.0 * sign * (steps - reference) / reference
 
@@ -81,17 +92,14 @@ def part_of(run: Ran, part: str) -> float:
     "floor" is that of the objective, "loops" what the unsolved starts add to the gap of the solved
     ones, "learning" the rest. 0 where there is no gap at all.
     """
-    gap, solved = float(run.row["optimality_gap"]), float(run.row["solved_gap"])
-    floor = float(run.row["objective_floor"])
+    gap, solved = run.number("optimality_gap"), run.number("solved_gap")
+    floor = run.number("objective_floor")
     parts = {"floor": floor, "loops": gap - solved, "learning": solved - floor}
     return 100.0 * parts[part] / gap if gap > 0.0 else 0.0
 
 
 # -- what a seed says ------------------------------------------------------------------------------
 
-
-Asked = tuple[Ran, list[Ran], Any]
-"""A run, those of the same seed that it is compared with, and the claim."""
 
 RULES: dict[str, Callable[[Ran, Sequence[Ran], Any], bool]] = {
     "diverges": lambda run, others, claim: diverged(run),

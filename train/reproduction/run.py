@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -14,7 +15,15 @@ from train.experiments.report import report
 from train.experiments.sweep import Sweep, status_of
 from train.experiments.tables import collect
 from train.files import read_json, write_json
-from train.reproduction.plan import SHIPPED, Replication, Study, Table, sweep_of, tuning_sweep
+from train.reproduction.plan import (
+    SHIPPED,
+    Claim,
+    Replication,
+    Study,
+    Table,
+    sweep_of,
+    tuning_sweep,
+)
 from train.reproduction.rules import Ran
 from train.settings.checks import check
 
@@ -39,13 +48,13 @@ def keep_rules(plan: Replication, out: Path) -> None:
     now = datetime.now(UTC).isoformat(timespec="seconds")
     for study in plan.studies:
         if study.id not in kept and not study.exact:
-            kept[study.id] = {"written": now, "claims": rules_of(study)}
+            kept[study.id] = {"written": now, "claims": rules_of(study.claims)}
     write_json(path, kept)
 
 
-def rules_of(study: Study) -> list[Table]:
-    """The claims of a study as they are decided: all but our reading of the outcome."""
-    plain: list[Table] = msgspec.to_builtins(study.claims)
+def rules_of(claims: Sequence[Claim]) -> list[Table]:
+    """Claims as they are decided: all but our reading of the outcome."""
+    plain: list[Table] = msgspec.to_builtins(claims)
     return [{name: value for name, value in claim.items() if name != "cause"} for claim in plain]
 
 
@@ -53,8 +62,12 @@ def changed_rules(study: Study, out: Path) -> str:
     """What is to be said of a study whose rules are not those that its runs began with."""
     path = out / RULES_KEPT
     kept = read_json(path).get(study.id) if path.exists() else None
-    if kept is None or kept["claims"] == rules_of(study):
+    if kept is None:
         return ""
+    with contextlib.suppress(msgspec.ValidationError):  # of a form that claims no longer have
+        before = msgspec.convert(kept["claims"], list[Claim])
+        if rules_of(before) == rules_of(study.claims):
+            return ""
     return f"The rules of this study were changed after its runs had begun ({kept['written']})."
 
 
