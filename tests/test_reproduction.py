@@ -74,6 +74,12 @@ def test_seeds_are_compared_with_their_like() -> None:
     assert few.verdict == "undecided" and "1,000,000 frames" in few.note
 
 
+def test_a_run_without_what_a_rule_asks_for_decides_nothing() -> None:
+    runs = [ran(seed, 0.1) for seed in range(5)]
+    verdict = decide(Claim("", "part_above", {"algorithm": "ppo"}, percent=50.0), runs, 0)
+    assert verdict.verdict == "undecided" and "solved_gap is not known" in verdict.note
+
+
 def test_a_seed_says_so_where_the_rule_holds_in_every_cell() -> None:
     runs = [ran(seed, 0.0, maze="3x3", joints=1) for seed in range(5)]
     runs += [ran(seed, 0.1 * (seed > 0), maze="5x5", joints=1) for seed in range(5)]

@@ -151,11 +151,20 @@ class Verdict:
 def decide(claim: Any, runs: Sequence[Ran], least_frames: int) -> Verdict:
     """What the runs say of a claim: see `RULES`, `ENOUGH` and `FEW`.
 
+    Undecided, and why, where a run has not what the rule asks for.
+
     Args:
         claim: with a rule of `RULES`.
         runs: the complete ones of its study.
         least_frames: with fewer a run says nothing.
     """
+    try:
+        return _decide(claim, runs, least_frames)
+    except ValueError as error:
+        return Verdict(UNDECIDED, {}, str(error))
+
+
+def _decide(claim: Any, runs: Sequence[Ran], least_frames: int) -> Verdict:
     places = cells_of(claim.of)
     ours = [runs_of(runs, cell) for cell in places]
     theirs = [[runs_of(runs, cell) for cell in cells_of(table)] for table in claim.than]
