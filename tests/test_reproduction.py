@@ -95,6 +95,22 @@ def test_a_seed_says_so_where_the_rule_holds_in_every_cell() -> None:
     assert verdict.verdict == "refuted"
 
 
+def test_what_a_claim_leaves_open_are_cells_of_their_own() -> None:
+    def run(seed: int, maze: str, gap: float, algorithm: str = "ppo") -> Ran:
+        one = ran(seed, gap, maze=maze, algorithm=algorithm)
+        return Ran(one.row, (), {"maze": maze, "algorithm": algorithm})
+
+    runs = [run(seed, "3x3", 0.0) for seed in range(5)]
+    runs += [run(seed, "5x5", 0.2) for seed in range(5)]  # a later one of the same seed
+    runs += [run(seed, maze, 0.1, "dqn") for seed in range(5) for maze in ("5x5", "3x3")]
+    lower = Claim("", "lower", {"algorithm": "ppo"}, [{"algorithm": "dqn"}])
+    verdict = decide(lower, runs, 0)
+    assert verdict.verdict == "refuted" and len(verdict.cells) == 4
+    assert decide(lower, [r for r in runs if r.row["maze"] == "3x3"], 0).verdict == "confirmed"
+    three = [*runs, run(0, "7x7", 0.1, "dqn")]
+    assert "2 cells are compared with 3" in decide(lower, three, 0).note
+
+
 def test_who_lives_longer_is_better_only_as_an_evader() -> None:
     evader = ran(0, -0.1, role="evader", mean_steps=180.0)
     assert worse_by(evader, "limit") == pytest.approx(10.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -34,10 +34,12 @@ class Ran:
     Attributes:
         row: of the table of runs.
         lengths: the mean episode length at every evaluation, in order.
+        label: what its experiment varies, as its file says it.
     """
 
     row: Mapping[str, Any]
     lengths: tuple[float, ...] = ()
+    label: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def seed(self) -> int:
@@ -128,6 +130,27 @@ def runs_of(runs: Sequence[Ran], cell: Cell) -> dict[int, Ran]:
     }
 
 
+def places_of(runs: Sequence[Ran], table: Cell) -> list[Cell]:
+    """The cells of a table, each with one run a seed.
+
+    What a table leaves open and its experiment varies makes several of one: {"algorithm": "ppo"}
+    is a cell for each maze.
+    """
+    places = []
+    for cell in cells_of(table):
+        labels = [
+            run.label
+            for run in runs
+            if all(run.row.get(name) == value for name, value in cell.items())
+        ]
+        names = dict.fromkeys(name for label in labels for name in label if name not in cell)
+        open_ = [name for name in names if len({str(label.get(name)) for label in labels}) > 1]
+        found = [{name: label.get(name) for name in open_} for label in labels]
+        apart = {str(more): {**cell, **more} for more in found}
+        places += [apart[told] for told in sorted(apart)] or [cell]
+    return places
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What came of a claim.
@@ -165,13 +188,17 @@ def decide(claim: Any, runs: Sequence[Ran], least_frames: int) -> Verdict:
 
 
 def _decide(claim: Any, runs: Sequence[Ran], least_frames: int) -> Verdict:
-    places = cells_of(claim.of)
+    places = places_of(runs, claim.of)
+    others = [places_of(runs, table) for table in claim.than]
+    for cells in others:
+        check(
+            len(cells) in (1, len(places)),
+            f"{len(places)} cells are compared with {len(cells)}; name what is to be compared",
+        )
     ours = [runs_of(runs, cell) for cell in places]
-    theirs = [[runs_of(runs, cell) for cell in cells_of(table)] for table in claim.than]
+    theirs = [[runs_of(runs, cell) for cell in cells] for cells in others]
     everything = [*ours, *itertools.chain.from_iterable(theirs)]
-    shown = tuple(
-        zip([*places, *(c for t in claim.than for c in cells_of(t))], everything, strict=True)
-    )
+    shown = tuple(zip([*places, *itertools.chain(*others)], everything, strict=True))
     seeds = sorted(set.intersection(*(set(found) for found in everything)))
     few = [
         run.row["frames"]
@@ -190,7 +217,7 @@ def _decide(claim: Any, runs: Sequence[Ran], least_frames: int) -> Verdict:
             (own[seed], [other[number % len(other)][seed] for other in theirs])
             for number, own in enumerate(ours)
         ]
-        says[seed] = all(rule(run, others, claim) for run, others in pairs)
+        says[seed] = all(rule(run, like, claim) for run, like in pairs)
     ps: list[float] = []
     if claim.than and len(seeds) > 1:
         for other in theirs:

@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 
 from train.experiments.executors import run_locally
+from train.experiments.forms import read_label
 from train.experiments.report import report
 from train.experiments.sweep import Sweep, status_of
 from train.experiments.tables import collect
@@ -137,14 +138,14 @@ def complete_runs(folder: Path, mazes: Mapping[str, str]) -> list[Ran]:
     lengths: dict[str, list[float]] = {}
     for row in curves.to_dicts():
         lengths.setdefault(row["run"], []).append(row["mean_steps"])
-    return [
-        Ran(
-            {**row, "maze": names.get(str(row.get("maze")), row.get("maze"))},
-            tuple(lengths.get(row["run"], ())),
-        )
-        for row in runs.to_dicts()
-        if row["status"] == "complete"
-    ]
+    found = []
+    for row in runs.to_dicts():
+        if row["status"] == "complete":
+            row["maze"] = names.get(str(row.get("maze")), row.get("maze"))
+            label = read_label(folder / "runs" / row["run"])
+            label |= {name: row[name] for name in ("maze",) if name in label}
+            found.append(Ran(row, tuple(lengths.get(row["run"], ())), label))
+    return found
 
 
 def trial_scores(plan: Replication, out: Path) -> dict[str, dict[str, float]]:
