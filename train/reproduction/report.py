@@ -224,9 +224,9 @@ def head(plan: Replication, studies: Sequence[Decided], out: Path) -> list[str]:
         )
     if plan.version == "short" and plan.name == "thesis":
         lines.append(
-            "Minutes, or seconds, stand here for the half hours of the thesis. A verdict is one about "
-            "our learners with these budgets: what has not been reached may be with more, and what "
-            "the thesis' own code would do is not asked."
+            "Minutes, or seconds, stand here for the half hours of the thesis. A verdict is one "
+            "about our learners with these budgets: what has not been reached may be with more, "
+            "and what the thesis' own code would do is not asked."
         )
     return lines
 
