@@ -187,9 +187,12 @@ def draw_final(
         axis.axhline(0, color="#333333", lw=1.2, ls=":")
         short_numbers(axis.yaxis)
         finals = [100.0 * row["optimality_gap"] for row in rows]
-        axis.set_ylim(1.6 * min(*finals, 0.0) - 0.2, 1.6 * max(*finals, 0.0) + 0.2)
+        # An interval that reaches below 0 does so for its form: nobody beats the optimum.
+        lowest = 1.6 * min(finals) - 0.2 if min(finals) < 0.0 else 0.0
+        axis.set_ylim(lowest, 1.6 * max(*finals, 0.0) + 0.2)
     axis.set_title(title, fontsize=11, loc="left")
     if side_by_side:
-        axis.legend(frameon=False, fontsize=9)
+        beside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+        axis.legend(frameon=False, fontsize=9, **beside)
     tidy(axis)
     save(figure, path, formats=look.formats)
