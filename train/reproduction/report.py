@@ -180,7 +180,7 @@ def evidence(claim: Claim, verdict: Verdict) -> list[str]:
                 f"| {min(frames):.2g} to {max(frames):.2g} |"
             )
     if verdict.ps:
-        told = ", ".join(f"{p:.3f}" for p in verdict.ps)
+        told = ", ".join(f"{p:.3f}" if p >= 0.001 else "below 0.001" for p in verdict.ps)
         lines += ["", f"p of the permutation test against each of the others, by Holm: {told}."]
     return lines
 
