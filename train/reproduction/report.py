@@ -187,6 +187,8 @@ def evidence(claim: Claim, verdict: Verdict) -> list[str]:
 
 def figure(value: float) -> str:
     """A number with as many digits as matter."""
+    if abs(value) < 1e-9:  # sums in another order
+        return "0"
     return f"{value:.0f}" if abs(value) >= 99.5 else f"{value:.3g}"
 
 
