@@ -143,6 +143,17 @@ def test_tours_are_decided_on_the_users_mazes_alone(tmp_path: Path) -> None:
     assert verdict.verdict == "confirmed" and len(lines) == 3
 
 
+@pytest.mark.parametrize(("kind", "rule"), [("exact = true", "learns"), ('sweep = "x"', "states")])
+def test_rules_fit_their_study(tmp_path: Path, kind: str, rule: str) -> None:
+    file = tmp_path / "claims.toml"
+    file.write_text(
+        f'title = "t"\n[[studies]]\nid = "a"\ntitle = "t"\nthesis = "q"\ndiffers = "d"\n{kind}\n'
+        f'[[studies.claims]]\ntext = "z"\nrule = "{rule}"\n'
+    )
+    with pytest.raises(ValueError, match=f"rule '{rule}'; states and tours are for"):
+        load_replication(file=str(file))
+
+
 def test_a_users_mazes_stand_for_ours_of_their_size(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no such folder"):
         mazes_by_size(tmp_path / "nowhere")

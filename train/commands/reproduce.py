@@ -26,8 +26,8 @@ class ReproduceCommand:
 
     Settings are searched first, as long for every algorithm; then come the studies, and a page with
     every claim, the rule that decides it, the verdict and what it rests on. What is complete is not
-    done again: Ctrl-C loses nothing, and the same command goes on. The short version takes under
-    two hours of two cores, the full one some 40 core hours.
+    done again: Ctrl-C loses nothing, and the same command goes on. The short version is made
+    for two hours of two cores, the full one for some 40 core hours.
     """
 
     studies: Annotated[tuple[str, ...], tyro.conf.Positional] = ("all",)

@@ -27,7 +27,8 @@ from train.settings.checks import check, check_choice
 
 FILES = Path(__file__).with_name("files")
 VERSIONS = ("short", "full")
-LEARNING_RULES = (*RULES, "states", "tours")
+EXACT_RULES = ("states", "tours")
+"""Of studies that need no runs."""
 SHIPPED = "as shipped"
 FIRST_TRIAL_SEED = 10**6
 """Of the trials: no study is run with it."""
@@ -41,7 +42,7 @@ class Claim(msgspec.Struct, forbid_unknown_fields=True):
 
     Attributes:
         text: what is claimed.
-        rule: one of `LEARNING_RULES`.
+        rule: one of `RULES`, or of `EXACT_RULES` where no runs are needed.
         of: the cells that it is about: columns of the table of runs and their values, or lists.
         than: whom those are compared with, seed by seed.
         to, percent: a reference of `TO`, and how much worse than it counts as reaching it.
@@ -59,7 +60,7 @@ class Claim(msgspec.Struct, forbid_unknown_fields=True):
     cause: dict[str, str] = {}
 
     def __post_init__(self) -> None:
-        check_choice("rule", self.rule, LEARNING_RULES)
+        check_choice("rule", self.rule, (*RULES, *EXACT_RULES))
         check_choice("to", self.to, tuple(TO))
         check_choice("part", self.part, PARTS)
         check(
@@ -98,6 +99,12 @@ class Study(msgspec.Struct, forbid_unknown_fields=True):
         given = [bool(self.sweep), bool(self.ablation), self.exact]
         check(sum(given) == 1, f"study {self.id!r}: give one of sweep, ablation and exact")
         check(bool(self.claims), f"study {self.id!r}: it has no claims; give [[studies.claims]]")
+        for claim in self.claims:
+            check(
+                (claim.rule in EXACT_RULES) == self.exact,
+                f"study {self.id!r}: rule {claim.rule!r}; {' and '.join(EXACT_RULES)} are for "
+                "studies with exact = true, the others for those with runs",
+            )
 
 
 class Trials(msgspec.Struct, forbid_unknown_fields=True):
