@@ -192,7 +192,7 @@ def test_the_least_p_of_several_tasks_and_of_splits_that_are_drawn() -> None:
 
 
 def test_what_so_few_can_show_is_said(tmp_path: Path) -> None:
-    assert power_lines(load_ablation("adaptive", "short")) == [power_line([(3, 3)], 9)]
+    assert power_lines(load_ablation("adaptive", "short")) == [power_line([(6, 6)], 9)]
     assert "cannot show p < 0.05" in power_line([(3, 3)]) and "is 0.10" in power_line([(3, 3)])
     assert "5 against 5 can show" in power_line([(5, 5)])
     assert "5 against 5 cannot show" in power_line([(5, 5)], 7)  # 7 times 2 of 252

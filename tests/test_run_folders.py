@@ -24,7 +24,16 @@ from train.commands.main import main
 from train.experiments.kinds import open_run, start
 from train.files import hold
 from train.runs.by_name import settings_of
-from train.runs.folder import RUN, SELF_PLAY, load_checkpoint, load_results, read_metrics
+from train.runs.folder import (
+    CONFIG,
+    RESULTS,
+    RUN,
+    SELF_PLAY,
+    load_checkpoint,
+    load_results,
+    read_metrics,
+)
+from train.runs.loop import Budget
 from train.self_play.parts import self_play_settings_of
 
 SMALL = {"maze": "2x2", "num_games": 16, "rollout_steps": 8, "minibatch_size": 64, "width": 8}
@@ -332,3 +341,43 @@ def test_whoever_reads_only_the_first_line_gets_no_traceback(arguments: list[str
 
 def test_results_are_numbers_of_json(finished: tuple[str, Path]) -> None:
     json.loads((finished[1] / "results.json").read_text(), parse_constant=pytest.fail)
+
+
+def test_seconds_of_the_processor_pass_only_while_it_computes() -> None:
+    ours, wall = Budget(1.0, None, clock="processor"), Budget(1.0, None)
+    began = ours.now(), wall.now()
+    time.sleep(0.3)
+    slept = ours.now() - began[0], wall.now() - began[1]
+    assert slept[0] < 0.2 <= slept[1]
+    while time.process_time() < began[0] + 0.1:
+        pass
+    assert ours.now() - began[0] >= 0.1
+    assert (ours.first_threads, wall.first_threads) == (1, 0) and wall.free_threads
+    assert not ours.free_threads and Budget(None, 9).first_threads == 0
+
+
+def test_a_run_counts_by_the_clock_of_its_settings(tmp_path: Path) -> None:
+    flat = {**SMALL, "seconds": 0.2, "clock": "processor"}
+    run = start(RUN, settings_of(**flat), tmp_path / "run")
+    began = time.process_time()
+    run.train()
+    assert 0.2 <= run.seconds <= time.process_time() - began
+    assert run.results(2)["clock"] == "processor"
+    with pytest.raises(ValueError, match="unknown clock 'sundial'; one of wall, processor"):
+        settings_of(**{**flat, "clock": "sundial"})
+
+
+def test_folders_from_before_there_were_two_clocks_are_read(
+    finished: tuple[str, Path], tmp_path: Path
+) -> None:
+    config = copy_of(finished[1], tmp_path / "old") / CONFIG
+    plain = json.loads(config.read_text(encoding="utf-8"))
+    assert plain.pop("clock") == "wall"
+    config.write_text(json.dumps(plain), encoding="utf-8")
+    results = config.parent / RESULTS
+    written = json.loads(results.read_text(encoding="utf-8"))
+    del written["clock"]
+    results.write_text(json.dumps(written), encoding="utf-8")
+    run = open_run(config.parent)
+    assert run.budget.clock == "wall"
+    assert load_results(config.parent)["frames"] == run.trainee.frames

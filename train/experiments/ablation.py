@@ -26,6 +26,7 @@ from train.settings.task import TaskSettings
 ABLATIONS = Path(__file__).with_name("files") / "ablations"
 EQUAL = (
     "seconds",
+    "clock",
     "frames",
     "seed",
     "threads",

@@ -75,6 +75,7 @@ class Results(msgspec.Struct, kw_only=True):
     objective: Objective
     frames: int
     seconds: float
+    clock: str = "wall"
     frames_per_second: float
     interrupted: bool
     versions: dict[str, str | None]

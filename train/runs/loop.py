@@ -8,7 +8,7 @@ import platform
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any, ClassVar, Protocol
 
 import torch
@@ -103,12 +103,30 @@ class Trainee(Protocol):
 class Budget:
     """How long a run trains: seconds of training, or frames; and with how many threads of torch.
 
-    With 0 threads and seconds, one or all of them, whichever is the faster at the time.
+    With 0 threads and seconds, one or all of them, whichever is the faster at the time. Seconds are
+    the wall's, or those that the process computed (`clock` "processor"): with those, what else runs
+    on the machine takes fewer frames from a run, and a second thread is paid for.
     """
 
     seconds: float | None
     frames: int | None
     threads: int = 0
+    clock: str = "wall"
+
+    @property
+    def free_threads(self) -> bool:
+        """Whether torch's threads are chosen as the run goes, for its seconds on the wall."""
+        return self.seconds is not None and self.threads == 0 and self.clock == "wall"
+
+    @property
+    def first_threads(self) -> int:
+        """Threads of torch to begin with; 0 for one on each core."""
+        own_seconds = self.seconds is not None and self.clock == "processor"
+        return self.threads or int(own_seconds)
+
+    def now(self) -> float:
+        """A moment, in the seconds that are counted."""
+        return perf_counter() if self.clock == "wall" else process_time()
 
     def progress(self, seconds: float, frames: int) -> float:
         """The share that is spent, in [0, 1]."""
@@ -131,7 +149,7 @@ class Run:
 
     Attributes:
         trainee, folder, budget: the arguments.
-        seconds: training time so far, without evaluations.
+        seconds: training time so far, by the budget's clock, without evaluations.
         metrics: the evaluations so far.
         stopped: whether it was interrupted before its budget was spent.
         exit_status: 0, or what tells of the signal that interrupted it.
@@ -174,7 +192,7 @@ class Run:
         trainee, cores = self.trainee, os.cpu_count() or 1
         board = TensorboardLogger("tensorboard", str(self.folder))
         # A change of threads changes the last bits, so runs that must repeat exactly keep theirs.
-        free = self.budget.seconds is not None and self.budget.threads == 0 and cores > 1
+        free = self.budget.free_threads and cores > 1
         choice = ThreadChoice(cores) if free else None
         with (
             Interruption() as interruption,
@@ -186,10 +204,10 @@ class Run:
             while self.progress < 1.0 and not self.stopped:
                 if choice is not None:
                     choice.choose()
-                began = perf_counter()
+                began = self.budget.now()
                 with self._watched():
                     figures = trainee.iterate(self)
-                spent = perf_counter() - began
+                spent = self.budget.now() - began
                 self.seconds += spent
                 if choice is not None:
                     choice.learn(spent)
@@ -278,6 +296,7 @@ class Run:
             "objective": asdict(objective),
             "frames": trainee.frames,
             "seconds": round(self.seconds, 3),
+            "clock": self.budget.clock,
             "frames_per_second": round(trainee.frames / max(self.seconds, 1e-9), 1),
             "interrupted": self.stopped,
             "parts": recorded_parts(self.folder / CONFIG),

@@ -130,6 +130,7 @@ def summary(results: Mapping[str, Any]) -> str:
     if floor is not None:
         told += f" (floor of the objective {100 * floor:+.2f} %)"
     told += f". {results['frames']:,} frames in {results['seconds']:.1f} s"
+    told += " of the processor" if results.get("clock") == "processor" else ""
     return paragraph(told + (", interrupted." if results["interrupted"] else "."))
 
 

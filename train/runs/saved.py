@@ -20,6 +20,9 @@ from train.settings.curricula import curriculum_form
 from train.settings.run import TrainSettings
 from train.settings.task import task_form
 
+ADDED = {"clock": "wall"}
+"""Settings that came after folders had been written without them, and what they were there."""
+
 
 def read_own(form: type[Any], plain: Mapping[str, Any], where: str, inner: set[str]) -> Any:
     """The fields of the dataclass `form` but for those in `inner`, as attributes, checked.
@@ -30,7 +33,8 @@ def read_own(form: type[Any], plain: Mapping[str, Any], where: str, inner: set[s
     hints = get_type_hints(form)
     own = [(field.name, hints[field.name]) for field in fields(form) if field.name not in inner]
     shape = msgspec.defstruct(form.__name__, own, forbid_unknown_fields=True, kw_only=True)
-    content = {name: value for name, value in plain.items() if name not in inner}
+    there = {name: value for name, value in ADDED.items() if name in hints}
+    content = there | {name: value for name, value in plain.items() if name not in inner}
     return read_as(shape, content, where, RESTORE)
 
 

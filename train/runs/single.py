@@ -236,9 +236,9 @@ def make_run(
         settings.device == "cpu" or torch.cuda.is_available(),
         f"device={settings.device!r}, but torch finds no GPU here; use --device cpu",
     )
-    prepare_torch(settings.threads, settings.seed)
+    budget = Budget(settings.seconds, settings.frames, settings.threads, settings.clock)
+    prepare_torch(budget.first_threads, settings.seed)
     parts = parts_of(settings)
-    budget = Budget(settings.seconds, settings.frames, settings.threads)
     if state is None:
         return Run(SingleAgent(parts, settings.evaluate), folder, budget)
     try:

@@ -154,7 +154,7 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
         hyper = replace(hyper, num_games=games)
     whole = {
         name: getattr(settings, name)
-        for name in ("observation", "frame_stack", "seconds", "frames", "seed", "threads")
+        for name in ("observation", "frame_stack", "seconds", "clock", "frames", "seed", "threads")
     }
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
 

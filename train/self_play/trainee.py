@@ -373,9 +373,9 @@ def make_self_play(
     Raises:
         ValueError: settings that cannot run here, or a checkpoint that does not fit.
     """
-    prepare_torch(settings.threads, settings.seed)
+    budget = Budget(settings.seconds, settings.frames, settings.threads, settings.clock)
+    prepare_torch(budget.first_threads, settings.seed)
     parts = self_play_parts(settings)
-    budget = Budget(settings.seconds, settings.frames, settings.threads)
     if state is None:
         return Run(SelfPlay(settings, parts, folder), folder, budget)
     try:

@@ -17,8 +17,15 @@ def check_choice(what: str, value: object, choices: Iterable[str]) -> None:
     check(value in known, f"unknown {what} {value!r}; one of {', '.join(known)}")
 
 
-def check_budget(seconds: float | None, frames: int | None) -> None:
-    """ValueError unless exactly one of the two is given, above 0 and finite, frames in 63 bits."""
+CLOCKS = ("wall", "processor")
+
+
+def check_budget(seconds: float | None, frames: int | None, clock: str = "wall") -> None:
+    """ValueError unless exactly one of the two is given, above 0 and finite, frames in 63 bits.
+
+    Also unless `clock`, which counts the seconds, is one of `CLOCKS`.
+    """
+    check_choice("clock", clock, CLOCKS)
     check(
         (seconds is None) != (frames is None),
         f"seconds={seconds} and frames={frames}; give one of the two as the budget",

@@ -58,6 +58,9 @@ class TrainSettings(Generic[S]):
     gets away where the greedy one steps to and fro for ever). Final results have both."""
     seconds: float | None = None
     """Budget of training time; evaluations are not counted."""
+    clock: str = "wall"
+    """What a second is: wall, or processor, one that this run computed, on however many cores:
+    other work on the machine then costs it fewer of its frames."""
     frames: int | None = None
     """Budget of environment steps, all games counted. With it, a resumed run ends bit for bit where
     an uninterrupted one does."""
@@ -71,7 +74,7 @@ class TrainSettings(Generic[S]):
     """Form of the first layer on index: bag, dense, or auto (the faster, as measured)."""
     threads: int = 0
     """Threads of torch. 0 is one for each core; with a budget in seconds, one or all of them,
-    whichever is the faster at the time."""
+    whichever is the faster at the time; with one in seconds of the processor, one."""
 
     def __post_init__(self) -> None:
         if self.observation == "auto":
@@ -82,7 +85,7 @@ class TrainSettings(Generic[S]):
         check_choice("evaluate", self.evaluate, EVALUATED)
         check_choice("precision", self.precision, PRECISIONS)
         check_choice("first_layer", self.first_layer, FIRST_LAYERS)
-        check_budget(self.seconds, self.frames)
+        check_budget(self.seconds, self.frames, self.clock)
         check_seed(self.seed)
         check_threads(self.threads, 0)
         check(

@@ -71,6 +71,8 @@ class SelfPlaySettings:
     """Observations that the networks are given at once: the last so many of the episode."""
     seconds: float | None = None
     """Budget of training time; evaluations are not counted."""
+    clock: str = "wall"
+    """What a second is: wall, or processor (one that this run computed, on however many cores)."""
     frames: int | None = None
     """Budget of environment steps of the learning agents; a resumed run then ends bit for bit as an
     uninterrupted one."""
@@ -92,7 +94,7 @@ class SelfPlaySettings:
             f"role={self.task.role!r}; both sides learn here: freeze one by chaser or evader",
         )
         check(self.task.opponent is None, "opponent is of `pursuit train`; use chaser or evader")
-        check_budget(self.seconds, self.frames)
+        check_budget(self.seconds, self.frames, self.clock)
         check_threads(self.threads, 1)
         for name in ("window", "snapshots", "pool_size"):
             check(getattr(self, name) >= 1, f"{name}={getattr(self, name)}; at least 1")
