@@ -18,6 +18,7 @@ from train.figures import Look
 from train.files import write_text
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
 from train.runs.loop import Run
+from train.self_play.averages import told_averages
 from train.self_play.payoffs import matches_table
 from train.self_play.pictures import draw_self_play
 from train.self_play.report import (
@@ -93,6 +94,8 @@ def show(run: Run, content: dict[str, Any]) -> None:
             f"\nNashConv {start:.3f} -> {end:.3f} discounted steps, {less} "
             f"({meaning_of_nash_conv(content)})"
         )
+    if content.get("averages"):
+        print(told_averages(content["averages"]))
     if "game_value" in found and "value" in found:
         sight = " in full sight" if content.get("limited_sight") else ""
         print(f"value {found['value']:.3f}, of the game{sight} {found['game_value']:.3f}")

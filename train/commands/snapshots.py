@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,6 +16,7 @@ from train.figures import Look
 from train.files import write_csv, write_json, write_text
 from train.result_table import Column, ResultTable, words
 from train.runs.provenance import command_line
+from train.self_play.averages import averages, nash_convs, told_averages
 from train.self_play.past import (
     Past,
     Standings,
@@ -28,6 +29,7 @@ from train.self_play.past import (
 )
 from train.self_play.pictures import draw_snapshots
 from train.settings.checks import check
+from train.settings.self_play import ROLES
 
 FOLDER = "snapshots"
 
@@ -105,9 +107,28 @@ def write_run(out: Path, past: Past, found: dict[str, Standings], look: Look) ->
             *(f"- {told_pair(one, *pair)}" for pair in widest(one)),
         ]
     lines += ["", distance_table(distances).markdown()]
+    lines += ["", *average_lines(out, past)]
     body = [f"# {title}", "", *lines, "", "![snapshots.png](snapshots.png)", "", table.markdown()]
     write_text(out / "snapshots.md", "\n".join(body) + "\n")
     return lines
+
+
+def average_lines(out: Path, past: Past) -> list[str]:
+    """Write averages.csv; NashConv of averages in words, and the table of both sides."""
+    pairs = {role: zip(past.names[role], past.tables[role], strict=True) for role in ROLES}
+    snapshots = {role: dict(own) for role, own in pairs.items()}
+    found = averages(past.task, past.discount, snapshots, past.mixtures)
+    rows = [asdict(one) for one in found]
+    write_csv(out / "averages.csv", rows)
+    columns = [
+        words("side", "role"),
+        words("policy", "what"),
+        Column("snapshots", lambda row: str(row["snapshots"])),
+        Column("exploitability, from", lambda row: f"{row['lower']:.4f}"),
+        Column("to", lambda row: f"{row['upper']:.4f}"),
+    ]
+    table = ResultTable(rows, columns).markdown()
+    return [f"{told_averages(nash_convs(found))}.", "", table]
 
 
 def told_pair(one: Standings, first: int, second: int) -> str:

@@ -18,7 +18,14 @@ from scipy.stats import kendalltau, rankdata
 from pursuit.task import Task
 from scripted_agents import best_response, duel_wins, mean_over_starts, solve_chase
 from train.evaluation.games import is_exact, table_in
-from train.runs.folder import MISFITS, SELF_PLAY, load_config, read_metrics
+from train.runs.folder import (
+    MISFITS,
+    RESULTS,
+    SELF_PLAY,
+    load_config,
+    load_results,
+    read_metrics,
+)
 from train.self_play.parts import self_play_from_plain, self_play_parts
 from train.self_play.ratings import elo_of
 from train.self_play.side import SideParts
@@ -44,6 +51,8 @@ class Past:
         names: by role, of the snapshots, the oldest first.
         frames: by role, [snapshots] float64, when they were taken.
         tables: by role, [own cell, other cell, action] of each.
+        mixtures: by role, the shares of the last Nash mixture of double oracle, by names; {}
+            without one, and before there are results.
     """
 
     settings: SelfPlaySettings
@@ -52,6 +61,7 @@ class Past:
     names: dict[str, list[str]]
     frames: dict[str, Column]
     tables: dict[str, list[Column]]
+    mixtures: dict[str, dict[str, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +110,8 @@ def read_past(folder: Path) -> Past:
         names[role] = [path.stem for path in files]
         tables[role] = [_table(path, parts.task, parts.sides[role]) for path in files]
     frames = {role: _frames(folder, settings, names[role]) for role in ROLES}
-    return Past(settings, parts.task, parts.discount, names, frames, tables)
+    mixtures = load_results(folder).get("mixtures", {}) if (folder / RESULTS).exists() else {}
+    return Past(settings, parts.task, parts.discount, names, frames, tables, mixtures)
 
 
 def _table(path: Path, task: Task, side: SideParts) -> Column:

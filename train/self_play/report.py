@@ -21,6 +21,7 @@ from train.evaluation.games import is_exact, table_in
 from train.files import read_json
 from train.pages import PLAYER_ROOM, details, pairs, paragraph, picture, section, table, write_page
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
+from train.self_play.averages import told_averages
 from train.self_play.league import Entry, LeagueTable, cycle_of, play_league
 from train.self_play.pictures import draw_league
 from train.settings.checks import EVALUATION_SEED
@@ -140,6 +141,8 @@ def told_exploitability(results: Mapping[str, Any]) -> list[str]:
             f"NashConv {found['nash_conv']:.3f} discounted steps{before}; "
             f"{meaning_of_nash_conv(results)}."
         )
+    if results.get("averages"):
+        told.append(f"{told_averages(results['averages'])}.")
     if results.get("whole_game"):
         told.append(told_whole_game(results["whole_game"]))
     if "game_value" in found and "value" in found:

@@ -12,7 +12,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pursuit.policy import Policy
-from train.evaluation.games import MAX_EXACT_WORK, MAX_FINAL_WORK, is_exact_team
+from train.evaluation.games import (
+    MAX_EXACT_WORK,
+    MAX_FINAL_WORK,
+    is_exact,
+    is_exact_team,
+    table_in,
+)
 from train.evaluation.matchups import can_solve, discounted_steps, match
 from train.runs.folder import (
     CONFIG,
@@ -27,6 +33,7 @@ from train.runs.folder import (
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.memories import memories_of, put_memories
 from train.runs.threads import prepare_torch
+from train.self_play.averages import averages, nash_convs
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
 from train.self_play.pool import LATEST, OpponentPool, nash_mixtures, weights
 from train.self_play.side import Side, share_trunk
@@ -42,6 +49,8 @@ from train.settings.checks import evaluation_seed
 from train.settings.self_play import LEARN, ROLES, SelfPlaySettings
 from train.tensors import check_like
 
+MOST_AVERAGED_CELLS = 49
+"""Of a maze, for averages of snapshots in the results: beyond, `pursuit snapshots` has the time."""
 PAIR_EPISODES = 200
 """Games for an entry of the payoff matrix that has no exact value."""
 
@@ -262,12 +271,29 @@ class SelfPlay:
         if not exact and not is_exact_team(self.task, pair, MAX_FINAL_WORK):
             self.tell("NashConv of the whole game", 0.0)
             content["whole_game"] = whole_game(self.task, pair, self.parts.discount)
+        if exact and self.task.max_cells <= MOST_AVERAGED_CELLS:
+            content["averages"] = self.averages()
         if is_exact_team(self.task, pair, MAX_FINAL_WORK):
             learned = {role: pair[role] for role in self.sides}
             content["exact_best_response"] = exact_best_responses(self.task, learned, self.tell)
         elif not exact and settings.best_response_seconds and not interrupted:
             content["approximate_best_response"] = self.approximate_best_responses(episodes)
         return content
+
+    def averages(self) -> dict[str, tuple[float, float]]:
+        """Bounds of NashConv of averages and mixtures of the snapshots, by which; of a duel.
+
+        {} where a side does not learn, or has fewer than two snapshots that are tables.
+        """
+        kept = {role: pool.snapshots for role, pool in self.pools.items() if role in self.sides}
+        policies = [member.policy for members in kept.values() for member in members]
+        if len(kept) < 2 or min(map(len, kept.values())) < 2 or not is_exact(self.task, *policies):
+            return {}
+        tables = {
+            role: {member.name: table_in(self.task, member.policy) for member in members}
+            for role, members in kept.items()
+        }
+        return nash_convs(averages(self.task, self.parts.discount, tables, self.mixtures))
 
     def _tell_of(self, role: str, run: Run, row: dict[str, float]) -> None:
         self.tell(f"approximate best response against the {role}", run.progress)
