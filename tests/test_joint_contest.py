@@ -12,7 +12,8 @@ from pursuit.task import make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent, solve_joint
 from train.commands.scores import print_scores, print_whole_game
 from train.evaluation.contest import GameContest
-from train.evaluation.scores import optimality_gap, return_regret
+from train.evaluation.floor import objective_floor
+from train.evaluation.scores import Score, optimality_gap, reference_of, return_regret
 
 RACE = GameContest(
     make_task("race", maze="3x3", num_goals=2), "runner", {"runner": NearestGoalRunner(0.2)}, 2000
@@ -80,3 +81,60 @@ def test_other_references_stay_as_they_are() -> None:
         names = [score.name for score in contest.baselines()]
         assert names.count("optimal") == 1 and "optimal return" not in names
     assert np.isfinite(lone.optimal().mean_steps)  # type: ignore[union-attr]
+
+
+def test_the_floor_of_a_whole_game_is_what_the_best_by_the_rewards_loses() -> None:
+    for contest, discount in ((RACE, 0.8), (HEIST, 0.8)):
+        floor = objective_floor(contest, discount)
+        assert floor is not None and floor > -1e-9
+        name = contest.task.agent_names[contest.task.seat(contest.agent)]
+        plan = solve_joint(contest.task, [name], contest.opponents, None, discount, "return").policy
+        score = contest.score("best by the rewards", plan)
+        reference = contest.reference([*contest.baselines(), score], score)
+        assert reference is not None and reference.kind == "exact"
+        assert reference.distance == pytest.approx(floor, abs=0.06 if contest.pays else 0.03)
+    # The farther it looks ahead, the nearer it is to what it is judged by.
+    near, far = (objective_floor(HEIST, discount) for discount in (0.5, 0.999))
+    assert near is not None and far is not None and far <= near and far < 1e-3
+    assert objective_floor(HEIST, 1.0) is None
+
+
+def score(name: str, steps: float, paid: float | None = None) -> Score:
+    return Score(name, steps, 0.1, 1.0, 100, False, mean_return=paid)
+
+
+def test_whatever_is_known_there_is_a_reference() -> None:
+    learned, chance = score("learned", 30.0, 1.0), score("random", 5.0, 9.0)
+    scripted, seeing = score("nearest goal", 20.0, 2.0), score("searching runner", 25.0, 1.5)
+    some = [chance, scripted, seeing, learned]
+    found = reference_of(some, learned)
+    assert found is not None and (found.kind, found.name) == ("best known", "nearest goal")
+    assert found.distance == pytest.approx(0.5) and "best known, not proven" in found.line()
+    evader = reference_of(some, learned, less_is_better=False)
+    assert evader is not None and evader.name == "searching runner"
+    fair = reference_of(some, learned, fair=("searching runner",))
+    assert fair is not None and fair.distance == pytest.approx(0.2)
+    paid = reference_of(some, learned, paid=True)
+    assert paid is not None and (paid.name, paid.value, paid.distance) == ("nearest goal", 2.0, 1.0)
+    bound = reference_of([*some, score("optimal, full sight", 10.0)], learned)
+    assert bound is not None and bound.kind == "bound" and "gap +200.00 %" in bound.line()
+    exact = reference_of([*some, score("optimal", 15.0)], learned)
+    assert exact is not None and exact.kind == "exact" and exact.distance == pytest.approx(1.0)
+    assert reference_of([chance, learned], learned) is None
+
+
+def test_full_sight_is_a_bound_where_sight_is_limited() -> None:
+    task = make_task("heist", maze="3x3", num_goals=2, view_radius="evader=1")
+    limited = GameContest(task, "evader", {"chaser": AStarChaser(0.2)}, 500)
+    scores = limited.baselines()
+    full = next(s for s in scores if s.name == "optimal return, full sight")
+    whole = replace(HEIST, episodes=500).optimal_return()
+    assert whole is not None and full.mean_return == pytest.approx(whole.mean_return)
+    found = limited.reference(scores, scores[0])
+    assert found is not None and (found.kind, found.paid) == ("bound", True)
+    assert found.distance > 0.0
+    huge = GameContest(make_task("race", maze="9x9"), "runner", {"runner": NearestGoalRunner()}, 50)
+    best = huge.reference(huge.baselines(), huge.score("random", RandomAgent()))
+    assert best is not None and best.kind == "best known"
+    many = make_task("maze", maze="7x7", num_goals=20)
+    assert "20 goals" in str(GameContest(many, "runner", {}, 50).why_not_joint())

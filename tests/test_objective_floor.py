@@ -114,7 +114,7 @@ def test_rewards_that_pay_for_the_length_alone_have_no_floor() -> None:
         ("maze", "runner", {"start": "marks"}),
         ("maze", "runner", {"maze": "9x9", "num_goals": 12}),
         ("chase", "chaser", {"rewards": "distance"}),
-        ("chase", "chaser", {"num_chasers": 2}),
+        ("chase", "chaser", {"num_chasers": 2, "num_evaders": 2}),
         ("chase", "chaser", {"rewards": {"chaser": Rewards(step=0.1, capture=-1.0)}}),
         ("heist", "chaser", {}),
     ],

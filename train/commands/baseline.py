@@ -19,7 +19,7 @@ from train.commands.scores import (
 )
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
-from train.evaluation.joint_contest import MAX_BASELINE_WORK
+from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.runs.parts import contest_of
 from train.settings.checks import check
@@ -51,7 +51,7 @@ def baseline(arguments: Sequence[str]) -> None:
     if isinstance(contest, SuiteContest):
         contest = replace(contest, exact=True)
     if isinstance(contest, GameContest):
-        contest = replace(contest, most_work=MAX_BASELINE_WORK)
+        contest = replace(contest, most_work=MAX_EVALUATED_WORK)
     print(contest.line())
     scores = contest.baselines()
     print_scores(scores, certificate_of(contest))

@@ -12,7 +12,13 @@ import tyro
 from pursuit.replay import with_suffix
 from train.algorithms.registry import entry
 from train.commands.parse import heard, parse, warn
-from train.commands.scores import certificate_of, print_bounds, print_floor, print_scores
+from train.commands.scores import (
+    certificate_of,
+    print_bounds,
+    print_floor,
+    print_reference,
+    print_scores,
+)
 from train.commands.suites import compared, exact_where_known, judged
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.closeups import recorded
@@ -109,8 +115,12 @@ def evaluate(arguments: Sequence[str]) -> None:
         print_scores(scores, certificate_of(contest))
     if isinstance(contest, ArmContest):
         print_bounds(contest)
-    floor = objective_floor(contest, settings.hyper.gamma)
-    print_floor(floor, settings.hyper.gamma)
+    floor, pays = objective_floor(contest, settings.hyper.gamma), False
+    held = evaluation_of(scores, settings.evaluate, floor, certificate_of(contest), contest)
+    if isinstance(contest, GameContest):
+        print_reference(held["reference"], contest)
+        pays = contest.pays
+    print_floor(floor, settings.hyper.gamma, pays)
     if replays is not None:
         shown = load_policy(given.run, greedy=settings.evaluate == "greedy")
         games = {f"episode {number + 1}": number for number in range(given.replay_episodes)}
@@ -121,7 +131,7 @@ def evaluate(arguments: Sequence[str]) -> None:
         content = {
             **contest.describe(),
             **{name: getattr(settings, name) for name in same},
-            **evaluation_of(scores, settings.evaluate, floor, certificate_of(contest)),
+            **held,
             **more,
             "versions": versions(),
             "machine": machine(),

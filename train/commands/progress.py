@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from time import perf_counter
 from typing import Any, Self
 
@@ -99,7 +99,9 @@ class Watch(ProgressLines):
             )
 
 
-def carry_out(run: Run, episodes: int, again: str) -> dict[str, Any]:
+def carry_out(
+    run: Run, episodes: int, again: str, before: Callable[[], None] = lambda: None
+) -> dict[str, Any]:
     """Train as far as the budget goes, or Ctrl-C lets it; evaluate, and give the results.
 
     What was done before is not done again: a run that is complete has its results already.
@@ -108,6 +110,7 @@ def carry_out(run: Run, episodes: int, again: str) -> dict[str, Any]:
         run: begun, or to go on with.
         episodes: of the final evaluation.
         again: the command that goes on with it.
+        before: is called when the results are about to be made.
     """
     print(f"folder: {run.folder}", flush=True)
     if is_complete(run.folder):
@@ -118,6 +121,7 @@ def carry_out(run: Run, episodes: int, again: str) -> dict[str, Any]:
     if run.stopped:
         again += allow_options(run.folder / CONFIG)
         print(f"interrupted; go on with: {again} --resume {run.folder}", file=sys.stderr)
+    before()
     return run.results(episodes)
 
 

@@ -3,26 +3,62 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from scripted_agents import count_joint_states
+from scripted_agents import count_joint_states, why_not_team_chase
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.hidden_contest import Certificate
-from train.evaluation.scores import BEST_PAID, Score, optimality_gap, return_regret
+from train.evaluation.joint_contest import MAX_WORK, joint_work
+from train.evaluation.scores import (
+    BEST_PAID,
+    FULL_SIGHT,
+    Reference,
+    Score,
+    optimality_gap,
+    return_regret,
+)
 
 
-def print_floor(floor: float | None, discount: float) -> None:
-    """One line on the floor of the training objective, where it is known."""
+def print_floor(floor: float | None, discount: float, paid: bool = False) -> None:
+    """One line on the floor of the training objective, where it is known; `paid`: in payments."""
     if floor is not None:
+        what = f"{floor:.3f} less paid" if paid else f"{100 * floor:+.2f} %"
         print(
-            f"floor of the objective: {100 * floor:+.2f} % (the gap of the policy that is best by "
-            f"the rewards with discount {discount:g}; exact, over all starts)"
+            f"floor of the objective: {what} (the gap of the policy that is best by the rewards "
+            f"with discount {discount:g}; exact, over all starts)"
         )
+
+
+def print_reference(held: Mapping[str, Any], contest: Any) -> None:
+    """One line on what a result is held against where no exact optimum is known, and why not.
+
+    Args:
+        held: "reference" of `results.json`; {} where there is none.
+        contest: whose.
+    """
+    if not held or held["kind"] == "exact":
+        return
+    print(Reference(**held).line())
+    if isinstance(contest, GameContest) and held["kind"] == "best known":
+        why = contest.in_full_sight.why_not_joint()
+        if why is not None:
+            print(f"no exact optimum: {why}")
+
+
+def say_what_is_solved(contest: Any) -> None:
+    """One line on stderr where a whole game is solved that takes more than moments."""
+    if not isinstance(contest, GameContest) or contest.why_not_joint() is not None:
+        return
+    if contest.task.num_agents == 1 or why_not_team_chase(contest.task) is None:
+        return
+    if joint_work(contest.task) > MAX_WORK:
+        states = count_joint_states(contest.task)
+        print(f"solving the whole game exactly, {states:,} states ...", file=sys.stderr)
 
 
 def print_bounds(contest: ArmContest) -> None:
@@ -81,7 +117,8 @@ def print_scores(scores: Sequence[Score], certificate: Certificate | None = None
     certain = () if certificate is None else ("discounted", certificate.head)
     cut = [s for s in scores if s.success_rate < 1.0 and s.solved_gap is not None]
     solved = ("of the solved",) if cut else ()
-    best = next((score for score in scores if score.name == BEST_PAID), None)
+    paid_names = (BEST_PAID, BEST_PAID + FULL_SIGHT)
+    best = next((score for score in scores if score.name in paid_names), None)
     paid = () if best is None else ("return", "below the best")
     for column in ("steps", "95 % interval", "success", "gap to optimum", *solved, *paid, *certain):
         table.add_column(column, justify="right")

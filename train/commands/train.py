@@ -14,8 +14,16 @@ import tyro
 
 from train.commands.parse import Formats, budget_of, heard, named_task, parse
 from train.commands.progress import carry_out, leave
-from train.commands.scores import certificate_of, print_bounds, print_floor, print_scores
+from train.commands.scores import (
+    certificate_of,
+    print_bounds,
+    print_floor,
+    print_reference,
+    print_scores,
+    say_what_is_solved,
+)
 from train.evaluation.arm_contest import ArmContest
+from train.evaluation.contest import GameContest
 from train.evaluation.scores import Score
 from train.experiments.kinds import resume, start
 from train.experiments.methods import METHODS, methods
@@ -89,7 +97,13 @@ def train(arguments: Sequence[str]) -> None:
     print(trainee.contest.line())
     if trainee.teacher is not None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
-    show(run, carry_out(run, given.episodes, "pursuit train"), look)
+    content = carry_out(
+        run,
+        given.episodes,
+        "pursuit train",
+        lambda: say_what_is_solved(trainee.judged(given.episodes, run.stopped)),
+    )
+    show(run, content, look)
     leave(run)
 
 
@@ -153,7 +167,7 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
     write_text(run.folder / METHODS, methods([run.folder]))
     save_replay(run.folder / REPLAY, contest, trainee.policy)
     evaluation = content["evaluation"]
-    judged = trainee.parts.contest(evaluation["episodes"])
+    judged = trainee.judged(evaluation["episodes"], run.stopped)
     write_report(run.folder, load_settings(run.folder), judged, trainee.policy, content)
     if evaluation["optimality_gap"] is not None:
         how = "exactly" if evaluation["exact"] else "on the same starts"
@@ -167,5 +181,7 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
             f"\nlearned return {evaluation['mean_return']:.3f}, the best on the same starts "
             f"{evaluation['optimal_return']:.3f}: {evaluation['return_regret']:.3f} below it"
         )
-    print_floor(evaluation["objective_floor"], trainee.parts.hyper.gamma)
+    print_reference(content.get("reference", {}), judged)
+    pays = isinstance(judged, GameContest) and judged.pays
+    print_floor(evaluation["objective_floor"], trainee.parts.hyper.gamma, pays)
     print(f"results, curve, replay, methods and {REPORT}: {run.folder}")

@@ -7,7 +7,7 @@ everybody.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -61,7 +61,14 @@ from train.evaluation.joint_contest import (
     best_of_steps,
     why_not_joint,
 )
-from train.evaluation.scores import BEST_PAID, Score, told
+from train.evaluation.scores import (
+    BEST_PAID,
+    FULL_SIGHT,
+    Reference,
+    Score,
+    reference_of,
+    told,
+)
 from train.settings.checks import EVALUATION_SEED
 
 
@@ -91,6 +98,12 @@ class GameContest:
     def less_is_better(self) -> bool:
         """Whether few steps are good: for everybody but evaders that have nothing to collect."""
         return self.role != "evader" or self.task.num_goals > 0
+
+    @property
+    def pays(self) -> bool:
+        """Whether an agent is judged by what it is paid: where evaders collect goals, a capture
+        ends the game as the last goal does, and steps say little."""
+        return self.task.num_goals > 0 and self.task.num_evaders > 0
 
     @property
     def is_exact(self) -> bool:
@@ -187,6 +200,12 @@ class GameContest:
         """Whether anything is hidden from the agent: then a best response is not its optimum."""
         return self.task.hides_from(self.agent)
 
+    @cached_property
+    def in_full_sight(self) -> GameContest:
+        """The same contest of an agent that sees everything: what it can do is a bound."""
+        everything: Any = {"view_radius": None, "line_of_sight": False, "unknown_maze": False}
+        return replace(self, task=replace(self.task, **everything))
+
     def solution(self) -> HiddenChaseSolution | None:
         """What is proven of the agent's optimum under its limited sight; None where nothing is."""
         if not self.is_limited or not self.is_exact:
@@ -272,6 +291,9 @@ class GameContest:
         know the optimum."""
         if self.is_limited:
             return "limited sight"
+        task = self.task
+        if (task.num_agents, task.num_runners) == (1, 1) and task.num_goals > MAX_EXACT_GOALS:
+            return f"{task.num_goals} goals; shortest tours are known of up to {MAX_EXACT_GOALS}"
         return why_not_joint(self.task, self.agent, self.opponents, self.most_work)
 
     @cached_property
@@ -330,16 +352,22 @@ class GameContest:
         ]
         limited = limited_references(self.task, self.agent, self.opponents)
         scores += [self.score(name, policy) for name, policy in limited.items()]
-        solution, full = self.solution(), self.best_response() if self.is_limited else None
+        solution = self.solution()
         if solution is not None:
             scores.append(self.score("certified", solution.policy))
-        if full is not None:
-            scores.append(self._score_of("optimal, full sight", full))
+        if self.is_limited:
+            full = (self.in_full_sight.optimal(), self.in_full_sight.optimal_return())
+            scores += [replace(best, name=f"{best.name}{FULL_SIGHT}") for best in full if best]
         optimum = self.optimal()
         paid = self.optimal_return()
         scores += [score for score in (optimum, paid) if score is not None]
         best = self.best_response(mask_bumps=True) if self.mask_bumps else None
         return scores if best is None else [*scores, self._score_of("optimal with masks", best)]
+
+    def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
+        """What `learned` is held against: see `reference_of`."""
+        fair = tuple(limited_references(self.task, self.agent, self.opponents))
+        return reference_of(scores, learned, self.pays, self.less_is_better, fair)
 
     def scenes(self, policy: Policy, episodes: int = 3) -> list[Scene]:
         """What a person sees of some episodes, one after the other."""

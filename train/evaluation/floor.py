@@ -2,7 +2,7 @@
 
 What a learner maximises is not what it is judged by, so a gap is this floor, plus what was not
 learned. Known exactly for a duel and for a runner alone, under rewards that depend on the time of
-captures and goals only.
+captures and goals only, and for one agent among teams or rivals while the whole game is solved.
 """
 
 from __future__ import annotations
@@ -14,12 +14,16 @@ from numpy.typing import NDArray
 
 from pursuit.maze import Maze
 from pursuit.task import Rewards, Task
-from scripted_agents import best_response, mean_over_starts
+from scripted_agents import best_response, evaluate_joint, mean_over_starts, solve_joint
 from scripted_agents.objective import tour_floor
 from train.evaluation.contest import GameContest
+from train.evaluation.joint_contest import joint_work
 
 MAX_CELLS = 256
 """Above this number of cells the floor of a duel is not computed: some seconds."""
+
+MAX_FLOOR_WORK = 50_000_000
+"""Above this size (`joint_work`) that of a whole game is not: a quarter of a minute on 5x5."""
 
 TIE = 1e-9
 """Relative difference below which two actions count as equally good."""
@@ -29,13 +33,16 @@ def objective_floor(contest: Any, discount: float) -> float | None:
     """The `optimality_gap` of the best policy by the rewards of the task with this discount.
 
     Exact, over all starts. Of policies that are equally good by the rewards the one that is best in
-    steps counts, so no policy that is best by the rewards has a smaller gap.
+    steps counts, so no policy that is best by the rewards has a smaller gap; of a whole game (a
+    team's, a race, a heist) one of them counts.
 
     Returns:
-        A ratio less 1, as `optimality_gap`: negative for evaders. None where it is not known:
-        teams, goals among opponents, masks in a duel, rewards by distance or by a user's function,
-        several mazes, starts at marks, more goals than can be enumerated, rewards by which it does
-        not pay to hurry (an evader: to live on), limited sight, or a contest of another world.
+        A ratio less 1, as `optimality_gap`: negative for evaders. Where evaders collect goals, by
+        how much less is paid in an episode than could be. None where it is not known: games too
+        large to be solved, masks, rewards by distance (in a whole game, too) or by a user's
+        function, several mazes, starts at marks, more goals than can be enumerated, rewards by
+        which it does not pay to hurry (an evader: to live on), limited sight, no discount in a
+        whole game, or a contest of another world.
     """
     if not isinstance(contest, GameContest) or contest.is_limited:
         return None
@@ -49,7 +56,9 @@ def objective_floor(contest: Any, discount: float) -> float | None:
         return _tour(task, paid, discount)
     if contest.is_exact and not contest.mask_bumps and task.max_cells <= MAX_CELLS:
         return _duel(contest, paid, discount)
-    return None
+    if contest.mask_bumps or discount >= 1.0 or joint_work(task) > MAX_FLOOR_WORK:
+        return None
+    return _whole_game(contest, discount)
 
 
 def _tour(task: Task, paid: Rewards, discount: float) -> float | None:
@@ -91,6 +100,23 @@ def _duel(contest: GameContest, paid: Rewards, discount: float) -> float | None:
             break
     least = task.min_start_distance
     return mean_over_starts(steps, maze, least) / mean_over_starts(best.values, maze, least) - 1.0
+
+
+def _whole_game(contest: GameContest, discount: float) -> float | None:
+    """Against fixed opponents, by two whole games: the best by the objective, and what it gets.
+
+    The learner does not see how many steps are left, so its best policy is that of the game without
+    an end; it is judged in the game that is cut.
+    """
+    best = contest.best_of_returns if contest.pays else contest.best_of_steps
+    if best is None:
+        return None
+    task, name = contest.task, best.agents[0]
+    plan = solve_joint(task, [name], contest.opponents, None, discount, "return").policy
+    found = evaluate_joint(task, {**contest.opponents, name: plan}, task.max_steps, agents=[name])
+    if contest.pays:
+        return best.mean_over_starts - found.returns[name]
+    return found.steps[name] / best.mean_over_starts - 1.0
 
 
 def _after_each(

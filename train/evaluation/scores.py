@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -13,6 +13,8 @@ from pursuit.policy import Policy
 
 BEST_PAID = "optimal return"
 """The name of whoever is paid most, where that is known."""
+FULL_SIGHT = ", full sight"
+"""Behind the name of an optimum of who sees everything: a bound for an agent that does not."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,77 @@ def return_regret(achieved: Score, best: Score | None) -> float | None:
     if best is None or best.mean_return is None or achieved.mean_return is None:
         return None
     return best.mean_return - achieved.mean_return
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What a learned policy is held against.
+
+    Attributes:
+        kind: "exact"; "certified", an optimum between two proven numbers; "bound", the optimum of
+            an agent that sees everything; "best known", the best of the scripted agents.
+        name: of the score that it is.
+        paid: whether it is what is paid; else steps.
+        value: in steps, or what is paid.
+        distance: of steps the gap to it, achieved / reference - 1; of payments what is missing.
+    """
+
+    kind: str
+    name: str
+    paid: bool
+    value: float
+    distance: float
+
+    def line(self) -> str:
+        """In words, where it is no exact optimum."""
+        unit = "paid" if self.paid else "steps"
+        far = f"{self.distance:.3f} less" if self.paid else f"gap {100 * self.distance:+.2f} %"
+        what = {"bound": "a bound", "best known": "best known, not proven"}.get(
+            self.kind, self.kind
+        )
+        return f"reference: {self.name} ({what}), {self.value:.3f} {unit}; learned: {far}"
+
+
+def reference_of(
+    scores: Sequence[Score],
+    learned: Score,
+    paid: bool = False,
+    less_is_better: bool = True,
+    fair: Sequence[str] = (),
+) -> Reference | None:
+    """The strongest reference among these scores: exact, a bound, or the best known.
+
+    Args:
+        scores: of the references and of what was learned.
+        learned: what is held against it.
+        paid: whether a policy is judged by what it is paid.
+        less_is_better: whether few steps are good.
+        fair: names of scripted agents that see no more than the learner; the others are no
+            reference where there are some.
+
+    Returns:
+        None where nobody but the learner has been scored.
+    """
+    goal = BEST_PAID if paid else "optimal"
+    by_name = {score.name: score for score in scores}
+    scripted = [s for s in scores if s.name != "random" and not s.name.startswith("learned")]
+    for kind, name in (("exact", goal), ("bound", goal + FULL_SIGHT)):
+        if name in by_name:
+            return _held_against(kind, by_name[name], learned, paid)
+    known = [s for s in scripted if not paid or s.mean_return is not None]
+    known = [s for s in known if s.name in fair] or known
+    if not known:
+        return None
+    best = max(known, key=lambda s: s.mean_return or 0.0) if paid else None
+    steps = min if less_is_better else max
+    best = best or steps(known, key=lambda s: s.mean_steps)
+    return _held_against("best known", best, learned, paid)
+
+
+def _held_against(kind: str, best: Score, learned: Score, paid: bool) -> Reference:
+    value = best.mean_return if paid else best.mean_steps
+    distance = return_regret(learned, best) if paid else optimality_gap(learned, best)
+    return Reference(kind, best.name, paid, float(value or 0.0), float(distance or 0.0))
 
 
 def told(policy: Policy) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,7 +12,14 @@ import torch
 from train.evaluation.contest import GameContest
 from train.evaluation.floor import objective_floor
 from train.evaluation.hidden_contest import Certificate
-from train.evaluation.scores import BEST_PAID, Score, optimality_gap, return_regret
+from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK
+from train.evaluation.scores import (
+    BEST_PAID,
+    Score,
+    optimality_gap,
+    reference_of,
+    return_regret,
+)
 from train.runs.folder import MISFITS, RUN, misfit, part_of
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.memories import memories_of, put_memories
@@ -49,6 +56,7 @@ class SingleAgent:
 
     def __init__(self, parts: Parts, evaluate: str, state: dict[str, Any] | None = None) -> None:
         self.parts, self.evaluated = parts, evaluate
+        self._judged: Any = None
         self.env, self.teacher = parts.games()
         self.simulator = self.env.simulator
         if state is not None:  # before there is a collector, which begins with what it finds
@@ -108,9 +116,19 @@ class SingleAgent:
             parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
         return parts
 
+    def judged(self, episodes: int, interrupted: bool = False) -> Any:
+        """The contest of the final results: games that are solved in seconds are, unless somebody
+        waits for an interrupted run to end. Kept, with what it has solved."""
+        most = MAX_WORK if interrupted else MAX_EVALUATED_WORK
+        if self._judged is None or self._judged.episodes != episodes:
+            contest = self.parts.contest(episodes)
+            own = isinstance(contest, GameContest)
+            self._judged = replace(contest, most_work=most) if own else contest
+        return self._judged
+
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
         """The references and what was learned, greedy and sampled."""
-        contest = self.parts.contest(episodes)
+        contest = self.judged(episodes, interrupted)
         scores = [*contest.baselines(), contest.score("learned", self.learner.policy())]
         if self.parts.algorithm.learns_distribution:
             scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
@@ -122,7 +140,7 @@ class SingleAgent:
             "algorithm": self.parts.algorithm.name,
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
-            **evaluation_of(scores, self.evaluated, floor, certificate),
+            **evaluation_of(scores, self.evaluated, floor, certificate, contest),
             "device": build.device,
             "precision": "bfloat16" if build.bfloat16 else "float32",
         }
@@ -155,10 +173,12 @@ def evaluation_of(
     evaluated: str,
     floor: float | None = None,
     certificate: Certificate | None = None,
+    contest: Any = None,
 ) -> dict[str, Any]:
-    """ "evaluation" and "scores" of `results.json`; `floor` is that of the objective.
+    """ "evaluation", "reference" and "scores" of `results.json`; `floor` is the objective's.
 
-    Under limited sight no optimum is known, but what is certain of it.
+    Under limited sight no optimum is known, but what is certain of it. Whatever is known of the
+    optimum, there is a reference: see `reference_of`; `contest` says what counts there.
     """
     by_name = {score.name: score for score in scores}
     learned = by_name["learned" if evaluated == "greedy" else "learned, sampled"]
@@ -191,12 +211,23 @@ def evaluation_of(
             "optimality_gap": optimality_gap(learned, optimum),
             "unsolved_share": 1.0 - learned.success_rate,
             "solved_gap": learned.solved_gap,
-            "objective_floor": floor if optimum else None,
+            "objective_floor": floor if optimum or best else None,
             **certified,
             **returned,
         },
+        "reference": {} if certified else _held(scores, learned, contest),
         "scores": [asdict(score) for score in scores],
     }
+
+
+def _held(scores: list[Score], learned: Score, contest: Any) -> dict[str, Any]:
+    """The reference as plain values, {} for none."""
+    if isinstance(contest, GameContest):
+        found = contest.reference(scores, learned)
+    else:
+        less = contest is None or contest.less_is_better
+        found = reference_of(scores, learned, less_is_better=less)
+    return {} if found is None else asdict(found)
 
 
 def plain_games(simulator: Any) -> dict[str, torch.Tensor]:
