@@ -32,6 +32,7 @@ from scripted_agents.hidden_chase import HiddenChaseSolution, solve_hidden_chase
 from scripted_agents.hidden_game import HiddenCell
 from scripted_agents.hidden_policy import BeliefOptimalChaser, BeliefOptimalEvader
 from scripted_agents.hidden_search import HiddenSearch
+from scripted_agents.independent import IndependentTeam, independent_team
 from scripted_agents.joint import (
     JointResponse,
     JointValues,
@@ -101,6 +102,7 @@ __all__ = [
     "HiddenCell",
     "HiddenChaseSolution",
     "HiddenSearch",
+    "IndependentTeam",
     "InverseKinematics",
     "JointGame",
     "JointNashConv",
@@ -144,6 +146,7 @@ __all__ = [
     "fewest_searchers",
     "fewest_steps_to_find",
     "has_distributions",
+    "independent_team",
     "joint_nash_conv",
     "least_steps",
     "least_steps_of",

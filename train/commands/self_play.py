@@ -23,6 +23,7 @@ from train.self_play.payoffs import matches_table
 from train.self_play.pictures import draw_self_play
 from train.self_play.report import (
     meaning_of_nash_conv,
+    told_independent,
     told_whole_game,
     write_self_play_report,
 )
@@ -99,6 +100,8 @@ def show(run: Run, content: dict[str, Any]) -> None:
     if "game_value" in found and "value" in found:
         sight = " in full sight" if content.get("limited_sight") else ""
         print(f"value {found['value']:.3f}, of the game{sight} {found['game_value']:.3f}")
+    if content.get("independent_team"):
+        print(told_independent(content["independent_team"]))
     if content.get("whole_game"):
         print(told_whole_game(content["whole_game"]))
     for kind in ("exact", "approximate"):

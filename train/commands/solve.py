@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from pursuit.declared import one_of
 from pursuit.maze import Maze, load_maze
-from scripted_agents import ChaseSolution, cop_number, solve_chase
+from pursuit.task import make_task
+from scripted_agents import ChaseSolution, cop_number, independent_team, solve_chase
 from train.commands.blindness import print_blindness, radii_of
 from train.commands.parse import Formats, parse
 from train.commands.progress import Alive
@@ -136,6 +137,14 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
         f"{'optimal play must be random at':<32}{mixed:,} of {places:,} places "
         f"({places - mixed:,} have a pure saddle point)"
     )
+    if chasers > 1 and horizon is None:
+        order: Any = {"stay_action": solution.stay_action, "move_order": solution.move_order}
+        team = make_task("chase", maze=maze, num_chasers=chasers, **order)
+        alone = independent_team(team, discount)
+        lines.append(
+            f"{'chasers that draw on their own':<32}{alone.lower:.6f} to {alone.upper:.6f}, proven "
+            f"({100 * (alone.upper / alone.lower - 1):.3f} % wide)"
+        )
     lines.append(f"{'solved in':<32}{seconds:.2f} s, {solution.sweeps} sweeps")
     return "\n".join(lines)
 

@@ -148,6 +148,8 @@ def told_exploitability(results: Mapping[str, Any]) -> list[str]:
     if "game_value" in found and "value" in found:
         sight = " in full sight" if results.get("limited_sight") else ""
         told.append(f"Value {found['value']:.3f}; of the game{sight} {found['game_value']:.3f}.")
+    if results.get("independent_team"):
+        told.append(f"{told_independent(results['independent_team'])}.".capitalize())
     told.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
     return [paragraph(text) for text in told]
 
@@ -160,6 +162,15 @@ def meaning_of_nash_conv(results: Mapping[str, Any]) -> str:
             "an equilibrium need not reach 0"
         )
     return "exact; 0 is an equilibrium"
+
+
+def told_independent(found: Mapping[str, float]) -> str:
+    """What chasers that draw on their own can hold, in words."""
+    lower, upper = found["lower"], found["upper"]
+    return (
+        f"chasers that draw on their own can hold {lower:.3f} to {upper:.3f} at best "
+        f"(proven, {100 * (upper / lower - 1):.2f} % wide)"
+    )
 
 
 def told_whole_game(found: Mapping[str, Any]) -> str:

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pursuit.policy import Policy
+from scripted_agents import independent_team
 from train.evaluation.games import (
     MAX_EXACT_WORK,
     MAX_FINAL_WORK,
@@ -273,6 +274,10 @@ class SelfPlay:
             content["whole_game"] = whole_game(self.task, pair, self.parts.discount)
         if exact and self.task.max_cells <= MOST_AVERAGED_CELLS:
             content["averages"] = self.averages()
+        if exact and "game_value" in content["evaluation"] and self.task.num_chasers > 1:
+            # Of full sight: a bound where sight is limited, as NashConv is there.
+            alone = independent_team(self.task, self.parts.discount)
+            content["independent_team"] = {"lower": alone.lower, "upper": alone.upper}
         if is_exact_team(self.task, pair, MAX_FINAL_WORK):
             learned = {role: pair[role] for role in self.sides}
             content["exact_best_response"] = exact_best_responses(self.task, learned, self.tell)
