@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from pursuit.policy import Policy
+from pursuit.reacher.task import ReacherTask
 from pursuit.task import make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent, solve_joint
 from train.commands.scores import print_scores, print_whole_game
+from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.floor import objective_floor
 from train.evaluation.scores import Score, optimality_gap, reference_of, return_regret
+from train.evaluation.suite_contest import SuiteContest
 
 RACE = GameContest(
     make_task("race", maze="3x3", num_goals=2), "runner", {"runner": NearestGoalRunner(0.2)}, 2000
@@ -113,6 +116,7 @@ def test_whatever_is_known_there_is_a_reference() -> None:
     evader = reference_of(some, learned, less_is_better=False)
     assert evader is not None and evader.name == "searching runner"
     fair = reference_of(some, learned, fair=("searching runner",))
+    assert reference_of(some, learned, fair=()) is None
     assert fair is not None and fair.distance == pytest.approx(0.2)
     paid = reference_of(some, learned, paid=True)
     assert paid is not None and (paid.name, paid.value, paid.distance) == ("nearest goal", 2.0, 1.0)
@@ -131,10 +135,32 @@ def test_full_sight_is_a_bound_where_sight_is_limited() -> None:
     whole = replace(HEIST, episodes=500).optimal_return()
     assert whole is not None and full.mean_return == pytest.approx(whole.mean_return)
     found = limited.reference(scores, scores[0])
-    assert found is not None and (found.kind, found.paid) == ("bound", True)
+    assert found is not None and (found.kind, found.unit) == ("bound", "paid")
     assert found.distance > 0.0
     huge = GameContest(make_task("race", maze="9x9"), "runner", {"runner": NearestGoalRunner()}, 50)
     best = huge.reference(huge.baselines(), huge.score("random", RandomAgent()))
     assert best is not None and best.kind == "best known"
     many = make_task("maze", maze="7x7", num_goals=20)
     assert "20 goals" in str(GameContest(many, "runner", {}, 50).why_not_joint())
+
+
+def test_a_bound_is_that_of_the_game_that_is_played() -> None:
+    """Lifting the sight of one agent leaves that of the others as it was."""
+    task = make_task("heist", maze="3x3", num_goals=1, view_radius="chaser=1,evader=2")
+    limited = GameContest(task, "evader", {"chaser": AStarChaser(0.2)}, 100)
+    full = limited.in_full_sight.task
+    assert not full.hides_from("evader") and full.hides_from("chaser")
+    assert full.sight.limits[full.seat("chaser")] == task.sight.limits[task.seat("chaser")]
+
+
+def test_suites_and_arms_say_what_their_references_are() -> None:
+    mazes = ["2x2", "3x3"]
+    steps = score("A* evader", 9.0), score("learned", 4.0)
+    heists = SuiteContest(make_task("heist", maze=mazes, num_goals=1), "evader", {}, 20)
+    assert heists.reference(steps, steps[1]) is None  # steps say nothing there
+    runs = SuiteContest(make_task("maze", maze=mazes, num_goals=1), "runner", {}, 20)
+    found = runs.reference([score("optimal", 2.0), steps[1]], steps[1])
+    assert found is not None and (found.kind, found.distance) == ("exact", 1.0)
+    arm = ArmContest(ReacherTask(joints=2, discrete_actions=True), 20)
+    bound = arm.reference([score("optimal", 2.0), steps[1]], steps[1])
+    assert bound is not None and bound.kind == "bound"

@@ -21,6 +21,7 @@ from train.commands import progress
 from train.commands import self_play as self_play_command
 from train.commands import train as train_command
 from train.commands.main import main
+from train.experiments.identity import fingerprint
 from train.experiments.kinds import open_run, start
 from train.files import hold
 from train.runs.by_name import settings_of
@@ -381,3 +382,15 @@ def test_folders_from_before_there_were_two_clocks_are_read(
     run = open_run(config.parent)
     assert run.budget.clock == "wall"
     assert load_results(config.parent)["frames"] == run.trainee.frames
+
+
+def test_the_clock_of_a_sweeps_runs_counts_where_seconds_do() -> None:
+    """Runs of sweeps from before there were two clocks are the same runs."""
+    one = {"task": "maze", "maze": "5x5", "algorithm": "ppo", "curriculum": "none", "threads": 1}
+
+    def digest(**more: Any) -> str:
+        return fingerprint("run", settings_of(**one, **more), 1000, {})
+
+    assert digest(seconds=10.0) == "5a7258f6a0"  # as it was then
+    assert digest(seconds=10.0, clock="processor") != digest(seconds=10.0)
+    assert digest(frames=10, clock="processor") == digest(frames=10)

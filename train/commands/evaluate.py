@@ -115,12 +115,10 @@ def evaluate(arguments: Sequence[str]) -> None:
         print_scores(scores, certificate_of(contest))
     if isinstance(contest, ArmContest):
         print_bounds(contest)
-    floor, pays = objective_floor(contest, settings.hyper.gamma), False
+    floor = objective_floor(contest, settings.hyper.gamma)
     held = evaluation_of(scores, settings.evaluate, floor, certificate_of(contest), contest)
-    if isinstance(contest, GameContest):
-        print_reference(held["reference"], contest)
-        pays = contest.pays
-    print_floor(floor, settings.hyper.gamma, pays)
+    print_reference(held["reference"], contest)
+    print_floor(held["evaluation"], settings.hyper.gamma)
     if replays is not None:
         shown = load_policy(given.run, greedy=settings.evaluate == "greedy")
         games = {f"episode {number + 1}": number for number in range(given.replay_episodes)}

@@ -121,8 +121,13 @@ def carry_out(
     if run.stopped:
         again += allow_options(run.folder / CONFIG)
         print(f"interrupted; go on with: {again} --resume {run.folder}", file=sys.stderr)
-    before()
-    return run.results(episodes)
+    try:
+        before()
+        return run.results(episodes)
+    except KeyboardInterrupt:
+        hint = f"interrupted before its results were made; go on with: {again} --resume"
+        print(f"{hint} {run.folder}", file=sys.stderr)
+        raise
 
 
 def leave(run: Run) -> None:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from scripted_agents import count_joint_states, why_not_team_chase
+from scripted_agents import count_joint_states
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.hidden_contest import Certificate
-from train.evaluation.joint_contest import MAX_WORK, joint_work
+from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK, joint_work
 from train.evaluation.scores import (
     BEST_PAID,
     FULL_SIGHT,
@@ -24,14 +25,16 @@ from train.evaluation.scores import (
 )
 
 
-def print_floor(floor: float | None, discount: float, paid: bool = False) -> None:
-    """One line on the floor of the training objective, where it is known; `paid`: in payments."""
+def print_floor(evaluation: Mapping[str, Any], discount: float) -> None:
+    """One line on the floor of the training objective, where it is known."""
+    floor, paid = evaluation.get("objective_floor"), evaluation.get("return_floor")
+    best = f"of the policy that is best by the rewards with discount {discount:g}"
     if floor is not None:
-        what = f"{floor:.3f} less paid" if paid else f"{100 * floor:+.2f} %"
         print(
-            f"floor of the objective: {what} (the gap of the policy that is best by the rewards "
-            f"with discount {discount:g}; exact, over all starts)"
+            f"floor of the objective: {100 * floor:+.2f} % (the gap {best}; exact, over all starts)"
         )
+    if paid is not None:
+        print(f"floor of the objective: {paid:.4f} (what is missing {best}; exact, all starts)")
 
 
 def print_reference(held: Mapping[str, Any], contest: Any) -> None:
@@ -41,7 +44,7 @@ def print_reference(held: Mapping[str, Any], contest: Any) -> None:
         held: "reference" of `results.json`; {} where there is none.
         contest: whose.
     """
-    if not held or held["kind"] == "exact":
+    if not held or held["kind"] in ("exact", "certified"):  # said by the table, with its intervals
         return
     print(Reference(**held).line())
     if isinstance(contest, GameContest) and held["kind"] == "best known":
@@ -50,15 +53,15 @@ def print_reference(held: Mapping[str, Any], contest: Any) -> None:
             print(f"no exact optimum: {why}")
 
 
-def say_what_is_solved(contest: Any) -> None:
-    """One line on stderr where a whole game is solved that takes more than moments."""
-    if not isinstance(contest, GameContest) or contest.why_not_joint() is not None:
+def say_what_is_solved(contest: Any, interrupted: bool) -> None:
+    """One line on stderr where results wait for a whole game that takes more than moments."""
+    if not isinstance(contest, GameContest) or contest.task.num_agents == 1 or interrupted:
         return
-    if contest.task.num_agents == 1 or why_not_team_chase(contest.task) is None:
+    judged = replace(contest.in_full_sight, most_work=MAX_EVALUATED_WORK)
+    if judged.is_exact or joint_work(judged.task) <= MAX_WORK or judged.why_not_joint():
         return
-    if joint_work(contest.task) > MAX_WORK:
-        states = count_joint_states(contest.task)
-        print(f"solving the whole game exactly, {states:,} states ...", file=sys.stderr)
+    states = count_joint_states(judged.task)
+    print(f"solving the whole game exactly, {states:,} states ...", file=sys.stderr)
 
 
 def print_bounds(contest: ArmContest) -> None:

@@ -74,6 +74,12 @@ def solve(arguments: Sequence[str]) -> None:
             cell is None or 0 <= cell < maze.num_cells,
             f"{name}={cell}; {maze.name} has the cells 0 to {maze.num_cells - 1}",
         )
+    agents = given.num_chasers + 1
+    check(
+        agents <= maze.num_cells,
+        f"num_chasers={given.num_chasers}, and the evader, need cells of their own; {maze.name} "
+        f"has {maze.num_cells}",
+    )
     out = given.out or Path(f"solve-{Path(given.maze).stem}.png")
     look = Look(given.format)
     check(out.suffix[1:] in FORMATS, f"out={out}; give a .png, .pdf or .svg file")
@@ -140,11 +146,13 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
     if chasers > 1 and horizon is None:
         order: Any = {"stay_action": solution.stay_action, "move_order": solution.move_order}
         team = make_task("chase", maze=maze, num_chasers=chasers, **order)
-        alone = independent_team(team, discount)
-        lines.append(
-            f"{'chasers that draw on their own':<32}{alone.lower:.6f} to {alone.upper:.6f}, proven "
-            f"({100 * (alone.upper / alone.lower - 1):.3f} % wide)"
-        )
+        try:
+            alone = independent_team(team, discount)
+            wide = f"{100 * (alone.upper / alone.lower - 1):.3f} % wide"
+            told = f"{alone.lower:.6f} to {alone.upper:.6f}, proven ({wide})"
+        except ValueError as error:
+            told = f"not known ({error})"
+        lines.append(f"{'chasers that draw on their own':<32}{told}")
     lines.append(f"{'solved in':<32}{seconds:.2f} s, {solution.sweeps} sweeps")
     return "\n".join(lines)
 

@@ -23,7 +23,6 @@ from train.commands.scores import (
     say_what_is_solved,
 )
 from train.evaluation.arm_contest import ArmContest
-from train.evaluation.contest import GameContest
 from train.evaluation.scores import Score
 from train.experiments.kinds import resume, start
 from train.experiments.methods import METHODS, methods
@@ -101,7 +100,7 @@ def train(arguments: Sequence[str]) -> None:
         run,
         given.episodes,
         "pursuit train",
-        lambda: say_what_is_solved(trainee.judged(given.episodes, run.stopped)),
+        lambda: say_what_is_solved(trainee.contest, run.stopped),
     )
     show(run, content, look)
     leave(run)
@@ -167,7 +166,7 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
     write_text(run.folder / METHODS, methods([run.folder]))
     save_replay(run.folder / REPLAY, contest, trainee.policy)
     evaluation = content["evaluation"]
-    judged = trainee.judged(evaluation["episodes"], run.stopped)
+    judged = trainee.judged(evaluation["episodes"])
     write_report(run.folder, load_settings(run.folder), judged, trainee.policy, content)
     if evaluation["optimality_gap"] is not None:
         how = "exactly" if evaluation["exact"] else "on the same starts"
@@ -182,6 +181,5 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
             f"{evaluation['optimal_return']:.3f}: {evaluation['return_regret']:.3f} below it"
         )
     print_reference(content.get("reference", {}), judged)
-    pays = isinstance(judged, GameContest) and judged.pays
-    print_floor(evaluation["objective_floor"], trainee.parts.hyper.gamma, pays)
+    print_floor(evaluation, trainee.parts.hyper.gamma)
     print(f"results, curve, replay, methods and {REPORT}: {run.folder}")

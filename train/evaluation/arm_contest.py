@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from scripted_agents import (
     least_steps_of,
 )
 from train.evaluation.games import half_width
-from train.evaluation.scores import Score
+from train.evaluation.scores import Reference, Score, reference_of
 from train.files import write_beside
 from train.settings.checks import EVALUATION_SEED
 
@@ -210,6 +210,14 @@ class ArmContest:
         if known and self.bounds().share_exact < 1.0:
             scores.append(self.score("least steps, as proved", LeastStepsPolicy()))
         return scores
+
+    def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
+        """As `Contest`: a bound where the least steps are not known exactly from every start."""
+        found = reference_of(scores, learned)
+        exact = self.bounds().share_exact == 1.0 and not self.task.discrete_actions
+        if found is None or found.kind != "exact" or exact:
+            return found
+        return replace(found, kind="bound")
 
     def scenes(self, policy: ArmPolicy, episodes: int = 3) -> list[ArmScene]:
         """What a person sees of some episodes, one after the other."""

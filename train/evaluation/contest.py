@@ -63,6 +63,7 @@ from train.evaluation.joint_contest import (
 )
 from train.evaluation.scores import (
     BEST_PAID,
+    DISCOUNTED,
     FULL_SIGHT,
     Reference,
     Score,
@@ -202,9 +203,24 @@ class GameContest:
 
     @cached_property
     def in_full_sight(self) -> GameContest:
-        """The same contest of an agent that sees everything: what it can do is a bound."""
-        everything: Any = {"view_radius": None, "line_of_sight": False, "unknown_maze": False}
-        return replace(self, task=replace(self.task, **everything))
+        """The same contest of an agent that sees everything: what it can do is a bound.
+
+        All others see what they saw, and so play as they did.
+        """
+        task, own = self.task, self.task.seat(self.agent)
+        others = [
+            (name, limit)
+            for seat, (name, limit) in enumerate(
+                zip(task.agent_names, task.sight.limits, strict=True)
+            )
+            if seat != own
+        ]
+        sight: dict[str, Any] = {
+            "view_radius": {name: limit.view_radius for name, limit in others},
+            "line_of_sight": [name for name, limit in others if limit.line_of_sight],
+            "unknown_maze": [name for name, limit in others if limit.unknown_maze],
+        }
+        return replace(self, task=replace(task, **sight))
 
     def solution(self) -> HiddenChaseSolution | None:
         """What is proven of the agent's optimum under its limited sight; None where nothing is."""
@@ -365,8 +381,13 @@ class GameContest:
         return scores if best is None else [*scores, self._score_of("optimal with masks", best)]
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
-        """What `learned` is held against: see `reference_of`."""
-        fair = tuple(limited_references(self.task, self.agent, self.opponents))
+        """As `Contest`: what is proven, the optimum or a bound of it, or the best that is known."""
+        proven, steps = self.certificate(), learned.discounted_steps
+        if proven is not None and steps is not None:
+            name = "optimum under limited sight, far end"
+            return Reference("certified", name, DISCOUNTED, proven.far, proven.gap(steps))
+        limited = limited_references(self.task, self.agent, self.opponents)
+        fair = tuple(limited) if self.is_limited else None
         return reference_of(scores, learned, self.pays, self.less_is_better, fair)
 
     def scenes(self, policy: Policy, episodes: int = 3) -> list[Scene]:

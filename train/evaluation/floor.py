@@ -39,10 +39,10 @@ def objective_floor(contest: Any, discount: float) -> float | None:
     Returns:
         A ratio less 1, as `optimality_gap`: negative for evaders. Where evaders collect goals, by
         how much less is paid in an episode than could be. None where it is not known: games too
-        large to be solved, masks, rewards by distance (in a whole game, too) or by a user's
-        function, several mazes, starts at marks, more goals than can be enumerated, rewards by
-        which it does not pay to hurry (an evader: to live on), limited sight, no discount in a
-        whole game, or a contest of another world.
+        large to be solved, masks, rewards by distance or by a user's function, several
+        mazes, starts at marks, more goals than can be enumerated, rewards by which it does not pay
+        to hurry (an evader: to live on), limited sight, no discount in a whole game, or a contest
+        of another world.
     """
     if not isinstance(contest, GameContest) or contest.is_limited:
         return None
@@ -56,7 +56,9 @@ def objective_floor(contest: Any, discount: float) -> float | None:
         return _tour(task, paid, discount)
     if contest.is_exact and not contest.mask_bumps and task.max_cells <= MAX_CELLS:
         return _duel(contest, paid, discount)
-    if contest.mask_bumps or discount >= 1.0 or joint_work(task) > MAX_FLOOR_WORK:
+    if contest.is_exact or contest.mask_bumps or discount >= 1.0:
+        return None
+    if joint_work(task) > MAX_FLOOR_WORK:
         return None
     return _whole_game(contest, discount)
 

@@ -48,7 +48,12 @@ class Certificate:
 
         A chaser's true gap is at most this; an evader's (negative ones fall short) at least.
         """
-        return discounted_steps / (self.lower if self.role == "chaser" else self.upper) - 1.0
+        return discounted_steps / self.far - 1.0
+
+    @property
+    def far(self) -> float:
+        """The end of the interval that is worse for the achiever."""
+        return self.lower if self.role == "chaser" else self.upper
 
     @property
     def head(self) -> str:

@@ -60,33 +60,36 @@ def return_regret(achieved: Score, best: Score | None) -> float | None:
     return best.mean_return - achieved.mean_return
 
 
+STEPS, PAID, DISCOUNTED = "steps", "paid", "discounted steps"
+
+
 @dataclass(frozen=True)
 class Reference:
     """What a learned policy is held against.
 
     Attributes:
-        kind: "exact"; "certified", an optimum between two proven numbers; "bound", the optimum of
-            an agent that sees everything; "best known", the best of the scripted agents.
+        kind: "exact"; "certified", the far end of what is proven of an optimum; "bound", that which
+            nobody can pass, such as the optimum of an agent that sees everything; "best known", the
+            best of the scripted agents.
         name: of the score that it is.
-        paid: whether it is what is paid; else steps.
-        value: in steps, or what is paid.
+        unit: `STEPS`, `DISCOUNTED` or `PAID`.
+        value: in that unit.
         distance: of steps the gap to it, achieved / reference - 1; of payments what is missing.
     """
 
     kind: str
     name: str
-    paid: bool
+    unit: str
     value: float
     distance: float
 
     def line(self) -> str:
-        """In words, where it is no exact optimum."""
-        unit = "paid" if self.paid else "steps"
-        far = f"{self.distance:.3f} less" if self.paid else f"gap {100 * self.distance:+.2f} %"
-        what = {"bound": "a bound", "best known": "best known, not proven"}.get(
-            self.kind, self.kind
-        )
-        return f"reference: {self.name} ({what}), {self.value:.3f} {unit}; learned: {far}"
+        """In words."""
+        paid = self.unit == PAID
+        far = f"{self.distance:.3f} less" if paid else f"gap {100 * self.distance:+.2f} %"
+        kinds = {"bound": "a bound", "best known": "best known, not proven"}
+        what = kinds.get(self.kind, self.kind)
+        return f"reference: {self.name} ({what}), {self.value:.3f} {self.unit}; learned: {far}"
 
 
 def reference_of(
@@ -94,7 +97,7 @@ def reference_of(
     learned: Score,
     paid: bool = False,
     less_is_better: bool = True,
-    fair: Sequence[str] = (),
+    fair: Sequence[str] | None = None,
 ) -> Reference | None:
     """The strongest reference among these scores: exact, a bound, or the best known.
 
@@ -103,32 +106,36 @@ def reference_of(
         learned: what is held against it.
         paid: whether a policy is judged by what it is paid.
         less_is_better: whether few steps are good.
-        fair: names of scripted agents that see no more than the learner; the others are no
-            reference where there are some.
+        fair: names of the scripted agents that see no more than the learner, for one of limited
+            sight: the others are no reference. None for all of them.
 
     Returns:
         None where nobody but the learner has been scored.
     """
     goal = BEST_PAID if paid else "optimal"
     by_name = {score.name: score for score in scores}
-    scripted = [s for s in scores if s.name != "random" and not s.name.startswith("learned")]
     for kind, name in (("exact", goal), ("bound", goal + FULL_SIGHT)):
         if name in by_name:
             return _held_against(kind, by_name[name], learned, paid)
-    known = [s for s in scripted if not paid or s.mean_return is not None]
-    known = [s for s in known if s.name in fair] or known
+    known = [
+        score
+        for score in scores
+        if (score.name in fair if fair is not None else score.name != "random")
+        and not score.name.startswith("learned")
+        and (not paid or score.mean_return is not None)
+    ]
     if not known:
         return None
-    best = max(known, key=lambda s: s.mean_return or 0.0) if paid else None
-    steps = min if less_is_better else max
-    best = best or steps(known, key=lambda s: s.mean_steps)
+    worth: Any = (lambda s: -s.mean_return) if paid else (lambda s: s.mean_steps)
+    best = min(known, key=worth) if paid or less_is_better else max(known, key=worth)
     return _held_against("best known", best, learned, paid)
 
 
 def _held_against(kind: str, best: Score, learned: Score, paid: bool) -> Reference:
     value = best.mean_return if paid else best.mean_steps
     distance = return_regret(learned, best) if paid else optimality_gap(learned, best)
-    return Reference(kind, best.name, paid, float(value or 0.0), float(distance or 0.0))
+    unit = PAID if paid else STEPS
+    return Reference(kind, best.name, unit, float(value or 0.0), float(distance or 0.0))
 
 
 def told(policy: Policy) -> str:
@@ -161,6 +168,9 @@ class Contest(Protocol):
 
     def baselines(self) -> list[Score]:
         """The references: random, scripted and, where it is known, optimal."""
+
+    def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
+        """What `learned` is held against, of these scores; None where there is nothing."""
 
     def scenes(self, policy: Any, episodes: int = 3) -> list[Any]:
         """What a person sees of some episodes, one after the other, for `save_animation`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -18,10 +18,11 @@ from pursuit.suite_files import rows_of, suite_names
 from pursuit.task import Task
 from scripted_agents import BestResponse, RandomAgent, best_response, mean_over_starts, tour_lengths
 from scripted_agents.environments import DEFAULTS
+from scripted_agents.references import limited_references
 from scripted_agents.tour import MAX_EXACT_GOALS
 from train.evaluation.contest import GameContest
 from train.evaluation.games import MAX_EXACT_CELLS, half_width, play_out, scenes_of, won_by
-from train.evaluation.scores import Score
+from train.evaluation.scores import Reference, Score, reference_of
 from train.evaluation.suite_tables import (
     is_known,
     is_one_goal,
@@ -179,6 +180,15 @@ class SuiteContest:
                 yield
 
         return simulator, play()
+
+    def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
+        """As `Contest`; None where agents are judged by what they are paid, which is not counted
+        over mazes."""
+        if self.one.pays:
+            return None
+        limited = limited_references(self.task, self.agent, self.opponents)
+        fair = tuple(limited) if self.one.is_limited else None
+        return reference_of(scores, learned, less_is_better=self.less_is_better, fair=fair)
 
     def scenes(self, policy: Policy, episodes: int = 3) -> list[Scene]:
         """As `Contest`."""

@@ -121,6 +121,8 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
             plain["task"].pop(name, None)  # runs of full sight are those of versions before it
     if plain.get("frame_stack") == 1:  # and so are those that remember nothing
         del plain["frame_stack"]
+    if plain.get("clock") == "wall" or plain.get("frames") is not None:
+        plain.pop("clock", None)  # and those of the one clock that there was
     if plain["hyper"].get("recurrent") is None:
         for name in ("recurrent", "burn_in"):
             plain["hyper"].pop(name, None)

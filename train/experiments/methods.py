@@ -320,8 +320,11 @@ def _budget(runs: Sequence[Facts]) -> str:
         given = [value for value in values if value is not None]
         told += [f"{value:,}".removesuffix(".0") + f" {unit}" for value in given]
     text = f"The budget of a run is {' or '.join(told)} of training"
-    if any(run.settings.get("clock") == "processor" for run in runs):
-        text += ", in seconds that the run computed, whatever else the machine did"
+    timed = [run for run in runs if run.settings["budget_seconds"] is not None]
+    own = [run for run in timed if run.settings.get("clock") == "processor"]
+    if own:
+        some = "" if len(own) == len(timed) else f" (of {len(own)} of {len(timed)} runs)"
+        text += f", in seconds{some} that the run computed, whatever else the machine did"
     done = [run.results for run in runs if run.results]
     if done:
         text += f"; it took {_span([r['frames'] for r in done], 'frames', ',')} and "

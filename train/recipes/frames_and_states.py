@@ -23,6 +23,7 @@ import numpy as np
 from pursuit.maze import load_maze
 from pursuit.maze_generation import generate_maze
 from scripted_agents import num_states
+from scripted_agents.tour import MAX_EXACT_GOALS
 from train.commands.parse import fail, parse
 from train.experiments.kinds import start
 from train.figures import pyplot, save
@@ -72,6 +73,11 @@ class Recipe:
     def __post_init__(self) -> None:
         check(len(self.sizes) >= 2, f"sizes={self.sizes}; at least two, or there is no line")
         check(min(self.sizes) >= 2, f"sizes={self.sizes}; from 2 on")
+        check(len(set(self.sizes)) == len(self.sizes), f"sizes={self.sizes}; one is given twice")
+        goals, most = self.num_goals, min(min(self.sizes) ** 2 - 1, MAX_EXACT_GOALS)
+        check(1 <= goals <= most, f"num_goals={goals}; 1 to {most} in mazes of these sizes")
+        for name in ("table_frames", "network_frames"):
+            check(getattr(self, name) >= 1, f"{name}={getattr(self, name)}; at least 1")
         check(self.mazes >= 1, f"mazes={self.mazes}; at least 1")
         check(self.threshold > 0.0, f"threshold={self.threshold}; it is above 0")
         check(self.workers >= 1, f"workers={self.workers}; at least 1")
@@ -135,6 +141,9 @@ def learn(recipe: Recipe, job: tuple[str, int, int]) -> Reached:
 
     run.train(look)
     run.lock.release()
+    if run.exit_status:
+        raise KeyboardInterrupt
+    gap = float(contest.lengths(policy).sum() / optimum.sum()) - 1.0
     states = num_states(load_maze(path).num_cells, recipe.num_goals)
     near = gap <= recipe.threshold
     return Reached(learner, size, number, states, run.trainee.frames, gap, near)

@@ -10,6 +10,7 @@ from typing import Any
 from pursuit.task import Task
 from pursuit.viewer.data import Builder, Extras
 from train.evaluation.closeups import Losses, losses_of, recorded, sides_of
+from train.evaluation.scores import Reference
 from train.files import read_json
 from train.pages import PLAYER_ROOM, details, pairs, paragraph, picture, section, table, write_page
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
@@ -126,9 +127,15 @@ def summary(results: Mapping[str, Any]) -> str:
             f"optimum under limited sight, proven: {found['certified_lower']:.4f} to "
             f"{found['certified_upper']:.4f}"
         )
-    floor = found.get("objective_floor")
-    if floor is not None:
-        told += f" (floor of the objective {100 * floor:+.2f} %)"
+    if found.get("return_regret") is not None:
+        told += f"; paid {found['mean_return']:.3f}, {found['return_regret']:.3f} below the best"
+    held = results.get("reference") or {}
+    if held.get("kind") in ("bound", "best known"):
+        told += f"; {Reference(**held).line()}"
+    floor, paid = found.get("objective_floor"), found.get("return_floor")
+    if floor is not None or paid is not None:
+        missing = f"{paid:.4f} paid less" if floor is None else f"{100 * floor:+.2f} %"
+        told += f" (floor of the objective: {missing})"
     told += f". {results['frames']:,} frames in {results['seconds']:.1f} s"
     told += " of the processor" if results.get("clock") == "processor" else ""
     return paragraph(told + (", interrupted." if results["interrupted"] else "."))

@@ -17,7 +17,6 @@ from train.evaluation.scores import (
     BEST_PAID,
     Score,
     optimality_gap,
-    reference_of,
     return_regret,
 )
 from train.runs.folder import MISFITS, RUN, misfit, part_of
@@ -57,6 +56,7 @@ class SingleAgent:
     def __init__(self, parts: Parts, evaluate: str, state: dict[str, Any] | None = None) -> None:
         self.parts, self.evaluated = parts, evaluate
         self._judged: Any = None
+        self._solved_work = 0
         self.env, self.teacher = parts.games()
         self.simulator = self.env.simulator
         if state is not None:  # before there is a collector, which begins with what it finds
@@ -116,19 +116,23 @@ class SingleAgent:
             parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
         return parts
 
-    def judged(self, episodes: int, interrupted: bool = False) -> Any:
-        """The contest of the final results: games that are solved in seconds are, unless somebody
-        waits for an interrupted run to end. Kept, with what it has solved."""
-        most = MAX_WORK if interrupted else MAX_EVALUATED_WORK
-        if self._judged is None or self._judged.episodes != episodes:
+    def judged(self, episodes: int, most_work: int = MAX_WORK) -> Any:
+        """The contest of the final results, in which whole games of up to `most_work` are solved.
+
+        Kept, with what it has solved, for the next that asks for as much or less.
+        """
+        kept = self._judged
+        if kept is None or kept.episodes != episodes or self._solved_work < most_work:
             contest = self.parts.contest(episodes)
             own = isinstance(contest, GameContest)
-            self._judged = replace(contest, most_work=most) if own else contest
+            self._judged = replace(contest, most_work=most_work) if own else contest
+            self._solved_work = most_work
         return self._judged
 
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
         """The references and what was learned, greedy and sampled."""
-        contest = self.judged(episodes, interrupted)
+        # Nobody waits long for an interrupted run to end.
+        contest = self.judged(episodes, MAX_WORK if interrupted else MAX_EVALUATED_WORK)
         scores = [*contest.baselines(), contest.score("learned", self.learner.policy())]
         if self.parts.algorithm.learns_distribution:
             scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
@@ -177,8 +181,8 @@ def evaluation_of(
 ) -> dict[str, Any]:
     """ "evaluation", "reference" and "scores" of `results.json`; `floor` is the objective's.
 
-    Under limited sight no optimum is known, but what is certain of it. Whatever is known of the
-    optimum, there is a reference: see `reference_of`; `contest` says what counts there.
+    Under limited sight no optimum is known, but what is certain of it. `contest` says what is held
+    against what; without it there is no reference.
     """
     by_name = {score.name: score for score in scores}
     learned = by_name["learned" if evaluated == "greedy" else "learned, sampled"]
@@ -200,6 +204,8 @@ def evaluation_of(
             "optimal_return": best.mean_return,
             "return_regret": return_regret(learned, best),
         }
+    pays = isinstance(contest, GameContest) and contest.pays
+    held = None if contest is None else contest.reference(scores, learned)
     return {
         "evaluation": {
             "episodes": learned.episodes,
@@ -211,23 +217,14 @@ def evaluation_of(
             "optimality_gap": optimality_gap(learned, optimum),
             "unsolved_share": 1.0 - learned.success_rate,
             "solved_gap": learned.solved_gap,
-            "objective_floor": floor if optimum or best else None,
+            "objective_floor": floor if optimum and not pays else None,
+            **({"return_floor": floor} if best and pays else {}),
             **certified,
             **returned,
         },
-        "reference": {} if certified else _held(scores, learned, contest),
+        "reference": {} if held is None else asdict(held),
         "scores": [asdict(score) for score in scores],
     }
-
-
-def _held(scores: list[Score], learned: Score, contest: Any) -> dict[str, Any]:
-    """The reference as plain values, {} for none."""
-    if isinstance(contest, GameContest):
-        found = contest.reference(scores, learned)
-    else:
-        less = contest is None or contest.less_is_better
-        found = reference_of(scores, learned, less_is_better=less)
-    return {} if found is None else asdict(found)
 
 
 def plain_games(simulator: Any) -> dict[str, torch.Tensor]:

@@ -66,7 +66,7 @@ def averages(
     found = []
     for role, own in snapshots.items():
         tables, side = np.stack(list(own.values())), _Side(task, role, discount)
-        found.append(Average(role, "last", 1, *2 * (side.exact(tables[-1]),)))
+        found.append(Average(role, "last snapshot", 1, *2 * (side.exact(tables[-1]),)))
         for which, part in (("all", tables), ("later half", tables[len(tables) // 2 :])):
             count = len(part)
             exact, even = side.exact(part.mean(axis=0)), np.full(count, 1.0 / count)
@@ -101,7 +101,7 @@ def told_averages(convs: Mapping[str, Sequence[float]]) -> str:
     for what, (lower, upper) in convs.items():
         exact = upper - lower < 5e-4
         parts.append(f"{what} {upper:.3f}" if exact else f"{what} {lower:.3f} to {upper:.3f}")
-    return f"NashConv of the snapshots: {'; '.join(parts)}"
+    return f"NashConv of the snapshots that are kept: {'; '.join(parts)}"
 
 
 class _Side:
@@ -152,4 +152,5 @@ class _Side:
             float(shares @ [self.gained(table, response) for table in tables])
             for response in responses
         )
+        lower = max(lower, 0.0)  # nothing is exploitable by less than what the game is worth
         return lower, max(lower, upper)

@@ -272,10 +272,11 @@ class SelfPlay:
         if not exact and not is_exact_team(self.task, pair, MAX_FINAL_WORK):
             self.tell("NashConv of the whole game", 0.0)
             content["whole_game"] = whole_game(self.task, pair, self.parts.discount)
-        if exact and self.task.max_cells <= MOST_AVERAGED_CELLS:
+        everything = not content.get("limited_sight")
+        if exact and everything and not interrupted and self.task.max_cells <= MOST_AVERAGED_CELLS:
             content["averages"] = self.averages()
-        if exact and "game_value" in content["evaluation"] and self.task.num_chasers > 1:
-            # Of full sight: a bound where sight is limited, as NashConv is there.
+        game = "game_value" in content["evaluation"]
+        if exact and everything and game and self.task.num_chasers > 1:
             alone = independent_team(self.task, self.parts.discount)
             content["independent_team"] = {"lower": alone.lower, "upper": alone.upper}
         if is_exact_team(self.task, pair, MAX_FINAL_WORK):

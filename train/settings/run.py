@@ -92,6 +92,11 @@ class TrainSettings(Generic[S]):
             self.device == "cpu" or self.device.split(":")[0] == "cuda",
             f"unknown device {self.device!r}; cpu or cuda (or cuda:1, ...)",
         )
+        check(
+            self.clock == "wall" or self.device == "cpu",
+            f"clock={self.clock!r} with device={self.device!r}; what a GPU computes is not "
+            "counted: take clock='wall' there",
+        )
         planned = self.observation == "planes" or self.observation.split(":")[0] == "window"
         check(
             self.network != "planning" or (planned and self.device == "cpu"),
