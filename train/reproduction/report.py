@@ -210,10 +210,12 @@ def head(plan: Replication, studies: Sequence[Decided], out: Path) -> list[str]:
     hours = sum(float(run.row["seconds"]) for run in runs) / 3600.0
     machines = sorted({str(run.row["machine"]) for run in runs})
     commits = sorted({str(run.row["commit"])[:7] for run in runs})
-    mazes = "the user's mazes" if plan.mazes else "our mazes, as the thesis' have no licence"
+    ours = "our mazes, as the thesis' have no licence" if plan.name == "thesis" else "our mazes"
+    mazes = "the user's mazes" if plan.mazes else ours
+    search = " with the search of settings" if plan.tuning is not None else ""
     lines = [
         f"The **{plan.version}** version: {done} of {planned} runs are complete, {hours:.1f} core "
-        f"hours of learning with the search of settings, on {', '.join(machines) or 'no machine'} "
+        f"hours of learning{search}, on {', '.join(machines) or 'no machine'} "
         f"(commit {', '.join(commits) or 'none'}), on {mazes}. A claim is **confirmed** where at "
         "least four fifths of its seeds say so (five seeds at least), **refuted** where at most a "
         "fifth do, else **undecided**; the rules were written down before the runs. Distances are "
