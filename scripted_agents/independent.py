@@ -19,6 +19,7 @@ from pursuit.policy import GameView
 from pursuit.rules.layout import Games
 from pursuit.task import Task
 from scripted_agents.equilibrium import solve_chase
+from scripted_agents.joint_policy import drawn
 from scripted_agents.optimal import OptimalChaser
 from scripted_agents.teams import best_team_response, mean_over_team_starts
 
@@ -59,9 +60,7 @@ class OwnPart:
         Raises:
             ValueError: another role's seat, or a game that is not solved.
         """
-        chances = self.distribution(view.task, view.games, view.seat).cumsum(axis=1)
-        draws = view.uniform()[:, None] * chances[:, -1:]
-        return np.asarray((draws >= chances[:, :-1]).sum(axis=1), dtype=np.int32)
+        return drawn(view, self.distribution(view.task, view.games, view.seat))
 
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
         """[games, actions] float64.

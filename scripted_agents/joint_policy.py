@@ -81,9 +81,7 @@ class JointTable:
         Raises:
             ValueError: games of another task, or another seat.
         """
-        chances = self.distribution(view.task, view.games, view.seat).cumsum(axis=1)
-        draws = view.uniform()[:, None] * chances[:, -1:]
-        return np.asarray((draws >= chances[:, :-1]).sum(axis=1), dtype=np.int32)
+        return drawn(view, self.distribution(view.task, view.games, view.seat))
 
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
         """[games, actions] float64, its row of the table; the first action where a game is over.
@@ -95,6 +93,13 @@ class JointTable:
         numbers = self.states.numbers(games)
         over = np.eye(task.num_actions)[0]
         return np.where((numbers < 0)[:, None], over, self.table[np.maximum(numbers, 0)])
+
+
+def drawn(view: GameView, distribution: NDArray[np.float64]) -> NDArray[np.int32]:
+    """[num_games] int32 from [num_games, actions]; one random number each, of the seat's stream."""
+    chances = distribution.cumsum(axis=1)
+    draws = view.uniform()[:, None] * chances[:, -1:]
+    return np.asarray((draws >= chances[:, :-1]).sum(axis=1), dtype=np.int32)
 
 
 def check_game(policy: JointPlan | JointTable, task: Task, seat: int) -> None:

@@ -66,10 +66,10 @@ def averages(
     found = []
     for role, own in snapshots.items():
         tables, side = np.stack(list(own.values())), _Side(task, role, discount)
-        found.append(Average(role, "last snapshot", 1, *2 * (side.exact(tables[-1]),)))
+        found.append(Average(role, "last snapshot", 1, *2 * (side.best(tables[-1])[0],)))
         for which, part in (("all", tables), ("later half", tables[len(tables) // 2 :])):
             count = len(part)
-            exact, even = side.exact(part.mean(axis=0)), np.full(count, 1.0 / count)
+            exact, even = side.best(part.mean(axis=0))[0], np.full(count, 1.0 / count)
             found.append(Average(role, f"{which} averaged", count, exact, exact))
             found.append(Average(role, f"{which} mixed", count, *side.mixture(part, even)))
         shares = np.array([(mixtures or {}).get(role, {}).get(name, 0.0) for name in own])
@@ -127,10 +127,6 @@ class _Side:
         found = best_response(responder, self.maze, table, *self.rest)
         mean = mean_over_starts(found.values, self.maze)
         return self.sign * (mean - self.value), found.policy
-
-    def exact(self, table: Table) -> float:
-        """The exploitability of a table."""
-        return self.best(table)[0]
 
     def gained(self, table: Table, response: Table) -> float:
         """What a given response gets against a table, over the value of the game."""
