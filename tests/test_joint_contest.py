@@ -107,7 +107,7 @@ def score(name: str, steps: float, paid: float | None = None) -> Score:
 
 
 def test_whatever_is_known_there_is_a_reference() -> None:
-    learned, chance = score("learned", 30.0, 1.0), score("random", 5.0, 9.0)
+    learned, chance = score("learned", 30.0, 1.0), score("random", 21.0, 1.2)
     scripted, seeing = score("nearest goal", 20.0, 2.0), score("searching runner", 25.0, 1.5)
     some = [chance, scripted, seeing, learned]
     found = reference_of(some, learned)
@@ -124,7 +124,9 @@ def test_whatever_is_known_there_is_a_reference() -> None:
     assert bound is not None and bound.kind == "bound" and "gap +200.00 %" in bound.line()
     exact = reference_of([*some, score("optimal", 15.0)], learned)
     assert exact is not None and exact.kind == "exact" and exact.distance == pytest.approx(1.0)
-    assert reference_of([chance, learned], learned) is None
+    lucky = reference_of([score("random", 5.0), *some], learned)
+    assert lucky is not None and lucky.name == "random"
+    assert reference_of([learned], learned) is None
 
 
 def test_full_sight_is_a_bound_where_sight_is_limited() -> None:

@@ -228,3 +228,23 @@ def test_what_needs_one_maze_says_so(
     with pytest.raises(SystemExit):
         main([*command.split(), "--out", str(tmp_path / "run")])
     assert problem in capsys.readouterr().err
+
+
+def test_a_heist_in_a_suite_is_held_against_whoever_of_the_scripted_is_paid_most() -> None:
+    task = make_task("heist", maze=MAZES, num_goals=2, max_steps=20)
+    contest = SuiteContest(task, "evader", {"chaser": AStarChaser(0.5)}, episodes=40)
+    learned = contest.score("learned", RandomAgent())
+    games, paid = contest.starts(), np.zeros(40)
+    while not games.ended.all():
+        over = games.ended.copy()
+        actions = np.zeros((40, 2), dtype=np.int32)
+        games.act([AStarChaser(0.5), RandomAgent()], actions)
+        games.step(actions)
+        paid += np.where(over, 0.0, games.rewards[:, contest.seat])
+    assert learned.mean_return == pytest.approx(paid.mean(), abs=1e-5)
+    baselines = contest.baselines()
+    reference = contest.reference(baselines, learned)
+    assert reference is not None and reference.unit == "paid" and reference.kind == "best known"
+    best = max(score.mean_return or -np.inf for score in baselines)
+    assert reference.value == best
+    assert reference.distance == pytest.approx(best - paid.mean(), abs=1e-5)

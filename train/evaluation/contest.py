@@ -387,7 +387,7 @@ class GameContest:
             name = "optimum under limited sight, far end"
             return Reference("certified", name, DISCOUNTED, proven.far, proven.gap(steps))
         limited = limited_references(self.task, self.agent, self.opponents)
-        fair = tuple(limited) if self.is_limited else None
+        fair = (*limited, "random") if self.is_limited else None
         return reference_of(scores, learned, self.pays, self.less_is_better, fair)
 
     def scenes(self, policy: Policy, episodes: int = 3) -> list[Scene]:

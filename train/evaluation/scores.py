@@ -70,7 +70,7 @@ class Reference:
     Attributes:
         kind: "exact"; "certified", the far end of what is proven of an optimum; "bound", that which
             nobody can pass, such as the optimum of an agent that sees everything; "best known", the
-            best of the scripted agents.
+            best of the scripted agents, random play among them.
         name: of the score that it is.
         unit: `STEPS`, `DISCOUNTED` or `PAID`.
         value: in that unit.
@@ -86,7 +86,8 @@ class Reference:
     def line(self) -> str:
         """In words."""
         paid = self.unit == PAID
-        far = f"{self.distance:.3f} less" if paid else f"gap {100 * self.distance:+.2f} %"
+        less = "less" if self.distance >= 0 else "more"
+        far = f"{abs(self.distance):.3f} {less}" if paid else f"gap {100 * self.distance:+.2f} %"
         kinds = {"bound": "a bound", "best known": "best known, not proven"}
         what = kinds.get(self.kind, self.kind)
         return f"reference: {self.name} ({what}), {self.value:.3f} {self.unit}; learned: {far}"
@@ -120,7 +121,7 @@ def reference_of(
     known = [
         score
         for score in scores
-        if (score.name in fair if fair is not None else score.name != "random")
+        if (fair is None or score.name in fair)
         and not score.name.startswith("learned")
         and (not paid or score.mean_return is not None)
     ]

@@ -46,6 +46,7 @@ class InMazes:
         success: [mazes] share of episodes won.
         exact: whether these are means over all starts and all chance, computed.
         lengths: [games] of the starts that were played; None where they are exact.
+        returns: [games] what the agent was paid in them; None where they are exact, or not played.
     """
 
     name: str
@@ -53,12 +54,14 @@ class InMazes:
     success: NDArray[np.float64]
     exact: bool
     lengths: NDArray[Any] | None = None
+    returns: NDArray[np.float64] | None = None
 
     def score(self, episodes: int) -> Score:
         """The mean over the mazes, each of which counts as much."""
         mean, won = float(self.steps.mean()), float(self.success.mean())
         ci95 = 0.0 if self.lengths is None else half_width(self.lengths)
-        return Score(self.name, mean, ci95, won, episodes, self.exact)
+        paid = None if self.returns is None else float(self.returns.mean())
+        return Score(self.name, mean, ci95, won, episodes, self.exact, mean_return=paid)
 
 
 @dataclass(frozen=True)
@@ -155,10 +158,15 @@ class SuiteContest:
 
     def play(self, policy: Policy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Play every start to its end: episode lengths [games], and who won [games]."""
+        return self._played(policy, self.starts())
+
+    def _played(
+        self, policy: Policy, simulator: Simulator
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         seat, policies = fill_seats(self.task, self.agent, self.opponents)
         policies[seat] = policy
         return play_out(
-            self.starts(),
+            simulator,
             policies,
             lambda games: games.terminated | games.truncated | (games.active[:, seat] == 0),
             lambda games: won_by(games, seat),
@@ -182,13 +190,10 @@ class SuiteContest:
         return simulator, play()
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
-        """As `Contest`; None where agents are judged by what they are paid, which is not counted
-        over mazes."""
-        if self.one.pays:
-            return None
+        """As `Contest`."""
         limited = limited_references(self.task, self.agent, self.opponents)
-        fair = tuple(limited) if self.one.is_limited else None
-        return reference_of(scores, learned, less_is_better=self.less_is_better, fair=fair)
+        fair = (*limited, "random") if self.one.is_limited else None
+        return reference_of(scores, learned, self.one.pays, self.less_is_better, fair)
 
     def scenes(self, policy: Policy, episodes: int = 3) -> list[Scene]:
         """As `Contest`."""
@@ -207,7 +212,9 @@ class SuiteContest:
             ValueError: the contest is exact, and the policy is none that is known at all cells.
         """
         if not self.is_exact:
-            return self._over_mazes(name, *self.play(policy))
+            simulator = self.starts()
+            found = self._over_mazes(name, *self._played(policy, simulator))
+            return replace(found, returns=simulator.returns[:, self.seat].copy())
         return self._exactly(name, tables_of(policy, self.part, self.seat))
 
     def _exactly(self, name: str, tables: Iterator[NDArray[np.float64]]) -> InMazes:
