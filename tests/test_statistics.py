@@ -10,6 +10,7 @@ from scipy import stats
 
 from train.experiments.statistics import (
     difference_interval,
+    distance_interval,
     holm,
     interquartile_mean,
     logrank_p,
@@ -50,6 +51,21 @@ def test_the_interval_of_p_covers_it_even_where_all_runs_lie_apart(
         covered += low <= truth <= high
     # At 3 against 3 U has 10 values, and a tenth of all cases are its ends.
     assert covered / 400 > (0.87 if (runs, tasks) == (3, 1) else 0.915)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_interval_of_a_distance_stays_on_its_side_and_covers_as_often(sign: float) -> None:
+    drawn = sign * np.random.default_rng(4).gamma(1.0, size=(1500, 4))
+    plain, cut = (
+        np.array([interval([sample]) for sample in drawn])
+        for interval in (mean_interval, distance_interval)
+    )
+    assert ((plain * sign).min(axis=1) < 0.0).mean() > 0.05 and (cut * sign >= 0.0).all()
+    for ends in (plain, cut):
+        assert np.array_equal((ends <= sign), (plain <= sign))
+    inside = (plain * sign >= 0.0).all(axis=1)
+    assert np.array_equal(cut[inside], plain[inside])
+    assert np.isnan(distance_interval([[1.0]])).all()
 
 
 def test_three_against_three_is_never_certain() -> None:

@@ -17,10 +17,10 @@ from train.experiments.power import power_line
 from train.experiments.statistics import (
     Interval,
     difference_interval,
+    distance_interval,
     first_below,
     holm,
     logrank_p,
-    mean_interval,
     mean_over,
     permutation_p,
     probability_of_improvement,
@@ -134,7 +134,7 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
     Shortfalls in per cent, times in seconds and frames.
     """
     finals, tasks = strata(curves), {c.task for c in curves}
-    low, high = mean_interval(finals)
+    low, high = distance_interval(finals)
     row: dict[str, Any] = {"arm": name, "runs": len(curves)}
     row |= {"gap": float(np.mean([np.mean(each) for each in finals]))}
     row |= {"gap_low": low, "gap_high": high}
@@ -148,7 +148,7 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
             row[f"reached_{threshold:g}"] = int(np.isfinite(times).sum())
             row[f"{unit}_to_{threshold:g}"] = _median(times)
     areas = [mean_over(c.frames, c.optimality) for c in curves]
-    low, high = mean_interval([areas])
+    low, high = distance_interval([areas])
     row |= {"area": float(np.mean(areas)), "area_low": low, "area_high": high}
     row["settled"] = float(np.mean([c.settled for c in curves]))
     empty = (float("nan"), float("nan"))

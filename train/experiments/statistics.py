@@ -55,6 +55,17 @@ def mean_interval(tasks: Sequence[Sequence[float]], level: float = 0.95) -> Inte
     return _welch([(np.asarray(task, dtype=np.float64), 1.0) for task in tasks], level)
 
 
+def distance_interval(tasks: Sequence[Sequence[float]], level: float = 0.95) -> Interval:
+    """`mean_interval` of what lies on one side of 0 by its nature, such as a gap to an optimum.
+
+    It ends at 0 where Student's goes on beyond: no mean can lie there, so it covers as often.
+    """
+    low, high = mean_interval(tasks, level)
+    if np.mean([np.mean(task) for task in tasks]) >= 0.0:
+        return (0.0 if low < 0.0 else low), high
+    return low, (0.0 if high > 0.0 else high)
+
+
 def difference_interval(
     ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[float]], level: float = 0.95
 ) -> Interval:

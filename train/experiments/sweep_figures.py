@@ -10,7 +10,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from train.experiments.measures import GAP, measure_of, size_of
-from train.experiments.statistics import mean_interval
+from train.experiments.statistics import distance_interval
 from train.figures import (
     KINK,
     PLAIN,
@@ -66,7 +66,7 @@ def draw_group(
     if len(values) < BAND_FROM:
         axis.plot(points, values.T, dash, color=color, lw=0.7, alpha=0.45)
         return values
-    ends = np.array([mean_interval([column]) for column in values.T])
+    ends = np.array([distance_interval([column]) for column in values.T])
     axis.fill_between(points, ends[:, 0], ends[:, 1], color=color, alpha=0.18, lw=0)
     return ends
 
@@ -163,7 +163,7 @@ def draw_final(
                 scale * row[column] for row in rows if (row["_x"], row["_group"]) == (value, name)
             ]
             if final:
-                low, high = mean_interval([final])
+                low, high = distance_interval([final])
                 places.append(place + shift)
                 means.append(float(np.mean(final)))
                 lows.append(means[-1] - (means[-1] if np.isnan(low) else low))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from train.experiments.page import page_of
-from train.experiments.statistics import improvement, mean_interval, permutation_p
+from train.experiments.statistics import distance_interval, improvement, permutation_p
 from train.figures import PLAIN, Look
 from train.files import write_csv, write_text
 from train.race.contestants import CONTESTANTS
@@ -214,7 +214,7 @@ def ends_table(race: Race, standing: Standing, task: str) -> str:
         for way in WAYS if found else ():
             gaps = [result.points[-1][way] for result in found]
             solved = [result.points[-1][f"{way}_success"] for result in found]
-            interval = mean_interval([gaps])
+            interval = distance_interval([gaps])
             told.append(
                 {
                     "contestant": title_of(name),
