@@ -23,6 +23,7 @@ from train.evaluation.scores import (
     optimality_gap,
     return_regret,
 )
+from train.evaluation.suite_contest import SuiteContest
 
 
 def print_floor(evaluation: Mapping[str, Any], discount: float) -> None:
@@ -112,8 +113,18 @@ def print_certificate(certificate: Certificate | None) -> None:
         )
 
 
-def print_scores(scores: Sequence[Score], certificate: Certificate | None = None) -> None:
-    """A table of scores with the gap to the optimal one, or to what is proven of it."""
+def pays_of(contest: Any) -> bool:
+    """Whether the agent of a contest is judged by what it is paid."""
+    return isinstance(contest, (GameContest, SuiteContest)) and contest.pays
+
+
+def print_scores(
+    scores: Sequence[Score], certificate: Certificate | None = None, pays: bool = False
+) -> None:
+    """A table of scores with the gap to the optimal one, or to what is proven of it.
+
+    `pays` adds what is paid in an episode, which stands there anyhow where the best is known.
+    """
     optimum = next((score for score in scores if score.name == "optimal"), None)
     table = Table(box=None, pad_edge=False)
     table.add_column("")
@@ -122,7 +133,7 @@ def print_scores(scores: Sequence[Score], certificate: Certificate | None = None
     solved = ("of the solved",) if cut else ()
     paid_names = (BEST_PAID, BEST_PAID + FULL_SIGHT)
     best = next((score for score in scores if score.name in paid_names), None)
-    paid = () if best is None else ("return", "below the best")
+    paid = ("return", "below the best")[: 2 if best is not None else int(pays)]
     for column in ("steps", "95 % interval", "success", "gap to optimum", *solved, *paid, *certain):
         table.add_column(column, justify="right")
     for score in scores:
@@ -142,7 +153,7 @@ def print_scores(scores: Sequence[Score], certificate: Certificate | None = None
                 ["" if score not in cut else f"{100 * (score.solved_gap or 0.0):+.2f} %"]
                 * len(solved)
             ),
-            *(_paid(score, best) if paid else ()),
+            *_paid(score, best)[: len(paid)],
             *(proven if certain else ()),
             style="bold" if score.name == "learned" else "",
         )

@@ -16,6 +16,7 @@ from train.commands.parse import Formats, budget_of, heard, named_task, parse
 from train.commands.progress import carry_out, leave
 from train.commands.scores import (
     certificate_of,
+    pays_of,
     print_bounds,
     print_floor,
     print_reference,
@@ -147,7 +148,7 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
     trainee: SingleAgent = run.trainee
     print()
     scores = [Score(**score) for score in content["scores"]]
-    print_scores(scores, certificate_of(trainee.contest))
+    print_scores(scores, certificate_of(trainee.contest), pays_of(trainee.contest))
     if isinstance(trainee.contest, ArmContest):
         print_bounds(trainee.contest)
     contest, teacher = trainee.contest, trainee.teacher

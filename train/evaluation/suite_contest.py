@@ -106,6 +106,11 @@ class SuiteContest:
         return self.one.less_is_better
 
     @property
+    def pays(self) -> bool:
+        """As `GameContest`."""
+        return self.one.pays
+
+    @property
     def solvable(self) -> bool:
         """Whether it is a runner with one goal, or a duel with an opponent that is known."""
         if is_one_goal(self.task):
@@ -191,9 +196,13 @@ class SuiteContest:
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """As `Contest`."""
-        limited = limited_references(self.task, self.agent, self.opponents)
-        fair = (*limited, "random") if self.one.is_limited else None
-        return reference_of(scores, learned, self.one.pays, self.less_is_better, fair)
+        fair = (*self.limited, "random") if self.one.is_limited else None
+        return reference_of(scores, learned, self.pays, self.less_is_better, fair)
+
+    @property
+    def limited(self) -> dict[str, Policy]:
+        """The scripted agents that see no more than this one, of limited sight."""
+        return limited_references(self.task, self.agent, self.opponents)
 
     def scenes(self, policy: Policy, episodes: int = 3) -> list[Scene]:
         """As `Contest`."""
@@ -331,11 +340,14 @@ class SuiteContest:
         return [found.score(self.episodes) for found in self.references()]
 
     def references(self) -> list[InMazes]:
-        """Random, scripted (A* or nearest goal) and, where it is known, the optimum."""
+        """Random, scripted (A* or nearest goal; under limited sight those of as little, too, where
+        starts are played) and, where it is known, the optimum."""
         scripted = {"chaser": "A* chaser", "evader": "A* evader", "runner": "nearest goal"}
+        others = {} if self.is_exact else self.limited
         found = [
             self.in_mazes("random", RandomAgent()),
             self.in_mazes(scripted[self.role], DEFAULTS[self.role](0.0)),
+            *(self.in_mazes(name, policy) for name, policy in others.items()),
         ]
         best = self.best_in_full_sight
         if best is not None and self.one.is_limited:
