@@ -16,6 +16,7 @@ from scipy import stats
 from scipy.stats import mannwhitneyu
 
 from train.commands.main import main
+from train.experiments import ablation_report
 from train.experiments.ablation import ABLATIONS, load_ablation
 from train.experiments.ablation_figures import Curve
 from train.experiments.ablation_report import correct, summary, verdict
@@ -31,6 +32,7 @@ from train.experiments.statistics import (
 )
 from train.experiments.sweep import shipped
 from train.experiments.tables import CURVES, RUNS
+from train.figures import Look
 
 TINY = """
 title = "Tiny"
@@ -209,6 +211,11 @@ def test_the_share_of_frames_on_the_last_lesson() -> None:
     assert taught(3.0, 3.0, 3.0, 3.0).settled == 1.0
     assert taught(1.0, 2.0, 3.0, 3.0).settled == 0.5
     assert np.isnan(taught(np.nan, np.nan).settled)
+    # Where the share of episodes on the hardest is kept, one that stays on an easy lesson has none.
+    stuck = replace(taught(1.0, 1.0, 1.0, 1.0), on_hardest=np.zeros(4))
+    assert stuck.settled == 0.0
+    some = replace(taught(1.0, 2.0, 2.5, 3.0), on_hardest=np.array([0.0, np.nan, 0.5, 1.0]))
+    assert some.settled == 0.5
 
 
 # -- files -----------------------------------------------------------------------------------------
@@ -274,6 +281,7 @@ def test_an_ablation_runs_reports_and_is_not_done_again(
     for arm in ("none", "fewer goals first"):
         assert f"| {arm} | 2 |" in text
     assert "control |" in text and "P(better than none)" in text and "6,000 frames each" in text
+    assert "frames on the hardest lesson" in text
     for name in ("final.png", "arms.png"):
         assert (out / "report" / name).stat().st_size > 15_000
     stamps = {p: p.stat().st_mtime_ns for p in out.glob("runs/*/results.json")}
@@ -288,6 +296,16 @@ def test_an_ablation_runs_reports_and_is_not_done_again(
     names = ["none", "fewer goals first"]
     assert [row.split(",")[0] for row in table[1:]] == names
     assert "4 agents (runner)" in (out / "report" / "methods.md").read_text()
+
+
+@pytest.mark.parametrize(("asked", "drawn"), [(None, "frames"), ("seconds", "seconds")])
+def test_arms_of_equal_frames_are_drawn_over_frames(
+    ablated: Path, monkeypatch: pytest.MonkeyPatch, asked: str | None, drawn: str
+) -> None:
+    looks: list[Any] = []
+    monkeypatch.setattr(ablation_report, "draw_arms", lambda *given: looks.append(given[-1].x))
+    ablation_report.ablation_report(ablated / "out", Look(x=asked))
+    assert looks == [drawn]
 
 
 def test_all_arms_are_evaluated_at_the_same_final_difficulty(ablated: Path) -> None:

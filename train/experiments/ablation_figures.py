@@ -42,6 +42,8 @@ class Curve:
         greedy, sampled: the same of the policy that takes the most probable action, and of the one
             that draws; NaN where an algorithm has no such policy.
         seed, task: whose.
+        on_hardest: [evaluations] share of the episodes since the evaluation before that were of the
+            hardest lesson; None where that was not kept, or there is none.
     """
 
     seconds: NDArray[np.float64]
@@ -54,6 +56,7 @@ class Curve:
     sampled: float
     seed: int
     task: str
+    on_hardest: NDArray[np.float64] | None = None
 
     @property
     def settled_at(self) -> int:
@@ -66,7 +69,11 @@ class Curve:
 
     @property
     def settled(self) -> float:
-        """The share of the frames that were spent on the last lesson; NaN without lessons."""
+        """The share of the frames that were spent on the hardest lesson, or, where that is not
+        known, on the last one; NaN without lessons."""
+        if self.on_hardest is not None:
+            spent, told = np.diff(self.frames, prepend=0.0), np.isfinite(self.on_hardest)
+            return float(np.average(self.on_hardest[told], weights=spent[told]))
         at = self.settled_at
         if at < 0:
             return float("nan")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,7 @@ def curve_of(row: dict[str, Any], evaluations: list[dict[str, Any]]) -> Curve:
         short("sampled"),
         int(row["seed"]),
         str(row["_x"]),
+        None if np.isnan(column("on_hardest")).all() else column("on_hardest"),
     )
 
 
@@ -91,6 +93,8 @@ def ablation_report(out: Path, look: Look = PLAIN) -> Path:
     arms: dict[str, list[Curve]] = {name: [] for name in hints.arms}
     complete = [row for row in everything if row["status"] == "complete"]
     check(bool(complete), f"{out}: no run is complete yet; `pursuit ablate` goes on with it")
+    if look.x is None and all(row.get("budget_frames") for row in complete):
+        look = replace(look, x="frames")  # seconds would be those of whatever else the machine did
     for row in complete:
         row["_x"] = row[x] if x else ""
         arms.setdefault(row["variant"], []).append(curve_of(row, by_run[row["run"]]))
@@ -151,6 +155,7 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
     low, high = distance_interval([areas])
     row |= {"area": float(np.mean(areas)), "area_low": low, "area_high": high}
     row["settled"] = float(np.mean([c.settled for c in curves]))
+    row["knows_hardest"] = all(c.on_hardest is not None for c in curves)
     empty = (float("nan"), float("nan"))
     point, (low, high), p, apart = float("nan"), empty, float("nan"), empty
     if control and tasks == {c.task for c in control}:
@@ -219,6 +224,8 @@ def _p(p: float) -> str:
 def table_of(rows: list[dict[str, Any]], hints: Hints) -> ResultTable:
     """`summary` of every arm as people read it; `correct` has been there."""
     control = hints.control
+    taught = [row for row in rows if np.isfinite(row["settled"])]
+    which = "the hardest" if all(row["knows_hardest"] for row in taught) else "its last"
     columns = [
         Column("arm", lambda row: str(row["arm"]), left=True),
         Column("runs", lambda row: str(row["runs"])),
@@ -235,7 +242,7 @@ def table_of(rows: list[dict[str, Any]], hints: Hints) -> ResultTable:
             lambda row: "" if np.isnan(row["p_time"]) else _p(row["p_time"]),
         ),
         Column("optimality over training [95 %]", partial(_cell_with, "area")),
-        Column("frames on its last lesson", lambda row: _cell_settled(row["settled"])),
+        Column(f"frames on {which} lesson", lambda row: _cell_settled(row["settled"])),
         Column(
             f"P(better than {control}) [95 %]",
             lambda row: "" if row["arm"] == control else _cell_with("improvement", row),

@@ -188,7 +188,8 @@ class Teacher(EpisodeHook):
         figures = {"training_success": float(won.mean())}
         if self.axis is None or not self.axis.ordered:
             return figures
-        return {"lesson": float(lessons.mean()), **figures}
+        hardest = float(np.isclose(lessons, self.axis.hardest).mean())
+        return {"lesson": float(lessons.mean()), "on_hardest": hardest, **figures}
 
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain values: what a resumed run needs to go on exactly."""
