@@ -1,15 +1,16 @@
 """Kernels are compiled ahead, by processes of their own, while a run imports torch.
 
-The first run on a machine compiles for a quarter of a minute of processor time, on one core, and
-imports torch for some seconds before. With two cores two processes (`rehearsal`) begin at once, and
-the run finds their work on disk, or waits for it. Whatever they do not do, it does itself: nothing
-depends on them. Only on Linux, where this was tried.
+The first run on a machine compiles for ten seconds of processor time, on one core, and imports
+torch for some seconds before. With two cores two processes (`rehearsal`) begin at once, and the run
+finds their work on disk, or waits for it. Whatever they do not do, it does itself: nothing depends
+on them. Only on Linux, where this was tried.
 """
 
 from __future__ import annotations
 
 import atexit
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -20,8 +21,6 @@ from pursuit import kernel_cache
 from pursuit.compiled import ANNOUNCER, is_new
 from pursuit.rules import start_games
 
-PARTS = ("games", "players")
-"""What `rehearsal` rehearses, each in a process: they take about as long, and share little."""
 UNKNOWN = {"-h", "--help", "--resume", "reacher", "--task=reacher"}
 """Arguments after which no game is played, or none that they tell, or another world's."""
 MOST_SECONDS = 300.0
@@ -30,59 +29,55 @@ POLL = 0.02
 
 
 class Ahead:
-    """Processes that compile ahead.
+    """Processes that compile ahead: a first one, and whatever that forks.
 
     Args:
-        commands: of each process; it says on its standard output which kernels it compiles.
+        command: of the first one, which ends last, and with them; they say on its standard output
+            which kernels they compile.
     """
 
-    def __init__(self, commands: Sequence[Sequence[str]]) -> None:
+    def __init__(self, command: Sequence[str]) -> None:
         self.began, self.count, self.name = time.monotonic(), 0, ""
-        self.processes = [
-            subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE,  # closed when this process ends, however it ends
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,  # what it cannot do, the run does or refuses
-                env=surroundings(),
-                start_new_session=True,  # Ctrl-C is for this process alone
-            )
-            for command in commands
-        ]
-        for process in self.processes:
-            assert process.stdout is not None
-            os.set_blocking(process.stdout.fileno(), False)
+        self.process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,  # closed when this process ends, however it ends
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,  # what it cannot do, the run does or refuses
+            env=surroundings(),
+            start_new_session=True,  # Ctrl-C is for the run alone
+        )
+        assert self.process.stdout is not None
+        os.set_blocking(self.process.stdout.fileno(), False)
 
     def wait(self) -> bool:
         """Wait a moment, and say what is compiled; whether anything still is."""
         ANNOUNCER.announce()
         self._hear()
-        busy = any(process.poll() is None for process in self.processes)
-        if not busy or time.monotonic() - self.began > MOST_SECONDS:
+        seconds = time.monotonic() - self.began
+        if self.process.poll() is not None or seconds > MOST_SECONDS:
             self.close()
             return False
         if self.name:
-            ANNOUNCER.show(self.count, self.name, time.monotonic() - self.began)
+            ANNOUNCER.show(self.count, self.name, seconds)
         time.sleep(POLL)
         ANNOUNCER.clear()  # the kernel that is waited for may be there: then others speak
         return True
 
     def _hear(self) -> None:
-        for process in self.processes:
-            assert process.stdout is not None
-            names = (process.stdout.read() or b"").decode(errors="replace").split()
-            self.count += len(names)
-            self.name = names[-1] if names else self.name
+        assert self.process.stdout is not None
+        names = (self.process.stdout.read() or b"").decode(errors="replace").split()
+        self.count += len(names)
+        self.name = names[-1] if names else self.name
 
     def close(self) -> None:
         """End whoever still compiles; nobody waits any more."""
         if kernel_cache.elsewhere == self.wait:
             kernel_cache.elsewhere = None
-        for process in self.processes:
-            process.kill()
-            with process:  # its pipes, and its exit status
-                pass
-        self.processes.clear()
+        atexit.unregister(self.close)
+        if self.process.poll() is None:  # else nobody is left: whoever is forked hears of it
+            os.killpg(self.process.pid, signal.SIGKILL)
+        with self.process:  # its pipes, and its exit status
+            pass
 
 
 def surroundings() -> dict[str, str]:
@@ -107,8 +102,7 @@ def compile_ahead(arguments: Sequence[str]) -> Ahead | None:
     if not is_worth_it(arguments):
         return None
     # -P: files where the user happens to be must not stand in for ours.
-    rehearsal = [sys.executable, "-P", "-m", "train.commands.rehearsal"]
-    ahead = Ahead([[*rehearsal, part, *arguments] for part in PARTS])
+    ahead = Ahead([sys.executable, "-P", "-m", "train.commands.rehearsal", *arguments])
     kernel_cache.elsewhere = ahead.wait
     atexit.register(ahead.close)
     return ahead

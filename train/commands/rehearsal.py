@@ -1,12 +1,14 @@
-"""What a run will ask of the compiler, asked for beforehand, in a process of its own.
+"""What a run will ask of the compiler, asked for beforehand, in processes of its own.
 
 It calls what the run calls, with a game or two: so it compiles exactly what the run then finds on
-disk. It imports no torch. What it compiles is said on its standard output, a kernel a line. It ends
-when the other end of its standard input is gone. See `ahead`.
+disk. It imports no torch, and then forks: two processes take about as long, and share little. What
+they compile is said on the standard output, a kernel a line. They end when the other end of the
+standard input is gone. See `ahead`.
 """
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -111,7 +113,7 @@ def game_of(arguments: Sequence[str]) -> tuple[Task, str, str]:
     return task, settings.agent, observation if ours else TaskSettings.OBSERVATION
 
 
-# -- the parts -------------------------------------------------------------------------------------
+# -- the two parts ---------------------------------------------------------------------------------
 
 
 def rehearse_games(task: Task, agent: str, observation: str) -> None:
@@ -169,16 +171,31 @@ def end_with_the_run() -> None:
     Thread(target=listen, daemon=True).start()
 
 
-def rehearse(part: str, arguments: Sequence[str]) -> None:
-    """Compile what one of `ahead.PARTS` of a run will ask for."""
+def rehearse(arguments: Sequence[str]) -> None:
+    """Compile what a run with these arguments will ask for; it ends the process.
+
+    It must have one thread only, as it forks.
+    """
+    gc.disable()  # there is no garbage worth looking for in these seconds
     event.register("numba:compile", Told())
     task, agent, observation = game_of(arguments)
-    if part == "games":
-        rehearse_games(task, agent, observation)
-    else:
-        rehearse_players(task, agent)
+    lay_out(task.mazes)  # both need it
+    child = os.fork()
+    end_with_the_run()
+    status = 1
+    try:
+        if child:
+            rehearse_games(task, agent, observation)
+        else:
+            rehearse_players(task, agent)
+        status = 0
+    finally:
+        if child:
+            _, other = os.waitpid(child, 0)
+            status = status or os.waitstatus_to_exitcode(other)
+        sys.stdout.flush()
+        os._exit(status)  # not through what would be tidied up twice
 
 
 if __name__ == "__main__":
-    end_with_the_run()
-    rehearse(sys.argv[1], sys.argv[2:])
+    rehearse(sys.argv[1:])
