@@ -25,7 +25,7 @@ from typing import Any, TypeVar
 
 import numba
 from numba import _dynfunc, types
-from numba.core import event, targetconfig
+from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
@@ -172,24 +172,6 @@ class _PartCompiler(Compiler):
         )
         found.target_context.insert_user_function(entry, about, keep)
         return found._replace(entry_point=entry)
-
-
-def _values(settings: Any) -> dict[str, Any]:
-    """The settings of a compilation, as Numba gives them by asking for one after the other.
-
-    It compares them whenever it looks at a call: a tenth of the time that it takes.
-    """
-    form: Any = type(settings)
-    return {**_defaults(form), **settings._values}
-
-
-@cache
-def _defaults(form: Any) -> dict[str, Any]:
-    return {name: option.default for name, option in form.options.items()}
-
-
-if TRIED:
-    targetconfig.TargetConfig.values = _values
 
 
 class Announcer(event.Listener):
