@@ -29,6 +29,8 @@ from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
+from pursuit.kernel_cache import KernelCacheFile, cache_of
+
 HERE = Path(__file__).parent
 
 NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -48,6 +50,7 @@ def source_stamp(path: str) -> str:
     """A fingerprint of the kernel file `path` together with the rule book and of this file."""
     digest = hashlib.sha256()
     books = (*sorted((HERE / "rules").glob("*.py")), *(HERE / "reacher").glob("rules.py"))
+    books = (*books, *HERE.glob("kernel_cache.py"))
     for file in (Path(path), *books, Path(__file__)):
         digest.update(file.read_bytes())
     return digest.hexdigest()
@@ -81,13 +84,21 @@ def allocating(function: Function) -> Function:
     return _entry(function)
 
 
+def is_new(kernel: Any) -> bool:
+    """Whether a kernel, as it stands, was never compiled on this machine for any arguments."""
+    file = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
+    return isinstance(file, KernelCacheFile) and file.is_empty
+
+
 def _entry(function: Function, **options: bool) -> Function:
     dispatcher: Any = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     if dispatcher is function:  # as it is with NUMBA_DISABLE_JIT=1
         return function
-    dispatcher._cache._cache_file._source_stamp = source_stamp(function.__code__.co_filename)
+    stamp = source_stamp(function.__code__.co_filename)
     if not TRIED:
+        dispatcher._cache._cache_file._source_stamp = stamp
         return dispatcher
+    dispatcher._cache._cache_file = cache_of(dispatcher, stamp)
     names = function.__code__.co_varnames
     strided = {at for at in range(function.__code__.co_argcount) if names[at] in STRIDED}
     compile_for = dispatcher.compile
@@ -163,7 +174,7 @@ class _PartCompiler(Compiler):
         return found._replace(entry_point=entry)
 
 
-class _Announcer(event.Listener):
+class Announcer(event.Listener):
     """Says on stderr that the silence is compilation; on a terminal also what it is at.
 
     Python's search for garbage waits meanwhile: a tenth of the time, for none to be found.
@@ -171,7 +182,24 @@ class _Announcer(event.Listener):
 
     def __init__(self) -> None:
         self.depth, self.count, self.seconds, self.began = 0, 0, 0.0, 0.0
-        self.collects = False
+        self.collects = self.announced = False
+
+    def announce(self) -> None:
+        """Say once that kernels are compiled."""
+        if not self.announced:
+            self.announced = True
+            print("pursuit: compiling kernels, once, for some seconds ...", file=sys.stderr)
+
+    def show(self, count: int, name: str, seconds: float) -> None:
+        """On a terminal, the kernel that is compiled, and how long it has taken so far."""
+        if sys.stderr.isatty():
+            line = f"\r\x1b[Kkernel {count}, {name}: {seconds:.1f} s so far"
+            print(line, end="", file=sys.stderr, flush=True)
+
+    def clear(self) -> None:
+        """Make room for whatever is told next."""
+        if sys.stderr.isatty():
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
     def on_start(self, event: Any) -> None:
         """Called when Numba begins to compile (not when it loads from the cache)."""
@@ -185,13 +213,12 @@ class _Announcer(event.Listener):
             )
             self.ours = function.__module__.split(".")[0] in ("pursuit", "scripted_agents", "train")
             gc.disable()
-            if self.ours and not self.count:
-                print("pursuit: compiling kernels, once, for some seconds ...", file=sys.stderr)
+            if self.ours:
+                self.announce()
             self.count += self.ours
-        if self.ours and sys.stderr.isatty():
+        if self.ours:
             seconds = self.seconds + time.monotonic() - self.began
-            line = f"\r\x1b[Kkernel {self.count}, {self.name}: {seconds:.1f} s so far"
-            print(line, end="", file=sys.stderr, flush=True)
+            self.show(self.count, self.name, seconds)
 
     def on_end(self, event: Any) -> None:
         """The line makes room for whatever is told next."""
@@ -200,8 +227,9 @@ class _Announcer(event.Listener):
             self.seconds += time.monotonic() - self.began
             if self.collects:
                 gc.enable()
-            if self.ours and sys.stderr.isatty():
-                print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+            if self.ours:
+                self.clear()
 
 
-event.register("numba:compile", _Announcer())
+ANNOUNCER = Announcer()
+event.register("numba:compile", ANNOUNCER)

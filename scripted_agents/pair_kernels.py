@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.compiled import allocating, compiled
+from pursuit.compiled import allocating, compiled, subroutine
 
 # Who moves first, and so when two players that meet are caught, seen from the own player.
 AT_ONCE, OWN_FIRST, OTHER_FIRST = range(3)
@@ -71,7 +71,7 @@ def lay_out(table: Any, neighbors: Any, spots: Any, turned: bool, forget: bool, 
                     laid[own, slot, spots[other]] += table[self_cell, seen, action] / total
 
 
-@compiled
+@subroutine
 def has_slot(neighbors: Any, own: int, slot: int, stay_action: bool) -> Any:
     """Whether the own player can use this slot in its cell."""
     if slot != STILL:
@@ -82,7 +82,7 @@ def has_slot(neighbors: Any, own: int, slot: int, stay_action: bool) -> Any:
     return stands
 
 
-@compiled
+@subroutine
 def look_ahead(
     values: Any,
     own: int,
@@ -132,7 +132,7 @@ def look_ahead(
                     line[spot] += chances[own, action, spot] * row_still[spots[theirs]]
 
 
-@compiled
+@subroutine
 def finish(
     values: Any, own: int, spots: Any, width: int, line: Any, target: Any, change: Any
 ) -> None:
@@ -145,7 +145,7 @@ def finish(
         new[spot] = line[spot]
 
 
-@compiled
+@subroutine
 def largest_of(change: Any) -> Any:
     """The largest of these numbers, none of which is negative."""
     largest = 0.0

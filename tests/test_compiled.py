@@ -18,7 +18,7 @@ from numba.core.dispatcher import Dispatcher
 
 import pursuit
 import scripted_agents
-from pursuit import compiled, encodings
+from pursuit import compiled, encodings, kernel_cache
 from scripted_agents import kernels
 
 KERNEL = """
@@ -55,11 +55,12 @@ ANNOUNCEMENT = "pursuit: compiling kernels, once, for some seconds ...\n"
 
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
-    """A package named `pursuit` with the real compiled.py, and rules of one line in two files."""
+    """A package named `pursuit` that really compiles, with rules of one line in two files."""
     package = tmp_path / "pursuit"
     package.mkdir()
     (package / "__init__.py").touch()
-    shutil.copy(compiled.__file__, package / "compiled.py")
+    for module in (compiled, kernel_cache):
+        shutil.copy(str(module.__file__), package)
     (package / "kernel.py").write_text(KERNEL)
     (package / "rules").mkdir()
     (package / "rules" / "__init__.py").touch()

@@ -162,6 +162,8 @@ def obey(given: list[str]) -> None:
     if name not in COMMANDS:
         fail(f"unknown command {name!r}; one of {', '.join(COMMANDS)}")
     look_in(Path.cwd())  # where users keep parts of their own
+    if name == "train":
+        import_module("train.commands.ahead").compile_ahead(rest)
     command(name)(rest)
 
 

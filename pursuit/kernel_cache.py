@@ -1,0 +1,86 @@
+"""The on-disk cache of one kernel, which several processes may read and write at once.
+
+Numba numbers the files of a kernel and writes its index before the file that the index names. Two
+processes that compile one kernel for different arguments then take the same number, and one of them
+is given the machine code of the other; after a change of the rules a process can find the new index
+and the old file. Here every entry has a file of its own, named by what it was compiled for, which
+it holds as well; it is written before the index, and the index by one process at a time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from numba.core.caching import IndexDataCacheFile
+
+with contextlib.suppress(ImportError):  # Windows: what two processes keep at once may be lost, and
+    import fcntl  # is compiled again
+
+elsewhere: Callable[[], bool] | None = None
+"""Waits a moment; whether another process still compiles what this one will ask for. See `load`."""
+
+
+class KernelCacheFile(IndexDataCacheFile):
+    """The index of one kernel and the files that it names."""
+
+    def load(self, key: Any) -> Any:
+        """What was compiled for `key`, or None; where it is being compiled `elsewhere`, then."""
+        found, waiting = self._kept(key), elsewhere is not None
+        while found is None and waiting:
+            waiting = elsewhere is not None and elsewhere()
+            found = self._kept(key)
+        return found
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep what was compiled for `key`."""
+        name = self._data_name(int(hashlib.sha256(repr(key).encode()).hexdigest()[:12], 16))
+        with locked(self._cache_path):
+            kept = self._load_index()
+            if not kept:  # of another source, or of none
+                self._remove_all()
+            self._save_data(name, (key, data))
+            self._save_index({**kept, key: name})
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing was compiled of the kernel as it stands."""
+        return not self._load_index()
+
+    def _kept(self, key: Any) -> Any:
+        found = super().load(key)
+        return found[1] if found is not None and found[0] == key else None
+
+    def _remove_all(self) -> None:
+        """Remove files that no index names any more."""
+        before, _, after = self._data_name_pattern.partition("{number:d}")
+        for path in Path(self._cache_path).iterdir():
+            number = path.name.removeprefix(before).removesuffix(after)
+            if path.name == f"{before}{number}{after}" and number.isdecimal():
+                with contextlib.suppress(OSError):
+                    path.unlink()
+
+
+@contextlib.contextmanager
+def locked(folder: str) -> Iterator[None]:
+    """One process at a time is in here with a folder, where the system and its disk can do that."""
+    if os.name == "nt":
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):  # disks of other machines
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def cache_of(dispatcher: Any, stamp: str) -> KernelCacheFile:
+    """The cache of a kernel in place of Numba's, for its source of this stamp."""
+    cache = dispatcher._cache
+    return KernelCacheFile(cache._cache_path, cache._impl.filename_base, stamp)

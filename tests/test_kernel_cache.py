@@ -1,0 +1,113 @@
+"""The files of compiled kernels, which several processes read and write at once."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pursuit import kernel_cache
+from pursuit.compiled import is_new
+from pursuit.kernel_cache import KernelCacheFile
+
+WRITER = """
+import sys
+from pursuit.kernel_cache import KernelCacheFile
+
+folder, own, keys = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+print(flush=True)
+sys.stdin.readline()
+file = KernelCacheFile(folder, "kernel", "stamp")
+for key in range(own, own + keys):
+    file.save(("made for", key), f"code of {key}")
+    assert file.load(("made for", key)) == f"code of {key}"
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> KernelCacheFile:
+    return KernelCacheFile(str(tmp_path), "kernel", "stamp")
+
+
+def files_in(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_processes_that_compile_one_kernel_lose_nothing_and_mix_up_nothing(tmp_path: Path) -> None:
+    """Half of what each of them keeps another one keeps as well; all begin at once."""
+    keys, writers = 40, []
+    for own in range(0, 80, 20):
+        writers.append(
+            subprocess.Popen(
+                [sys.executable, "-c", WRITER, str(tmp_path), str(own), str(keys)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+        )
+    for writer in writers:
+        assert writer.stdout is not None and writer.stdout.readline() == "\n"
+    for writer in writers:
+        assert writer.stdin is not None
+        print(file=writer.stdin, flush=True)
+    for writer in writers:
+        with writer:
+            assert writer.wait(60) == 0
+    file = KernelCacheFile(str(tmp_path), "kernel", "stamp")
+    assert [file.load(("made for", key)) for key in range(100)] == [
+        f"code of {key}" for key in range(100)
+    ]
+    assert len(files_in(tmp_path)) == 1 + 100  # nothing half written is left
+
+
+def test_machine_code_is_given_for_what_it_was_made_for_alone(
+    file: KernelCacheFile, tmp_path: Path
+) -> None:
+    file.save("one", b"code of one")
+    (one,) = tmp_path.glob("*.nbc")
+    file.save("other", b"code of other")
+    (other,) = set(tmp_path.glob("*.nbc")) - {one}
+    shutil.copy(one, other)
+    assert file.load("one") == b"code of one" and file.load("other") is None
+    file.save("other", b"compiled again")
+    assert file.load("other") == b"compiled again" and len(files_in(tmp_path)) == 3
+
+
+def test_what_another_source_was_compiled_to_is_never_given(
+    file: KernelCacheFile, tmp_path: Path
+) -> None:
+    """Not even while the new index is there and its files are not yet: there is no such moment."""
+    (tmp_path / "kernel.other-1.py311.1.nbc").write_bytes(b"of another kernel")
+    (tmp_path / "kernel.1.nbc").write_bytes(b"from before there were names by content")
+    file.save("one", b"old code")
+    file.save("two", b"old code")
+    changed = KernelCacheFile(str(tmp_path), "kernel", "another stamp")
+    assert changed.is_empty and changed.load("one") is None and not file.is_empty
+    changed.save("one", b"new code")
+    assert changed.load("one") == b"new code" and changed.load("two") is None
+    assert file.load("one") is None and file.is_empty
+    assert len(files_in(tmp_path)) == 2 + 1  # the old files are gone, the other kernel's is not
+
+
+def test_what_is_compiled_elsewhere_is_waited_for_as_long_as_it_may_come(
+    file: KernelCacheFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = 0
+
+    def compiled_elsewhere() -> bool:
+        nonlocal asked
+        asked += 1
+        if asked == 3:
+            KernelCacheFile(str(tmp_path), "kernel", "stamp").save("one", b"code")
+        return asked < 10
+
+    monkeypatch.setattr(kernel_cache, "elsewhere", compiled_elsewhere)
+    assert file.load("one") == b"code" and asked == 3
+    assert file.load("one") == b"code" and asked == 3  # what is there is not waited for
+    assert file.load("two") is None and asked == 10
+
+
+def test_a_plain_function_is_never_new() -> None:
+    """So it is with NUMBA_DISABLE_JIT=1."""
+    assert not is_new(files_in)
