@@ -1,10 +1,9 @@
 """The decisions of the scripted agents, compiled: which moves are greedy, and which one is taken.
 
 A set of moves is a bit mask over the actions. The same functions fill the tables of exact
-probabilities and act in the batch, so that what is solved exactly is what plays.
-
-Entries are given `*view.games` and `*view.mazes`; `scratch` is int32 [NUM_SCRATCH, cells of the
-largest maze], -1 in the rows of distances: room for three searches, one within the other.
+probabilities and act in the batch, so that what is solved exactly is what plays. Entries are given
+`*view.games` and `*view.mazes`; `scratch` is int32 [NUM_SCRATCH, cells of the largest maze], -1 in
+the rows of distances: room for three searches.
 """
 
 from __future__ import annotations
@@ -15,10 +14,13 @@ import numpy as np
 
 from pursuit.compiled import compiled, inlined, subroutine
 from pursuit.rules.distances import (
+    FAR,
+    NO_MOVES,
     begin_field,
     distance_within,
     forget,
     has_table,
+    moves_by_landmarks,
     moves_down,
     pair_index,
     search_within,
@@ -41,7 +43,6 @@ from pursuit.rules.randomness import draw_action
 from pursuit.rules.step import legal_moves
 
 CHASER, EVADER, RUNNER, RANDOM = range(4)
-FAR = 2**30
 (
     LOOK_DISTANCE,
     LOOK_QUEUE,
@@ -55,6 +56,8 @@ FAR = 2**30
 ) = range(9)
 PAIRS_A_CELL = 8
 """A search takes about as long for a cell as it takes to look up so many pairs."""
+CELLS_A_SEARCH = 200
+"""A search by landmarks for one agent takes about as long as one for all for so many cells."""
 
 
 @inlined
@@ -160,9 +163,7 @@ def sought_by(kind: int, teams: Teams) -> Any:
         return evaders_of(teams)
     if kind == EVADER:
         return chasers_of(teams)
-    if kind == RUNNER:
-        return goals_of(teams)
-    return range(0, 0)
+    return goals_of(teams) if kind == RUNNER else range(0, 0)
 
 
 @inlined
@@ -216,8 +217,8 @@ def away_from_nearest(
         nearest = min(nearest, (distance << 32) | i)
     if count == 0:
         return 0
-    threat = cells[np.uint64(nearest & 0xFFFFFFFF)]
-    return np.int64(greedy[np.uint64(row + np.int64(threat))])
+    threat = np.int64(cells[np.uint64(nearest & 0xFFFFFFFF)])
+    return np.int64(greedy[np.uint64(row + threat)])
 
 
 @inlined
@@ -225,10 +226,10 @@ def moves_away(
     world: World, maze: int, own: int, threat: int, greedy: Any, scratch: Any, settings: Any
 ) -> int:
     """The moves of an evader whose nearest chaser stands in `threat`."""
-    _, alert, look, stay_action = settings
+    _, alert, look, stay = settings
     if has_table(world, maze):
         return np.int64(greedy[pair_index(world, maze, own, threat)])
-    return mask_fleeing(world, scratch, maze, own, threat, alert + look, look, stay_action)
+    return mask_fleeing(world, scratch, maze, own, threat, alert + look, look, stay)
 
 
 @inlined
@@ -285,8 +286,8 @@ def list_moves(
         moves[game, 0], moves[game, 1] = every if mask == 0 else mask, every
 
 
-def entry_for(kind: int) -> Any:
-    """The compiled decisions of the agents of one kind."""
+def entry_for(kind: int, by_landmarks: bool) -> Any:
+    """The compiled decisions of the agents of one kind, with the search by landmarks or without."""
 
     @compiled
     def choose_actions(
@@ -306,6 +307,7 @@ def entry_for(kind: int) -> Any:
         facts: Any,
         tables: Any,
         greedy: Any,
+        landmarks: Any,
         scratch: Any,
         settings: Any,
         actions: Any,
@@ -317,14 +319,15 @@ def entry_for(kind: int) -> Any:
         evaders choose as if they were free: it takes less time than to ask who is.
 
         Whom they seek is listed once a game. A few are looked up one by one; where agents are many,
-        or the maze has no table, one search spreads from all who are sought to all who ask, so that
-        agents and cells add up, and are not multiplied.
+        one search spreads from all who are sought, so that agents and cells add up. Without a table
+        few search by landmarks, each by itself, until that comes to about half of the cells.
         """
         default, alert, _, stay_action = settings
         games = Games(position, active, event, goal, steps, maze_of)
         teams = Teams(counts[0], counts[1], counts[2], counts[3])
         world = world_of(mazes, neighbors, facts, tables)
-        field, owner, sought = field_of(scratch), scratch[FIELD_OWNER], scratch[SOUGHT]
+        look, path, field = look_of(scratch), path_of(scratch), field_of(scratch)
+        owner, sought = scratch[FIELD_OWNER], scratch[SOUGHT]
         if len(sought_by(kind, teams)) == 1 and seats.shape[0] == 1 and all_have_tables(world):
             for game in range(actions.shape[0]):
                 row, seat = np.uint64(game), np.uint64(seats[0])
@@ -350,6 +353,10 @@ def entry_for(kind: int) -> Any:
                 tail = begin_field(field, owner, sought, count)
                 if kind == EVADER:
                     head, tail = spread_field(world, maze, field, owner, -1, alert - 1, head, tail)
+            share = room = 0
+            if by_landmarks and not has_table(world, maze):
+                share = world.num_cells[maze] // (2 * seats.shape[0])
+                room = 4 * share if 2 * share >= CELLS_A_SEARCH else 0
             for i in range(seats.shape[0]):
                 seat = np.uint64(seats[np.uint64(i)])
                 own, mask = np.int64(games.position[row, seat]), np.int64(0)
@@ -362,8 +369,17 @@ def entry_for(kind: int) -> Any:
                         threat = np.int64(sought[owner[own]])
                         mask = moves_away(world, maze, own, threat, greedy, scratch, settings)
                 elif kind != RANDOM:
-                    head, tail = spread_field(world, maze, field, owner, own, FAR, head, tail)
-                    mask = moves_down(world, maze, field, own)
+                    mask = NO_MOVES
+                    if by_landmarks and room > 0:
+                        room = min(room + share, world.num_cells[maze] // 2)
+                        mask, used = moves_by_landmarks(
+                            world, maze, landmarks, own, sought, count, look, path, room
+                        )
+                        room -= used
+                    if mask == NO_MOVES:
+                        room = 0
+                        head, tail = spread_field(world, maze, field, owner, own, FAR, head, tail)
+                        mask = moves_down(world, maze, field, own)
                 every = legal_moves(world, maze, own)
                 epsilon = epsilon_of[row, seat]
                 actions[row, np.uint64(columns[np.uint64(i)])] = draw_action(
@@ -379,5 +395,6 @@ def entry_for(kind: int) -> Any:
     return choose_actions
 
 
-ENTRIES = {kind: entry_for(kind) for kind in (CHASER, EVADER, RUNNER, RANDOM)}
-"""What fills actions, by the kind of agent; each is compiled when it is first used."""
+ENTRIES = {kind: entry_for(kind, False) for kind in (CHASER, EVADER, RUNNER, RANDOM)}
+"""What fills actions, by the kind, each compiled when first used; LARGE: where are no tables."""
+LARGE_ENTRIES = {**ENTRIES, **{kind: entry_for(kind, True) for kind in (CHASER, RUNNER)}}

@@ -12,9 +12,13 @@ from pursuit.device.calls import Call
 from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.maze_arrays import MazeArrays, lay_out
 from pursuit.policy import GameView
+from pursuit.rules.distances import NUM_LANDMARKS, fill_landmarks
 from pursuit.rules.layout import Games
 from pursuit.task import Task
 from scripted_agents import kernels
+
+NO_LANDMARKS = np.zeros((1, NUM_LANDMARKS), dtype=np.uint16)
+KEPT_LANDMARKS = 4
 
 
 class Scripted:
@@ -74,7 +78,9 @@ class Scripted:
         room = max(task.max_cells, task.num_agents, task.num_goals)
         if room > self._scratch.shape[1]:
             self._scratch = _scratch_for(room)
-        kernels.ENTRIES[self.kind](
+        landmarks = landmarks_of(view.mazes, self.kind)
+        entries = kernels.LARGE_ENTRIES if landmarks is not NO_LANDMARKS else kernels.ENTRIES
+        entries[self.kind](
             *view.games,
             view.streams,
             view.epsilon,
@@ -83,6 +89,7 @@ class Scripted:
             (task.num_chasers, task.num_evaders, task.num_runners, task.num_goals),
             *view.mazes,
             self._greedy_table(view.mazes, task.stay_action),
+            landmarks,
             self._scratch,
             self._settings(task.stay_action),
             actions,
@@ -95,6 +102,7 @@ class Scripted:
             "columns": _numbers((seat,)),
             "counts": tuple(task.teams),
             "greedy": self._greedy_table(mazes, task.stay_action),
+            "landmarks": NO_LANDMARKS,  # one seat at a time, by the search for all
             "settings": self._settings(task.stay_action),
         }
         return Call(kernels.ENTRIES[self.kind], given, work=("scripted", kernels.NUM_SCRATCH))
@@ -214,6 +222,27 @@ def greedy_moves(
             kind, *mazes, _scratch_for(len(mazes.neighbors)), settings, greedy
         )
     return greedy
+
+
+_LANDMARKS: dict[int, tuple[object, NDArray[np.uint16]]] = {}
+
+
+def landmarks_of(mazes: MazeArrays, kind: int) -> NDArray[np.uint16]:
+    """[all cells, NUM_LANDMARKS] uint16, for agents who head for somebody in mazes without tables.
+
+    Of the last few mazes, as `distances.fill_landmarks` fills them; one row of zeros for others.
+    """
+    if kind not in (kernels.CHASER, kernels.RUNNER) or (mazes.world.table >= 0).all():
+        return NO_LANDMARKS
+    key, size = id(mazes.neighbors), len(mazes.neighbors)
+    if key not in _LANDMARKS or _LANDMARKS[key][0] is not mazes.neighbors:
+        landmarks = np.zeros((size, NUM_LANDMARKS), dtype=np.uint16)
+        distance, queue, nearest = np.full((3, size), -1, dtype=np.int32)
+        fill_landmarks(*mazes, distance, queue, nearest, landmarks)
+        while len(_LANDMARKS) >= KEPT_LANDMARKS:
+            del _LANDMARKS[next(iter(_LANDMARKS))]
+        _LANDMARKS[key] = mazes.neighbors, landmarks
+    return _LANDMARKS[key][1]
 
 
 def _scratch_for(room: int) -> NDArray[np.int32]:

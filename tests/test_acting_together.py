@@ -34,6 +34,7 @@ ROLES = {"chaser": CHASER, "evader": EVADER, "runner": RUNNER}
 PARTS = Maze.from_text(
     "+-+-+-+-+\n|     | |\n+ + + + +\n|     | |\n+ + + + +\n|     |#|\n+-+-+-+-+"
 )
+LARGE = generate_maze("prim", 70, loops=0.3, seed=4)
 CROWD = generate_maze("prim", 7, loops=0.3, seed=4)
 
 
@@ -73,6 +74,7 @@ CASES = {
         team(3, 3, view_radius=2),
         [SearchingChaser(0.1), CHASER, CHASER, EVADER, WaryEvader(), EVADER],
     ),
+    "landmarks": Case(team(5, 1, LARGE, num_runners=3, num_goals=4), games=4, steps=45),
     "no tables": Case(team(4, 4), tables=False),
     "no tables, chasers first": Case(team(1, 3, **FIRST, **STAY), tables=False),
     "no tables, without paths": Case(team(3, 3, PARTS), tables=False),

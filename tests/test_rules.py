@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from random_mazes import any_maze, connected_maze, seeds, small_maze
 from reference_rules import Game, Outcome, drawn, of_role, step
 
 from pursuit.maze import Maze, load_maze
+from pursuit.maze_generation import generate_maze
 from pursuit.rules import batches, layout
 from pursuit.rules.layout import (
     CAPTURED,
@@ -112,6 +114,22 @@ def test_every_step_is_that_of_the_reference(task: Task, seed: int) -> None:
         if outcome.terminated or outcome.truncated:
             return
     raise AssertionError("the episode outlived max_steps")
+
+
+@pytest.mark.parametrize("move_order", ["simultaneous", "chasers_first"])
+def test_crowds_whose_cells_and_numbers_share_bits_are_captured_as_in_the_reference(
+    move_order: str,
+) -> None:
+    """More than 64 cells, and more than 64 chasers: what the bits of a word tell apart no more."""
+    maze = generate_maze("prim", 12, loops=0.4, seed=3)
+    rules: dict[str, Any] = {"max_steps": 30, "stay_action": True, "move_order": move_order}
+    task = Task(maze, num_chasers=70, num_evaders=40, **rules)
+    simulator, captured = Simulator(task, seed=2, auto_restart=False), 0
+    rng = np.random.default_rng(0)
+    while not simulator.ended.any():
+        outcome = step_both(simulator, rng.integers(5, size=task.num_agents))
+        captured += sum(len(captors) > 1 for captors in outcome.captures.values())
+    assert captured > 1
 
 
 def test_random_play_of_the_reference_meets_every_case() -> None:

@@ -385,6 +385,12 @@ def collectors_of(teams: Teams) -> Any:
     return range(teams.chasers, teams.chasers + teams.evaders + teams.runners)
 
 
+@inlined
+def bit_of(number: int) -> Any:
+    """The bit of a cell or agent in a word of those that may be meant: 64 apart share one."""
+    return np.uint64(1) << (np.uint64(number) & np.uint64(63))
+
+
 STARTS_STREAM = 0
 """The random stream of starts; then come one for each seat, and one for curricula."""
 

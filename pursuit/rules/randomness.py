@@ -17,9 +17,17 @@ GOLDEN = 0x9E3779B97F4A7C15
 """2**64 divided by the golden ratio, made odd: how far a stream moves on."""
 
 
-_MASKS = [[action for action in range(5) if mask >> action & 1] for mask in range(32)]
-MASK_SIZE = np.array([len(actions) for actions in _MASKS])
-MASK_ITEM = np.array([actions + [0] * (5 - len(actions)) for actions in _MASKS])
+def _packed(mask: int, empty: int) -> int:
+    """The actions of a bit mask, a byte each from the lowest on, and how many in the highest."""
+    actions = [action for action in range(5) if mask >> action & 1]
+    size = len(actions)
+    return sum(action << 8 * at for at, action in enumerate(actions or [empty])) | size << 56
+
+
+PACKED_MASKS = np.array(
+    [_packed(mask, empty) for empty in (0, STAY) for mask in range(32)], dtype=np.uint64
+)
+"""[64] uint64: the 32 masks where an empty one means a bump, then where it means to stay."""
 
 
 @inlined
@@ -59,16 +67,14 @@ def draw_action(
 
     One random word serves both draws. Staying, or a bump, where the mask is empty.
     """
+    # Without a branch, which would have to be guessed. `at_random` is all ones where the first 32
+    # bits are below epsilon * 2**32, else 0; signed: the processor converts no unsigned words.
     word = next_word(streams, stream)
-    mask = greedy
-    # Signed: the processor has no conversion of unsigned words.
-    if np.float64(np.int64(word >> np.uint64(32))) * 2.0**-32 < epsilon:
-        mask = every
-    if mask == 0:
-        return STAY if stay_action else 0
-    number = np.uint64(mask)
-    chosen = ((word & np.uint64(0xFFFFFFFF)) * np.uint64(MASK_SIZE[number])) >> np.uint64(32)
-    return np.int64(MASK_ITEM[number, chosen])
+    at_random = (np.int64(word >> np.uint64(32)) - np.int64(np.ceil(epsilon * 2.0**32))) >> 63
+    mask = greedy ^ ((greedy ^ every) & at_random)
+    packed = PACKED_MASKS[np.uint64(mask + 32 * np.int64(stay_action))]
+    chosen = ((word & np.uint64(0xFFFFFFFF)) * (packed >> np.uint64(56))) >> np.uint64(32)
+    return np.int64((packed >> (chosen << np.uint64(3))) & np.uint64(7))
 
 
 @compiled

@@ -1,7 +1,7 @@
 """Speed of the world: steps per second, ratios against peers in the same run, and how it scales.
 
 python tests/benchmarks/bench_simulator.py [--seconds 1]
-python tests/benchmarks/bench_simulator.py --against 501f81b [--turns 15] [--seconds 0.2]
+python tests/benchmarks/bench_simulator.py --against 501f81b [--turns 15] [--only 8v8]
 
 `--against` measures this version and another one, a folder or a git revision, each in a process of
 its own, and prints how long a step takes in both and the ratio. They take turns at every case, as a
@@ -139,6 +139,7 @@ import json, sys
 from time import perf_counter
 import numpy as np
 from pursuit import Simulator, Task, chase_v0, make_task
+from pursuit.maze_generation import generate_maze
 from scripted_agents.environments import default_policies
 
 def nanoseconds(call, per_call, seconds):
@@ -150,14 +151,14 @@ def nanoseconds(call, per_call, seconds):
         times.append((perf_counter() - start) / 8)
     return float(np.quantile(times, 0.1)) * 1e9 / per_call
 
-def batch(task, games, scripted=False, encoding=None):
+def batch(task, games, scripted=False, encoding=None, free=1):
     simulator = Simulator(task, games)
     simulator.reset()
     shape = (16, games, task.num_agents)
     drawn = np.random.default_rng(0).integers(task.num_actions, size=shape, dtype=np.int32)
     policies = default_policies(task, 0.2)
     seats = [policies[role] if scripted else None for role in task.seat_roles]
-    seats[0] = None
+    seats[:free] = [None] * free
     out = simulator.observe(encoding, 0) if encoding else None
     def call(turn):
         simulator.act(seats, drawn[turn % 16])
@@ -190,14 +191,23 @@ for team in (2, 4, 8):
     task = Task("7x7", num_chasers=team, num_evaders=team)
     cases[f"{team}v{team}, random actions"] = (task, 4096)
     cases[f"{team}v{team}, scripted"] = (task, 4096, True)
+    cases[f"{team}v{team}, all scripted"] = (task, 4096, True, None, 0)
+cases["duel, all scripted"] = (duel, 4096, True, None, 0)
+for size, team, games in ((100, 1, 64), (300, 50, 1), (1000, 50, 1)):
+    maze = generate_maze("prim", size, loops=0.1, seed=0)
+    task = Task(maze, num_chasers=team, num_evaders=team, max_steps=100)
+    cases[f"{size}x{size}, {team}v{team}, all scripted"] = (task, games, True, None, 0)
 print(json.dumps(list(cases)), flush=True)
 made = {}
 for line in sys.stdin:
     name, seconds = json.loads(line)
     if name not in made:
         call, per_call = made[name] = batch(*cases[name]) if cases[name] else single()
+        began = perf_counter()
         for turn in range(300):
             call(turn)
+            if perf_counter() - began > 3:
+                break
     print(json.dumps(nanoseconds(*made[name], seconds)), flush=True)
 """
 
@@ -236,7 +246,7 @@ def measuring(folder: Path) -> Iterator[Callable[[object], Any]]:
         process.stdin.close()
 
 
-def compare(version: str, seconds: float, turns: int) -> None:
+def compare(version: str, seconds: float, turns: int, only: str) -> None:
     """Print the least time of a step now and then, and the median over turns of now / then."""
     with checkout(version) as folder, measuring(ROOT) as now, measuring(folder) as then:
         names = now(None)
@@ -244,6 +254,8 @@ def compare(version: str, seconds: float, turns: int) -> None:
         print(f"ns a game step, the least of {turns} turns; the median of their ratios")
         print(f"{'':<36}{'now':>12}{version[-24:]:>26}{'ratio':>8}")
         for name in names:
+            if only not in name:
+                continue
             for version_of in (now, then):
                 version_of((name, 0.01))  # compiles
             found = np.array([(now((name, seconds)), then((name, seconds))) for _ in range(turns)])
@@ -257,10 +269,11 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=1.0, help="time of each measurement")
     parser.add_argument("--against", help="another version: a folder, or a git revision")
     parser.add_argument("--turns", type=int, default=15, help="of both versions")
+    parser.add_argument("--only", default="", help="cases with this in their names")
     given = parser.parse_args()
     seconds = given.seconds
     if given.against:
-        compare(given.against, seconds, given.turns)
+        compare(given.against, seconds, given.turns, given.only)
         return
     chase = make_task("chase", maze="7x7")
     ours = {
