@@ -16,15 +16,23 @@ import pytest
 from numba import cuda
 
 from pursuit import rules
-from pursuit.device import kernels
+from pursuit.device import kernels, waiting
 from pursuit.device.calls import Call
+from pursuit.device.checks import check_task, choose_device
 from pursuit.device.kernels import Batch, Launch
-from pursuit.device.simulator import STEP_WORK, check_task, choose_device
+from pursuit.device.simulator import STEP_WORK
+from pursuit.device.waiting import KEPT, Settings
 from pursuit.maze_arrays import lay_out
 from pursuit.rules import layout
 from pursuit.simulator import Simulator
 from pursuit.task import Rewards, Task, make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent, TablePolicy
+from train.environments.hooks import EpisodeHook
+from train.settings.curricula import ScheduleSettings, UniformSettings
+from train.teaching.axes import Ground, axis_of
+from train.teaching.axis import Axis
+from train.teaching.plan import Plan
+from train.teaching.teacher import Judge, Teacher
 
 SIMULATED = {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "ignore"}
 
@@ -70,13 +78,31 @@ def test_the_games_of_a_gpu_are_those_of_the_cpu_bit_for_bit(
     assert compared == len(played.files)
 
 
-@pytest.mark.slow
-def test_ppo_learns_the_same_from_games_of_a_gpu(tmp_path: Path) -> None:
-    simulated("device_learning.py", str(tmp_path / "learned.npz"))
-    learned, expected = np.load(tmp_path / "learned.npz"), device_learning.learn("cpu")
-    assert set(learned.files) == set(expected)
-    for name, array in expected.items():
-        assert learned[name].tobytes() == array.tobytes(), name
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["goal-spread"],
+        pytest.param(
+            [name for name in device_learning.CASES if name != "goal-spread"],
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_learners_and_teachers_are_the_same_with_games_of_a_gpu(
+    names: list[str], tmp_path: Path
+) -> None:
+    """All weights, games, lessons and whatever else a checkpoint holds, bit for bit."""
+    simulated("device_learning.py", str(tmp_path / "learned.npz"), *names)
+    learned = np.load(tmp_path / "learned.npz")
+    compared = 0
+    for name in names:
+        expected = device_learning.learn(name, "cpu")
+        if device_learning.CASES[name].settings.get("curriculum"):
+            assert expected[f"{name}: state.teacher.episodes"] > 10
+        for key, array in expected.items():
+            assert learned[key].tobytes() == array.tobytes(), key
+            compared += 1
+    assert compared == len(learned.files)
 
 
 # -- PTX -------------------------------------------------------------------------------------------
@@ -139,6 +165,17 @@ def test_every_agent_that_plays_on_a_gpu_compiles_to_ptx(compiles: Any) -> None:
 
 
 @pytest.mark.slow
+def test_what_waits_for_the_next_episodes_compiles_to_ptx(compiles: Any) -> None:
+    task = make_task("heist", maze="3x3")
+    settings = Settings(task, 3)
+    given = {"numbers": settings.numbers, "shares": settings.shares}
+    rows = np.zeros(4, dtype=np.int32)
+    compiles(task, Call(waiting.take_settings, writes="rows"), rows=rows, **given)
+    compiles(task, Call(waiting.take_seeds, writes="seeds"), seeds=np.zeros(4, dtype=np.int64))
+    compiles(task, Call(waiting.take_epsilon, writes="shares"), shares=np.zeros((4, 2)))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", [{}, {"view_radius": 1, "unknown_maze": True}])
 @pytest.mark.parametrize(
     "encoding", ["index", "one_hot", "positions", "cells", "walls", "planes", "window"]
@@ -175,3 +212,68 @@ def test_a_task_that_a_gpu_would_pay_otherwise_is_refused() -> None:
     pay = Rewards(step=-1.6986417481574838, distance=0.8995472692540429)
     with pytest.raises(ValueError, match="rounded otherwise on a GPU at distance 3"):
         check_task(make_task("chase", rewards={"chaser": pay}))
+
+
+# -- what waits for the next episodes --------------------------------------------------------------
+
+
+def test_rows_of_settings_hold_what_a_simulator_would_be_told_and_nothing_else() -> None:
+    task = make_task("heist", maze="5x5", num_goals=3)
+    simulator, settings = Simulator(task, 4), Settings(task, 4)
+    before = simulator.get_state()
+    for told in (simulator, settings):
+        told.configure([0, 2], epsilon=[0.25, 0.5], seat="chaser_0")
+        told.configure(goal_radius=[1, 2, 3, 4], goals_around="start")
+        with pytest.raises(ValueError, match="num_goals"):
+            told.configure(num_goals=4)
+    after, coming = simulator.get_state(), layout.NextEpisode._fields
+    numbers = dict(zip(coming[:-1], settings.numbers, strict=True))
+    for name, row in numbers.items():
+        if name in ("goal_radius", "goals_around_marks"):
+            np.testing.assert_array_equal(row, getattr(after, f"next_{name}"))
+        else:
+            assert (row == KEPT).all(), name
+    np.testing.assert_array_equal(settings.shares, after.next_epsilon)
+    assert (before.next_epsilon == layout.UNCHANGED).all()
+    assert not settings.distances
+    settings.configure(max_start_distance=2)
+    assert settings.distances
+
+
+class Placing(Axis):
+    """An axis that does what games on a GPU cannot be told beforehand."""
+
+    def __init__(self) -> None:
+        super().__init__("placing", 0.0, 3.0, lambda games, chosen, values: games.place([0, 1]))
+
+
+def test_lessons_that_only_games_on_the_cpu_can_be_given_say_so() -> None:
+    task = make_task("chase", maze="3x3")
+    judge = Judge(lambda games: games.terminated, lambda games: games.returns[:, 0])
+    lessons = ScheduleSettings()
+
+    def reason(axis: Axis) -> str | None:
+        plan = Plan("start-distance", lessons, axis, task, None, 0)
+        return Teacher(plan, Simulator(task, 2, auto_restart=False), judge).why_not_foretold()
+
+    assert "more to games than to `configure` them" in str(reason(Placing()))
+    turned = axis_of("start-distance", Ground(task, "chaser"), lessons)
+    assert reason(turned) is None
+    with pytest.raises(NotImplementedError, match="only the CPU can do"):
+        EpisodeHook().foretell(1)
+
+
+def test_a_teacher_whose_lessons_are_not_those_it_foretold_stops() -> None:
+    task = make_task("chase", maze="3x3")
+    judge = Judge(lambda games: games.terminated, lambda games: games.returns[:, 0])
+    axis = axis_of("start-distance", Ground(task, "chaser"), ScheduleSettings())
+    plan = Plan("uniform", UniformSettings(), axis, task, None, 0)
+    teacher = Teacher(plan, Simulator(task, 4, auto_restart=False), judge)
+    told = teacher.foretell(8).rows
+    assert told is not None and len(told) == 8 and len(set(told.tolist())) > 1
+    teacher.before_restart(np.arange(3))
+    teacher.before_restart(np.array([1]))
+    np.testing.assert_array_equal(teacher.foretell(4).rows, told[4:])
+    teacher.rng.random(1)
+    with pytest.raises(RuntimeError, match="`in_order`"):
+        teacher.before_restart(np.arange(4))

@@ -48,6 +48,12 @@ class Games(Protocol):
     def reset(self) -> Any:
         """Begin all games anew; a TensorDict of what is observed."""
 
+    def begin_rollout(self, steps: int) -> None:
+        """Called before so many calls of `step_and_maybe_reset`."""
+
+    def end_rollout(self) -> None:
+        """Called after them: what the hook is to hear of them, it has heard then."""
+
     def step_and_maybe_reset(self, tensordict: Any) -> Any:
         """A step with "action", which writes "next", and what the step after it begins with."""
 

@@ -112,7 +112,7 @@ class RolloutLearner(NetworkLearner):
         keep_all: bool = False,
     ) -> None:
         super().__init__(settings, env, network, device)
-        self.critic = critic
+        self.critic, self.steps = critic, settings.rollout_steps
         self.keys = [network.form.DRAWN, "action_log_prob", "advantage", "value_target"]
         if keep_all:
             self.keys.append(DISTRIBUTION)
@@ -150,7 +150,9 @@ class RolloutLearner(NetworkLearner):
 
         It is its frames in a row; of a network that remembers a sequence a row, [games].
         """
+        self.env.begin_rollout(self.steps)
         rollout = next(self._batches)
+        self.env.end_rollout()
         self.frames += rollout.numel()
         if not self.critic:
             rollout["state_value"] = torch.zeros_like(rollout["state_value"])
