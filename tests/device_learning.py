@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import torch
 
+from train.algorithms.learner import Build
+from train.algorithms.ppo import network_of
 from train.environments.device_env import DeviceEnv
 from train.environments.simulator_env import SimulatorEnv
 from train.runs.by_name import settings_of
@@ -28,14 +30,22 @@ LEARNER = {"num_games": 6, "rollout_steps": 8, "minibatch_size": 16, "epochs": 2
 
 @dataclass(frozen=True)
 class Case:
-    """One learner's settings by name, but for those of LEARNER, and how long it learns."""
+    """One learner's settings by name, but for those of LEARNER, and how long it learns.
+
+    With an opponent a network of random weights plays the evaders, "sampled" or "greedy".
+    """
 
     settings: Mapping[str, Any] = field(default_factory=dict)
     iterations: int = 3
+    opponent: str | None = None
 
 
 CASES = {
     "ppo": Case(CHASE),
+    "a network": Case(CHASE, opponent="sampled"),
+    "networks of a team, greedy": Case(
+        {**CHASE, "num_evaders": 2, "observation": "planes"}, opponent="greedy"
+    ),
     "a2c": Case({**CHASE, "algorithm": "a2c"}),
     "opponent-epsilon": Case({**CHASE, "curriculum": "opponent-epsilon"}),
     "goal-spread": Case({**RUN, "curriculum": "goal-spread-start", "easiest": 1}, 4),
@@ -59,10 +69,23 @@ def trainee_of(name: str, device: str, state: Any = None) -> SingleAgent:
     if flat.get("algorithm") == "a2c":
         flat = {key: flat[key] for key in flat if key not in ("minibatch_size", "epochs")}
     settings = settings_of(**flat, frames=10**6, seed=5, device=device)
+    parts: Any = parts_of(settings)
+    if CASES[name].opponent is not None:
+        parts.world.opponents["evader"] = evader(parts, CASES[name].opponent == "greedy")
     torch.manual_seed(3)
-    trainee = SingleAgent(parts_of(settings), "greedy", state)
+    trainee = SingleAgent(parts, "greedy", state)
     assert isinstance(trainee.env, SimulatorEnv if device == "cpu" else DeviceEnv)
     return trainee
+
+
+def evader(parts: Any, greedy: bool) -> Any:
+    """A network that plays the evaders as if it had learned to."""
+    torch.manual_seed(8)
+    seat = replace(parts.seat, agent="evader")
+    network = network_of(replace(parts.hyper, first_std=2.0), seat, Build())
+    with torch.no_grad():
+        network.policy_head.weight.mul_(100.0)  # not all actions alike
+    return seat.policy(network, greedy)
 
 
 def go_on(trainee: SingleAgent, iterations: range, of: int) -> None:
@@ -91,7 +114,8 @@ def arrays_in(state: Any, where: str) -> dict[str, np.ndarray]:
         return found
     if isinstance(state, torch.Tensor):
         return {where: state.numpy()}
-    return {where: np.array(str(state) if state is None else state)}
+    wide = isinstance(state, int) and abs(state) >= 2**63  # of a generator
+    return {where: np.array(str(state) if state is None or wide else state)}
 
 
 def learn(name: str, device: str) -> dict[str, np.ndarray]:

@@ -4,12 +4,14 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import device_games
 import device_learning
+import device_self_play
 import numba
 import numpy as np
 import pytest
@@ -24,11 +26,22 @@ from pursuit.device.simulator import STEP_WORK
 from pursuit.device.waiting import KEPT, Settings
 from pursuit.maze_arrays import lay_out
 from pursuit.rules import layout
+from pursuit.rules.randomness import draw_uniform
 from pursuit.simulator import Simulator
 from pursuit.task import Rewards, Task, make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent, TablePolicy
+from scripted_agents.table_kernels import play_pairs
+from train.algorithms.learner import Build
+from train.algorithms.ppo import network_of
+from train.environments.device_policies import check_plays
 from train.environments.hooks import EpisodeHook
+from train.networks.policy import Seat
+from train.self_play.parts import self_play_parts
+from train.self_play.trainee import make_self_play
+from train.settings.algorithms import PPOSettings
 from train.settings.curricula import ScheduleSettings, UniformSettings
+from train.settings.self_play import SelfPlaySettings, self_play_ppo
+from train.settings.task import TaskSettings
 from train.teaching.axes import Ground, axis_of
 from train.teaching.axis import Axis
 from train.teaching.plan import Plan
@@ -78,31 +91,35 @@ def test_the_games_of_a_gpu_are_those_of_the_cpu_bit_for_bit(
     assert compared == len(played.files)
 
 
-@pytest.mark.parametrize(
-    "names",
-    [
-        ["goal-spread"],
-        pytest.param(
-            [name for name in device_learning.CASES if name != "goal-spread"],
-            marks=pytest.mark.slow,
-        ),
-    ],
-)
+def parts(quick: str, cases: Any) -> Any:
+    """One case that is quick enough for every day, and the others, which are slow."""
+    rest = [name for name in cases if name != quick]
+    marks = pytest.mark.slow
+    return pytest.mark.parametrize("names", [[quick], pytest.param(rest, marks=marks)])
+
+
+def check_learned(script: Any, names: list[str], folder: Path) -> None:
+    """What is learned in the simulator of a GPU is what is learned on the CPU, bit for bit."""
+    simulated(f"{script.__name__}.py", str(folder / "learned.npz"), *names)
+    learned = np.load(folder / "learned.npz")
+    expected = {key: array for name in names for key, array in script.learn(name, "cpu").items()}
+    assert set(learned.files) == set(expected)
+    for key, array in expected.items():
+        assert learned[key].tobytes() == array.tobytes(), key
+
+
+@parts("goal-spread", device_learning.CASES)
 def test_learners_and_teachers_are_the_same_with_games_of_a_gpu(
     names: list[str], tmp_path: Path
 ) -> None:
-    """All weights, games, lessons and whatever else a checkpoint holds, bit for bit."""
-    simulated("device_learning.py", str(tmp_path / "learned.npz"), *names)
-    learned = np.load(tmp_path / "learned.npz")
-    compared = 0
-    for name in names:
-        expected = device_learning.learn(name, "cpu")
-        if device_learning.CASES[name].settings.get("curriculum"):
-            assert expected[f"{name}: state.teacher.episodes"] > 10
-        for key, array in expected.items():
-            assert learned[key].tobytes() == array.tobytes(), key
-            compared += 1
-    assert compared == len(learned.files)
+    """All weights, games, lessons and whatever else a checkpoint holds."""
+    check_learned(device_learning, names, tmp_path)
+
+
+@parts("pfsp with members", device_self_play.CASES)
+def test_self_play_is_the_same_with_games_of_a_gpu(names: list[str], tmp_path: Path) -> None:
+    """Weights of both sides, who is in the pools, with what scores, and who plays in each game."""
+    check_learned(device_self_play, names, tmp_path)
 
 
 # -- PTX -------------------------------------------------------------------------------------------
@@ -120,10 +137,12 @@ def compiles(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         monkeypatch.setattr(module, "get_current_device", lambda: device)
     monkeypatch.setattr(kernels.cuda, "to_device", np.array)
 
-    def compiled(task: Task, call: Call, of_seat: bool = False, **late: Any) -> str:
+    def compiled(
+        task: Task, call: Call, of_seat: bool = False, chosen: bool = False, **late: Any
+    ) -> str:
         memory = Simulator(task, 4)._kernel_arrays[: len(layout.Memory._fields)]
         batch = Batch(layout.Memory(*memory), lay_out(task.mazes), task.max_cells)
-        launch = Launch(call, batch, of_seat=of_seat)
+        launch = Launch(call, batch, of_seat=of_seat, chosen=chosen)
         given = {"actions": np.zeros((4, task.num_agents), np.int32), **late}
         signature = tuple(numba.typeof(value) for value in launch.arguments(**given))
         ptx, _ = cuda.compile_ptx(launch._kernel.py_func, signature, cc=(9, 0))
@@ -173,6 +192,21 @@ def test_what_waits_for_the_next_episodes_compiles_to_ptx(compiles: Any) -> None
     compiles(task, Call(waiting.take_settings, writes="rows"), rows=rows, **given)
     compiles(task, Call(waiting.take_seeds, writes="seeds"), seeds=np.zeros(4, dtype=np.int64))
     compiles(task, Call(waiting.take_epsilon, writes="shares"), shares=np.zeros((4, 2)))
+
+
+@pytest.mark.slow
+def test_the_opponents_of_a_pool_compile_to_ptx(compiles: Any) -> None:
+    task = make_task("chase", maze="3x3")
+    drawn, draws = np.zeros(4, dtype=np.int32), np.zeros(4)
+    given = {"table_of": drawn, "draws": draws, "cumulative": np.zeros((3, 81, 4)), "seat": 1}
+    tables = Call(play_pairs, {"num_cells": 9}, "actions", rows=("table_of", "draws"))
+    compiles(task, tables, of_seat=True, **given)
+    draw = Call(waiting.draw_where, {"stream": 2}, "numbers", rows=("wanted",))
+    compiles(task, draw, wanted=np.ones(4, dtype=bool), numbers=draws)
+    for policy in (AStarEvader(0.1), RandomAgent()):
+        call = policy.on_device(task, 1, lay_out(task.mazes))
+        compiles(task, call, of_seat=True, chosen=True, seat=1, drawn=drawn, member=2)
+    compiles(task, Call(draw_uniform, {"stream": 2}, "numbers"), numbers=draws)
 
 
 @pytest.mark.slow
@@ -277,3 +311,38 @@ def test_a_teacher_whose_lessons_are_not_those_it_foretold_stops() -> None:
     teacher.rng.random(1)
     with pytest.raises(RuntimeError, match="`in_order`"):
         teacher.before_restart(np.arange(4))
+
+
+def test_networks_that_cannot_be_asked_on_a_gpu_say_why() -> None:
+    task = make_task("chase", maze="3x3")
+    hyper = PPOSettings(width=8)
+
+    def reason(**seat: Any) -> str:
+        played = Seat(make_task("chase", maze=seat.pop("maze", "3x3")), "evader", **seat)
+        policy = played.policy(network_of(hyper, played, Build()))
+        with pytest.raises(ValueError) as error:
+            check_plays([None, policy], task)
+        return str(error.value)
+
+    assert "masks of moves" in reason(mask_bumps=True)
+    assert "does not play on a GPU" in reason(frame_stack=2)
+    assert "in mazes of 25 cells; these games" in reason(maze="5x5")
+    own = Seat(task, "evader")
+    check_plays([None, own.policy(network_of(hyper, own, Build()))], task)
+
+
+def test_self_play_says_why_its_games_stay_on_the_cpu(tmp_path: Path) -> None:
+    if cuda.is_available():
+        pytest.skip("there is a GPU")
+    hyper = replace(self_play_ppo(), num_games=8, minibatch_size=16)
+    task, more = TaskSettings(maze="3x3", rewards="zero_sum"), {"frames": 10, "device": "cuda"}
+    settings = SelfPlaySettings(task, hyper, **more)  # type: ignore[arg-type]
+    with pytest.warns(UserWarning, match=r"chaser's games stay on the CPU: .* no GPU here"):
+        assert self_play_parts(settings).sides["chaser"].device == "cpu"
+    team = replace(settings, task=replace(task, num_chasers=2))
+    with pytest.warns(UserWarning, match="games stay on the CPU: 2 chasers learn at once"):
+        self_play_parts(team)
+    with pytest.raises(ValueError, match="torch finds no GPU here; use --device cpu"):
+        make_self_play(settings, tmp_path)
+    with pytest.raises(ValueError, match="what a GPU computes is not counted"):
+        replace(settings, clock="processor", frames=None, seconds=1.0)
