@@ -1,7 +1,8 @@
 """Learning from games on a GPU, in Numba's simulator of one, and on the CPU, to compare.
 
 `python tests/device_learning.py FILE CASE ...` writes all that is learned, and what the curriculum
-was told; `learn(CASE, "cpu")` is the same on the CPU.
+was told; `learn(CASE, "cpu")` is the same on the CPU. With PAUSED before the cases each is saved
+half-way, and goes on from the file.
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,9 +23,12 @@ from train.algorithms.ppo import network_of
 from train.environments.device_env import DeviceEnv
 from train.environments.simulator_env import SimulatorEnv
 from train.runs.by_name import settings_of
+from train.runs.folder import load_checkpoint, save_checkpoint
 from train.runs.parts import parts_of
 from train.runs.single import SingleAgent
+from train.runs.threads import random_states, set_random_states
 
+PAUSED = "--paused"
 CHASE = {"task": "chase", "role": "chaser", "maze": "3x3", "max_steps": 6}
 RUN = {"task": "maze", "maze": "3x3", "max_steps": 8, "num_goals": 2}
 LEARNER = {"num_games": 6, "rollout_steps": 8, "minibatch_size": 16, "epochs": 2, "width": 16}
@@ -46,6 +52,7 @@ CASES = {
     "networks of a team, greedy": Case(
         {**CHASE, "num_evaders": 2, "observation": "planes"}, opponent="greedy"
     ),
+    "bfloat16": Case({**CHASE, "precision": "bfloat16"}),
     "a2c": Case({**CHASE, "algorithm": "a2c"}),
     "opponent-epsilon": Case({**CHASE, "curriculum": "opponent-epsilon"}),
     "goal-spread": Case({**RUN, "curriculum": "goal-spread-start", "easiest": 1}, 4),
@@ -118,18 +125,38 @@ def arrays_in(state: Any, where: str) -> dict[str, np.ndarray]:
     return {where: np.array(str(state) if state is None or wide else state)}
 
 
-def learn(name: str, device: str) -> dict[str, np.ndarray]:
+def through_a_file(trainee: Any, folder: Path) -> dict[str, Any]:
+    """The checkpoint of a trainee, as it is read again."""
+    save_checkpoint(folder, {"trainee": trainee.state_dict(), **random_states()})
+    trainee.close()
+    return load_checkpoint(folder)
+
+
+def learn(name: str, device: str, paused: bool = False) -> dict[str, np.ndarray]:
     """What is seen after all iterations of a case."""
     trainee, iterations = trainee_of(name, device), CASES[name].iterations
-    go_on(trainee, range(iterations), iterations)
+    half = iterations // 2
+    go_on(trainee, range(half), iterations)
+    if paused:
+        with TemporaryDirectory() as folder:
+            saved = through_a_file(trainee, Path(folder))
+        trainee = trainee_of(name, device, saved["trainee"])
+        set_random_states(saved)
+    go_on(trainee, range(half, iterations), iterations)
     seen = {f"{name}: {key}": value for key, value in seen_of(trainee).items()}
     trainee.close()
     return seen
 
 
-if __name__ == "__main__":
+def main(learn: Any, path: str, *names: str) -> None:
+    """Learn the cases on the device, and write all that is seen."""
+    paused = names[0] == PAUSED
     with np.errstate(over="ignore"):
         found = {}
-        for case in sys.argv[2:]:
-            found |= learn(case, "cuda")
-        np.savez(sys.argv[1], **found)
+        for name in names[paused:]:
+            found |= learn(name, "cuda", paused)
+        np.savez(path, **found)
+
+
+if __name__ == "__main__":
+    main(learn, *sys.argv[1:])

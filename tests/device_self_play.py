@@ -1,7 +1,7 @@
 """Self-play with games on a GPU, in Numba's simulator of one, and on the CPU, to compare.
 
 `python tests/device_self_play.py FILE CASE ...` writes all that is learned and who played whom;
-`learn(CASE, "cpu")` is the same on the CPU.
+`learn(CASE, "cpu")` is the same on the CPU. PAUSED as in `device_learning`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from device_learning import arrays_in
+from device_learning import arrays_in, main, through_a_file
 
 from train.environments.device_env import DeviceEnv
+from train.runs.threads import set_random_states
 from train.self_play.parts import self_play_parts
 from train.self_play.trainee import SelfPlay
 from train.settings.self_play import SelfPlaySettings, self_play_ppo
@@ -80,19 +81,21 @@ def go_on(trainee: SelfPlay, iterations: range, of: int) -> None:
         trainee.iterate(clock)
 
 
-def learn(name: str, device: str) -> dict[str, np.ndarray]:
+def learn(name: str, device: str, paused: bool = False) -> dict[str, np.ndarray]:
     """What is seen after all iterations of a case."""
-    with TemporaryDirectory() as folder:
-        trainee, iterations = trainee_of(name, device, Path(folder)), CASES[name].iterations
-        go_on(trainee, range(iterations), iterations)
+    with TemporaryDirectory() as here:
+        folder, iterations = Path(here), CASES[name].iterations
+        trainee, half = trainee_of(name, device, folder), iterations // 2
+        go_on(trainee, range(half), iterations)
+        if paused:
+            saved = through_a_file(trainee, folder)
+            trainee = trainee_of(name, device, folder, saved["trainee"])
+            set_random_states(saved)
+        go_on(trainee, range(half, iterations), iterations)
         seen = arrays_in(trainee.state_dict(), name)
         trainee.close()
     return seen
 
 
 if __name__ == "__main__":
-    with np.errstate(over="ignore"):
-        found = {}
-        for case in sys.argv[2:]:
-            found |= learn(case, "cuda")
-        np.savez(sys.argv[1], **found)
+    main(learn, *sys.argv[1:])

@@ -4,14 +4,11 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import device_games
-import device_learning
-import device_self_play
 import numba
 import numpy as np
 import pytest
@@ -31,21 +28,6 @@ from pursuit.simulator import Simulator
 from pursuit.task import Rewards, Task, make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent, TablePolicy
 from scripted_agents.table_kernels import play_pairs
-from train.algorithms.learner import Build
-from train.algorithms.ppo import network_of
-from train.environments.device_policies import check_plays
-from train.environments.hooks import EpisodeHook
-from train.networks.policy import Seat
-from train.self_play.parts import self_play_parts
-from train.self_play.trainee import make_self_play
-from train.settings.algorithms import PPOSettings
-from train.settings.curricula import ScheduleSettings, UniformSettings
-from train.settings.self_play import SelfPlaySettings, self_play_ppo
-from train.settings.task import TaskSettings
-from train.teaching.axes import Ground, axis_of
-from train.teaching.axis import Axis
-from train.teaching.plan import Plan
-from train.teaching.teacher import Judge, Teacher
 
 SIMULATED = {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "ignore"}
 
@@ -89,37 +71,6 @@ def test_the_games_of_a_gpu_are_those_of_the_cpu_bit_for_bit(
             assert found.tobytes() == expected.tobytes(), key
             compared += 1
     assert compared == len(played.files)
-
-
-def parts(quick: str, cases: Any) -> Any:
-    """One case that is quick enough for every day, and the others, which are slow."""
-    rest = [name for name in cases if name != quick]
-    marks = pytest.mark.slow
-    return pytest.mark.parametrize("names", [[quick], pytest.param(rest, marks=marks)])
-
-
-def check_learned(script: Any, names: list[str], folder: Path) -> None:
-    """What is learned in the simulator of a GPU is what is learned on the CPU, bit for bit."""
-    simulated(f"{script.__name__}.py", str(folder / "learned.npz"), *names)
-    learned = np.load(folder / "learned.npz")
-    expected = {key: array for name in names for key, array in script.learn(name, "cpu").items()}
-    assert set(learned.files) == set(expected)
-    for key, array in expected.items():
-        assert learned[key].tobytes() == array.tobytes(), key
-
-
-@parts("goal-spread", device_learning.CASES)
-def test_learners_and_teachers_are_the_same_with_games_of_a_gpu(
-    names: list[str], tmp_path: Path
-) -> None:
-    """All weights, games, lessons and whatever else a checkpoint holds."""
-    check_learned(device_learning, names, tmp_path)
-
-
-@parts("pfsp with members", device_self_play.CASES)
-def test_self_play_is_the_same_with_games_of_a_gpu(names: list[str], tmp_path: Path) -> None:
-    """Weights of both sides, who is in the pools, with what scores, and who plays in each game."""
-    check_learned(device_self_play, names, tmp_path)
 
 
 # -- PTX -------------------------------------------------------------------------------------------
@@ -272,77 +223,3 @@ def test_rows_of_settings_hold_what_a_simulator_would_be_told_and_nothing_else()
     assert not settings.distances
     settings.configure(max_start_distance=2)
     assert settings.distances
-
-
-class Placing(Axis):
-    """An axis that does what games on a GPU cannot be told beforehand."""
-
-    def __init__(self) -> None:
-        super().__init__("placing", 0.0, 3.0, lambda games, chosen, values: games.place([0, 1]))
-
-
-def test_lessons_that_only_games_on_the_cpu_can_be_given_say_so() -> None:
-    task = make_task("chase", maze="3x3")
-    judge = Judge(lambda games: games.terminated, lambda games: games.returns[:, 0])
-    lessons = ScheduleSettings()
-
-    def reason(axis: Axis) -> str | None:
-        plan = Plan("start-distance", lessons, axis, task, None, 0)
-        return Teacher(plan, Simulator(task, 2, auto_restart=False), judge).why_not_foretold()
-
-    assert "more to games than to `configure` them" in str(reason(Placing()))
-    turned = axis_of("start-distance", Ground(task, "chaser"), lessons)
-    assert reason(turned) is None
-    with pytest.raises(NotImplementedError, match="only the CPU can do"):
-        EpisodeHook().foretell(1)
-
-
-def test_a_teacher_whose_lessons_are_not_those_it_foretold_stops() -> None:
-    task = make_task("chase", maze="3x3")
-    judge = Judge(lambda games: games.terminated, lambda games: games.returns[:, 0])
-    axis = axis_of("start-distance", Ground(task, "chaser"), ScheduleSettings())
-    plan = Plan("uniform", UniformSettings(), axis, task, None, 0)
-    teacher = Teacher(plan, Simulator(task, 4, auto_restart=False), judge)
-    told = teacher.foretell(8).rows
-    assert told is not None and len(told) == 8 and len(set(told.tolist())) > 1
-    teacher.before_restart(np.arange(3))
-    teacher.before_restart(np.array([1]))
-    np.testing.assert_array_equal(teacher.foretell(4).rows, told[4:])
-    teacher.rng.random(1)
-    with pytest.raises(RuntimeError, match="`in_order`"):
-        teacher.before_restart(np.arange(4))
-
-
-def test_networks_that_cannot_be_asked_on_a_gpu_say_why() -> None:
-    task = make_task("chase", maze="3x3")
-    hyper = PPOSettings(width=8)
-
-    def reason(**seat: Any) -> str:
-        played = Seat(make_task("chase", maze=seat.pop("maze", "3x3")), "evader", **seat)
-        policy = played.policy(network_of(hyper, played, Build()))
-        with pytest.raises(ValueError) as error:
-            check_plays([None, policy], task)
-        return str(error.value)
-
-    assert "masks of moves" in reason(mask_bumps=True)
-    assert "does not play on a GPU" in reason(frame_stack=2)
-    assert "in mazes of 25 cells; these games" in reason(maze="5x5")
-    own = Seat(task, "evader")
-    check_plays([None, own.policy(network_of(hyper, own, Build()))], task)
-
-
-def test_self_play_says_why_its_games_stay_on_the_cpu(tmp_path: Path) -> None:
-    if cuda.is_available():
-        pytest.skip("there is a GPU")
-    hyper = replace(self_play_ppo(), num_games=8, minibatch_size=16)
-    task, more = TaskSettings(maze="3x3", rewards="zero_sum"), {"frames": 10, "device": "cuda"}
-    settings = SelfPlaySettings(task, hyper, **more)  # type: ignore[arg-type]
-    with pytest.warns(UserWarning, match=r"chaser's games stay on the CPU: .* no GPU here"):
-        assert self_play_parts(settings).sides["chaser"].device == "cpu"
-    team = replace(settings, task=replace(task, num_chasers=2))
-    with pytest.warns(UserWarning, match="games stay on the CPU: 2 chasers learn at once"):
-        self_play_parts(team)
-    with pytest.raises(ValueError, match="torch finds no GPU here; use --device cpu"):
-        make_self_play(settings, tmp_path)
-    with pytest.raises(ValueError, match="what a GPU computes is not counted"):
-        replace(settings, clock="processor", frames=None, seconds=1.0)
