@@ -89,11 +89,11 @@ def compiles(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     monkeypatch.setattr(kernels.cuda, "to_device", np.array)
 
     def compiled(
-        task: Task, call: Call, of_seat: bool = False, chosen: bool = False, **late: Any
+        task: Task, call: Call, of_seat: bool = False, of_member: bool = False, **late: Any
     ) -> str:
         memory = Simulator(task, 4)._kernel_arrays[: len(layout.Memory._fields)]
         batch = Batch(layout.Memory(*memory), lay_out(task.mazes), task.max_cells)
-        launch = Launch(call, batch, of_seat=of_seat, chosen=chosen)
+        launch = Launch(call, batch, of_seat=of_seat, chosen=of_member)
         given = {"actions": np.zeros((4, task.num_agents), np.int32), **late}
         signature = tuple(numba.typeof(value) for value in launch.arguments(**given))
         ptx, _ = cuda.compile_ptx(launch._kernel.py_func, signature, cc=(9, 0))
@@ -156,7 +156,7 @@ def test_the_opponents_of_a_pool_compile_to_ptx(compiles: Any) -> None:
     compiles(task, draw, wanted=np.ones(4, dtype=bool), numbers=draws)
     for policy in (AStarEvader(0.1), RandomAgent()):
         call = policy.on_device(task, 1, lay_out(task.mazes))
-        compiles(task, call, of_seat=True, chosen=True, seat=1, drawn=drawn, member=2)
+        compiles(task, call, of_seat=True, of_member=True, seat=1, drawn=drawn, member=2)
     compiles(task, Call(draw_uniform, {"stream": 2}, "numbers"), numbers=draws)
 
 

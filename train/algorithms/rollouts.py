@@ -150,9 +150,12 @@ class RolloutLearner(NetworkLearner):
 
         It is its frames in a row; of a network that remembers a sequence a row, [games].
         """
-        self.env.begin_rollout(self.steps)
+        begin, end = (getattr(self.env, f"{what}_rollout", None) for what in ("begin", "end"))
+        if begin is not None:
+            begin(self.steps)
         rollout = next(self._batches)
-        self.env.end_rollout()
+        if end is not None:
+            end()
         self.frames += rollout.numel()
         if not self.critic:
             rollout["state_value"] = torch.zeros_like(rollout["state_value"])

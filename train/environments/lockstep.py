@@ -100,12 +100,6 @@ class LockstepEnv(EnvBase):
         """[num_games, k, actions] bool: what the learner's agents may do; anything, as it is."""
         return np.ones((self.num_games, self.members, self.player.num_actions), dtype=bool)
 
-    def begin_rollout(self, steps: int) -> None:
-        """Called before a learner takes so many steps; for games that prepare for them."""
-
-    def end_rollout(self) -> None:
-        """Called after them."""
-
     # -- what follows ----------------------------------------------------------------------------
 
     def begin(self) -> None:
