@@ -42,6 +42,7 @@ class Case:
     encodings: tuple[str, ...] = ("index",)
     settings: Mapping[str, Any] = field(default_factory=dict)
     auto_restart: bool = True
+    later: float | None = None  # everybody's epsilon, from half of the steps on
     steps: int = 12
     games: int = 5
     tables: bool = True
@@ -50,7 +51,9 @@ class Case:
 GRIDS = ("one_hot", "positions", "cells", "walls", "planes", "window:1")
 DUEL = {"maze": "3x3"}
 CASES = {
-    "duel": Case(DUEL, (AStarChaser(0.2), AStarEvader(0.3)), encodings=("index", "one_hot")),
+    "duel": Case(
+        DUEL, (AStarChaser(0.2), AStarEvader(0.3)), encodings=("index", "one_hot"), later=0.9
+    ),
     "maze": Case({"maze": "3x3", "num_goals": 2}, (NearestGoalRunner(0.2),), "maze"),
     "race": Case({"maze": "3x3"}, (NearestGoalRunner(0.1), None), "race"),
     "encodings": Case(
@@ -159,7 +162,9 @@ def play(name: str, device: str) -> dict[str, np.ndarray]:
         for key, array in arrays.items():
             seen.setdefault(f"{name}: {key}", []).append(np.array(on_host(array)))
 
-    for actions in drawn:
+    for step, actions in enumerate(drawn):
+        if case.later is not None and step == case.steps // 2:
+            change_epsilon(games, case.later, device)
         if device == "cpu":
             games.act(case.policies, actions)
             games.step(actions)
@@ -183,6 +188,14 @@ def play(name: str, device: str) -> dict[str, np.ndarray]:
         games.check()
     note(**{f"state {key}": array for key, array in vars(games.get_state()).items()})
     return {key: np.stack(arrays) for key, arrays in seen.items()}
+
+
+def change_epsilon(games: Any, share: float, device: str) -> None:
+    """Of all agents, from now on."""
+    if device == "cpu":
+        games.epsilon = share
+    else:
+        games.set_epsilon(share)
 
 
 def on_host(array: Any) -> np.ndarray:

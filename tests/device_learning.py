@@ -1,42 +1,162 @@
-"""PPO over games on a GPU, in Numba's simulator of one: `python tests/device_learning.py FILE`."""
+"""Learning from games on a GPU, in Numba's simulator of one, and on the CPU, to compare.
+
+`python tests/device_learning.py FILE CASE ...` writes all that is learned, and what the curriculum
+was told; `learn(CASE, "cpu")` is the same on the CPU. With PAUSED before the cases each is saved
+half-way, and goes on from the file.
+"""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import torch
 
-from train.algorithms import ppo
 from train.algorithms.learner import Build
+from train.algorithms.ppo import network_of
 from train.environments.device_env import DeviceEnv
 from train.environments.simulator_env import SimulatorEnv
-from train.networks.policy import Seat
-from train.runs.worlds import GridWorld
-from train.settings.algorithms import PPOSettings
-from train.settings.task import TaskSettings
+from train.runs.by_name import settings_of
+from train.runs.folder import load_checkpoint, save_checkpoint
+from train.runs.parts import parts_of
+from train.runs.single import SingleAgent
+from train.runs.threads import random_states, set_random_states
 
-SETTINGS = PPOSettings(num_games=6, rollout_steps=8, minibatch_size=16, epochs=2, width=16)
+PAUSED = "--paused"
+CHASE = {"task": "chase", "role": "chaser", "maze": "3x3", "max_steps": 6}
+RUN = {"task": "maze", "maze": "3x3", "max_steps": 8, "num_goals": 2}
+LEARNER = {"num_games": 6, "rollout_steps": 8, "minibatch_size": 16, "epochs": 2, "width": 16}
 
 
-def learn(device: str, iterations: int = 3) -> dict[str, np.ndarray]:
-    """The weights after some iterations, and how the episodes went."""
+@dataclass(frozen=True)
+class Case:
+    """One learner's settings by name, but for those of LEARNER, and how long it learns.
+
+    With an opponent a network of random weights plays the evaders, "sampled" or "greedy".
+    """
+
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    iterations: int = 3
+    opponent: str | None = None
+
+
+CASES = {
+    "ppo": Case(CHASE),
+    "a network": Case(CHASE, opponent="sampled"),
+    "networks of a team, greedy": Case(
+        {**CHASE, "num_evaders": 2, "observation": "planes"}, opponent="greedy"
+    ),
+    "bfloat16": Case({**CHASE, "precision": "bfloat16"}),
+    "a2c": Case({**CHASE, "algorithm": "a2c"}),
+    "opponent-epsilon": Case({**CHASE, "curriculum": "opponent-epsilon"}),
+    "goal-spread": Case({**RUN, "curriculum": "goal-spread-start", "easiest": 1}, 4),
+    "num-goals": Case({**RUN, "curriculum": "learning-progress", "axis": "num-goals"}, 4),
+    "uniform": Case({**CHASE, "curriculum": "uniform", "axis": "start-distance"}, 4),
+    "gated": Case(
+        {**RUN, "curriculum": "success-gated", "axis": "num-goals", "window": 4, "promote_at": 0.1},
+        5,
+    ),
+    "mazes": Case({**RUN, "curriculum": "uniform", "axis": "maze-size", "observation": "walls"}, 4),
+    "levels": Case({**RUN, "curriculum": "level-replay", "level_buffer": 8}, 5),
+    "value loss": Case(
+        {**CHASE, "curriculum": "level-replay", "level_buffer": 8, "level_score": "value_loss"}, 5
+    ),
+}
+
+
+def trainee_of(name: str, device: str, state: Any = None) -> SingleAgent:
+    """The learner of a case with its games, and whoever teaches."""
+    flat = {**LEARNER, **CASES[name].settings}
+    if flat.get("algorithm") == "a2c":
+        flat = {key: flat[key] for key in flat if key not in ("minibatch_size", "epochs")}
+    settings = settings_of(**flat, frames=10**6, seed=5, device=device)
+    parts: Any = parts_of(settings)
+    if CASES[name].opponent is not None:
+        parts.world.opponents["evader"] = evader(parts, CASES[name].opponent == "greedy")
     torch.manual_seed(3)
-    world = GridWorld(TaskSettings(task="chase", role="chaser", maze="3x3", max_steps=6))
-    seat = Seat(world.task, world.agent, "index")
-    env: Any = world.games(seat, SETTINGS.num_games, 5, None, device)[0]
-    assert isinstance(env, SimulatorEnv if device == "cpu" else DeviceEnv)
-    learner = ppo.build(SETTINGS, env, Build())
-    for number in range(iterations):
-        learner.iterate(number / iterations)
-    returns, lengths = env.finished_returns, env.finished_lengths
-    weights = {name: weight.numpy() for name, weight in learner.network.state_dict().items()}
-    ends = np.array([np.concatenate(returns).mean(), np.concatenate(lengths).mean()])
-    learner.close()
-    return {**weights, "ends": ends, "positions": env.simulator.get_state().positions}
+    trainee = SingleAgent(parts, "greedy", state)
+    assert isinstance(trainee.env, SimulatorEnv if device == "cpu" else DeviceEnv)
+    return trainee
+
+
+def evader(parts: Any, greedy: bool) -> Any:
+    """A network that plays the evaders as if it had learned to."""
+    torch.manual_seed(8)
+    seat = replace(parts.seat, agent="evader")
+    network = network_of(replace(parts.hyper, first_std=2.0), seat, Build())
+    with torch.no_grad():
+        network.policy_head.weight.mul_(100.0)  # not all actions alike
+    return seat.policy(network, greedy)
+
+
+def go_on(trainee: SingleAgent, iterations: range, of: int) -> None:
+    """Learn for some iterations."""
+    for number in iterations:
+        trainee.iterate(SimpleNamespace(progress=number / of, seconds=float(number)))
+
+
+def seen_of(trainee: SingleAgent) -> dict[str, np.ndarray]:
+    """The weights, the games, how episodes went, and all that the curriculum knows."""
+    returns, lengths = trainee.env.finished_returns, trainee.env.finished_lengths
+    seen = {"ends": np.array([np.concatenate(returns).mean(), np.concatenate(lengths).mean()])}
+    if trainee.teacher is not None:
+        trainee.teacher.update(1.0, trainee.frames, 100.0)
+        seen["figures"] = np.array([*trainee.teacher.figures().values()])
+    return seen | arrays_in(trainee.state_dict(), "state")
+
+
+def arrays_in(state: Any, where: str) -> dict[str, np.ndarray]:
+    """All of a nested state as arrays, by where they stand in it."""
+    if isinstance(state, dict | list | tuple):
+        items = state.items() if isinstance(state, dict) else enumerate(state)
+        found: dict[str, np.ndarray] = {}
+        for name, value in items:
+            found |= arrays_in(value, f"{where}.{name}")
+        return found
+    if isinstance(state, torch.Tensor):
+        return {where: state.numpy()}
+    wide = isinstance(state, int) and abs(state) >= 2**63  # of a generator
+    return {where: np.array(str(state) if state is None or wide else state)}
+
+
+def through_a_file(trainee: Any, folder: Path) -> dict[str, Any]:
+    """The checkpoint of a trainee, as it is read again."""
+    save_checkpoint(folder, {"trainee": trainee.state_dict(), **random_states()})
+    trainee.close()
+    return load_checkpoint(folder)
+
+
+def learn(name: str, device: str, paused: bool = False) -> dict[str, np.ndarray]:
+    """What is seen after all iterations of a case."""
+    trainee, iterations = trainee_of(name, device), CASES[name].iterations
+    half = iterations // 2
+    go_on(trainee, range(half), iterations)
+    if paused:
+        with TemporaryDirectory() as folder:
+            saved = through_a_file(trainee, Path(folder))
+        trainee = trainee_of(name, device, saved["trainee"])
+        set_random_states(saved)
+    go_on(trainee, range(half, iterations), iterations)
+    seen = {f"{name}: {key}": value for key, value in seen_of(trainee).items()}
+    trainee.close()
+    return seen
+
+
+def main(learn: Any, path: str, *names: str) -> None:
+    """Learn the cases on the device, and write all that is seen."""
+    paused = names[0] == PAUSED
+    with np.errstate(over="ignore"):
+        found = {}
+        for name in names[paused:]:
+            found |= learn(name, "cuda", paused)
+        np.savez(path, **found)
 
 
 if __name__ == "__main__":
-    with np.errstate(over="ignore"):
-        np.savez(sys.argv[1], **learn("cuda"))
+    main(learn, *sys.argv[1:])

@@ -9,22 +9,25 @@ from types import SimpleNamespace
 from typing import Any
 
 import device_games
-import device_learning
 import numba
 import numpy as np
 import pytest
 from numba import cuda
 
 from pursuit import rules
-from pursuit.device import kernels
+from pursuit.device import kernels, waiting
 from pursuit.device.calls import Call
+from pursuit.device.checks import check_task, choose_device
 from pursuit.device.kernels import Batch, Launch
-from pursuit.device.simulator import STEP_WORK, check_task, choose_device
+from pursuit.device.simulator import STEP_WORK
+from pursuit.device.waiting import KEPT, Settings
 from pursuit.maze_arrays import lay_out
 from pursuit.rules import layout
+from pursuit.rules.randomness import draw_uniform
 from pursuit.simulator import Simulator
 from pursuit.task import Rewards, Task, make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent, TablePolicy
+from scripted_agents.table_kernels import play_pairs
 
 SIMULATED = {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "ignore"}
 
@@ -70,15 +73,6 @@ def test_the_games_of_a_gpu_are_those_of_the_cpu_bit_for_bit(
     assert compared == len(played.files)
 
 
-@pytest.mark.slow
-def test_ppo_learns_the_same_from_games_of_a_gpu(tmp_path: Path) -> None:
-    simulated("device_learning.py", str(tmp_path / "learned.npz"))
-    learned, expected = np.load(tmp_path / "learned.npz"), device_learning.learn("cpu")
-    assert set(learned.files) == set(expected)
-    for name, array in expected.items():
-        assert learned[name].tobytes() == array.tobytes(), name
-
-
 # -- PTX -------------------------------------------------------------------------------------------
 
 
@@ -94,10 +88,12 @@ def compiles(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         monkeypatch.setattr(module, "get_current_device", lambda: device)
     monkeypatch.setattr(kernels.cuda, "to_device", np.array)
 
-    def compiled(task: Task, call: Call, of_seat: bool = False, **late: Any) -> str:
+    def compiled(
+        task: Task, call: Call, of_seat: bool = False, of_member: bool = False, **late: Any
+    ) -> str:
         memory = Simulator(task, 4)._kernel_arrays[: len(layout.Memory._fields)]
         batch = Batch(layout.Memory(*memory), lay_out(task.mazes), task.max_cells)
-        launch = Launch(call, batch, of_seat=of_seat)
+        launch = Launch(call, batch, of_seat=of_seat, chosen=of_member)
         given = {"actions": np.zeros((4, task.num_agents), np.int32), **late}
         signature = tuple(numba.typeof(value) for value in launch.arguments(**given))
         ptx, _ = cuda.compile_ptx(launch._kernel.py_func, signature, cc=(9, 0))
@@ -139,6 +135,32 @@ def test_every_agent_that_plays_on_a_gpu_compiles_to_ptx(compiles: Any) -> None:
 
 
 @pytest.mark.slow
+def test_what_waits_for_the_next_episodes_compiles_to_ptx(compiles: Any) -> None:
+    task = make_task("heist", maze="3x3")
+    settings = Settings(task, 3)
+    given = {"numbers": settings.numbers, "shares": settings.shares}
+    rows = np.zeros(4, dtype=np.int32)
+    compiles(task, Call(waiting.take_settings, writes="rows"), rows=rows, **given)
+    compiles(task, Call(waiting.take_seeds, writes="seeds"), seeds=np.zeros(4, dtype=np.int64))
+    compiles(task, Call(waiting.take_epsilon, writes="shares"), shares=np.zeros((4, 2)))
+
+
+@pytest.mark.slow
+def test_the_opponents_of_a_pool_compile_to_ptx(compiles: Any) -> None:
+    task = make_task("chase", maze="3x3")
+    drawn, draws = np.zeros(4, dtype=np.int32), np.zeros(4)
+    given = {"table_of": drawn, "draws": draws, "cumulative": np.zeros((3, 81, 4)), "seat": 1}
+    tables = Call(play_pairs, {"num_cells": 9}, "actions", rows=("table_of", "draws"))
+    compiles(task, tables, of_seat=True, **given)
+    draw = Call(waiting.draw_where, {"stream": 2}, "numbers", rows=("wanted",))
+    compiles(task, draw, wanted=np.ones(4, dtype=bool), numbers=draws)
+    for policy in (AStarEvader(0.1), RandomAgent()):
+        call = policy.on_device(task, 1, lay_out(task.mazes))
+        compiles(task, call, of_seat=True, of_member=True, seat=1, drawn=drawn, member=2)
+    compiles(task, Call(draw_uniform, {"stream": 2}, "numbers"), numbers=draws)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", [{}, {"view_radius": 1, "unknown_maze": True}])
 @pytest.mark.parametrize(
     "encoding", ["index", "one_hot", "positions", "cells", "walls", "planes", "window"]
@@ -175,3 +197,29 @@ def test_a_task_that_a_gpu_would_pay_otherwise_is_refused() -> None:
     pay = Rewards(step=-1.6986417481574838, distance=0.8995472692540429)
     with pytest.raises(ValueError, match="rounded otherwise on a GPU at distance 3"):
         check_task(make_task("chase", rewards={"chaser": pay}))
+
+
+# -- what waits for the next episodes --------------------------------------------------------------
+
+
+def test_rows_of_settings_hold_what_a_simulator_would_be_told_and_nothing_else() -> None:
+    task = make_task("heist", maze="5x5", num_goals=3)
+    simulator, settings = Simulator(task, 4), Settings(task, 4)
+    before = simulator.get_state()
+    for told in (simulator, settings):
+        told.configure([0, 2], epsilon=[0.25, 0.5], seat="chaser_0")
+        told.configure(goal_radius=[1, 2, 3, 4], goals_around="start")
+        with pytest.raises(ValueError, match="num_goals"):
+            told.configure(num_goals=4)
+    after, coming = simulator.get_state(), layout.NextEpisode._fields
+    numbers = dict(zip(coming[:-1], settings.numbers, strict=True))
+    for name, row in numbers.items():
+        if name in ("goal_radius", "goals_around_marks"):
+            np.testing.assert_array_equal(row, getattr(after, f"next_{name}"))
+        else:
+            assert (row == KEPT).all(), name
+    np.testing.assert_array_equal(settings.shares, after.next_epsilon)
+    assert (before.next_epsilon == layout.UNCHANGED).all()
+    assert not settings.distances
+    settings.configure(max_start_distance=2)
+    assert settings.distances

@@ -68,14 +68,14 @@ def test_in_a_duel_networks_play_by_tables_that_follow_them(tmp_path: Path) -> N
     for number in (1, 2):
         pool.add(f"{number}", {"number": number}, np.random.default_rng(0))
     tables, asked = PoolPolicy(pool, 512, steps=16), PoolPolicy(pool, 512, steps=16)
-    asked._tables.places = lambda policies, task: np.full(len(policies), -1)  # type: ignore[method-assign]
+    asked.tables.places = lambda policies, task: np.full(len(policies), -1)  # type: ignore[method-assign]
     tables.opponents[:] = asked.opponents[:] = np.random.default_rng(1).integers(4, size=512)
     simulator = Simulator(task, 512, seed=3)
     optimizer = torch.optim.Adam(networks[0].parameters(), lr=0.3)
     played: list[Any] = []
     for step in range(6):
         if step == 3:
-            before = tables._tables._cumulative.copy()
+            before = tables.tables.cumulative.copy()
             networks[0].policy_head(torch.randn(4, 16)).square().sum().backward()
             optimizer.step()
         if step == 5:  # one opponent alone, and nobody scripted
@@ -87,7 +87,7 @@ def test_in_a_duel_networks_play_by_tables_that_follow_them(tmp_path: Path) -> N
         played.append(found)
         actions = np.stack([found * 0, found], axis=1)
         simulator.step(actions)
-    changed = (before != tables._tables._cumulative).any(axis=(1, 2))
+    changed = (before != tables.tables.cumulative).any(axis=(1, 2))
     assert changed.tolist() == [True, False, False]
     pool.members.pop(2)  # a snapshot is dropped: the others keep their tables
     tables.opponents[:] = asked.opponents[:] = np.arange(512) % 3

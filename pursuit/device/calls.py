@@ -20,12 +20,14 @@ class Call:
         writes: the argument with a row for each game that it fills.
         work: the room to work that each game needs: whose it is, as calls of one name share it, and
             its layers.
+        rows: further arguments with a row for each game.
     """
 
     entry: Any
     given: Mapping[str, Any] = field(default_factory=dict)
     writes: str = "actions"
     work: tuple[str, int] = ("", 0)
+    rows: tuple[str, ...] = ()
 
 
 def call_of(policy: Any, task: Task, seat: int, mazes: Any) -> Call:

@@ -39,7 +39,7 @@ OF_GAME = {
 TEXT = """
 def kernel({parameters}):
     game = cuda.grid(1)
-    if game < num_games:
+    if game < num_games{condition}:
         own = Memory(
             agents[game:game + 1], goals[game:game + 1], clocks[game:game + 1],
             coming[:, game:game + 1], reals[game:game + 1], flags[:, game:game + 1],
@@ -52,7 +52,12 @@ def kernel({parameters}):
 
 @lru_cache(maxsize=256)
 def parts_of(
-    entry: Any, written: str, absent: frozenset[str], final: bool
+    entry: Any,
+    written: str,
+    absent: frozenset[str],
+    final: bool,
+    of_each: tuple[str, ...] = (),
+    chosen: bool = False,
 ) -> tuple[Any, tuple[str, ...]]:
     """The function of a thread that calls `entry`, and its parameters after those of the games.
 
@@ -62,6 +67,8 @@ def parts_of(
         written: the argument that has a row for each game; of one seat's actions "seat's actions".
         absent: arguments that are None.
         final: whether the games are those that have ended, as they ended.
+        of_each: further arguments that have a row for each game.
+        chosen: whether only the games are meant whose `drawn` is `member`.
     """
     function = getattr(entry, "py_func", entry)
     names = list(inspect.signature(function).parameters)
@@ -70,6 +77,7 @@ def parts_of(
     column = ", seat]" if of_seat else "]"
     meanings = {
         **OF_GAME,
+        **{name: f"{name}[game:game + 1]" for name in of_each},
         written: f"{written}[game:game + 1{column}",
         **dict.fromkeys(absent, "None"),
     }
@@ -79,6 +87,8 @@ def parts_of(
     if function.__annotations__.get("return") == "int":  # what happened, which is OK, or is noted
         call = f"found = {call}\n        if found != 0:\n            notes[found] = 1"
         rest = (*rest, "notes")
+    if chosen:
+        rest = (*rest, "drawn", "member")
     parameters = ", ".join(("num_games", *Memory._fields, *rest))
     games = "outcome_of(own).final" if final else "games_of(own)"
     scope = {
@@ -90,14 +100,15 @@ def parts_of(
         "EPSILON": layout.EPSILON,
         "__name__": __name__,
     }
-    text = TEXT.format(parameters=parameters, games=games, call=call)
+    condition = " and drawn[game] == member" if chosen else ""
+    text = TEXT.format(parameters=parameters, condition=condition, games=games, call=call)
     exec(compile(text, f"<{function.__name__}, one game a thread>", "exec"), scope)
     return scope["kernel"], rest
 
 
 @lru_cache(maxsize=256)
-def _compiled(entry: Any, written: str, absent: frozenset[str], final: bool) -> Any:
-    function, rest = parts_of(entry, written, absent, final)
+def _compiled(*what: Any) -> Any:
+    function, rest = parts_of(*what)
     return cuda.jit(function), rest
 
 
@@ -142,14 +153,21 @@ class Launch:
         batch: on what.
         final: whether on the games that have ended, as they ended.
         of_seat: whether "actions" are those of all agents, of which it fills the seat's.
+        chosen: whether only on the games whose `drawn` ([games] int32) is `member`, which are said
+            at each call.
     """
 
     def __init__(
-        self, call: Call, batch: Batch, final: bool = False, of_seat: bool = False
+        self,
+        call: Call,
+        batch: Batch,
+        final: bool = False,
+        of_seat: bool = False,
+        chosen: bool = False,
     ) -> None:
         absent = frozenset(name for name, value in call.given.items() if value is None)
         written = f"seat's {call.writes}" if of_seat else call.writes
-        self._kernel, names = _compiled(call.entry, written, absent, final)
+        self._kernel, names = _compiled(call.entry, written, absent, final, call.rows, chosen)
         self._batch, self._names = batch, names
         known: dict[str, Any] = {**batch.mazes, "notes": batch.notes}
         if call.work[1]:

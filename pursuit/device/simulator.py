@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from numba import config, cuda
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from pursuit import rules
+from pursuit import next_episode, rules
 from pursuit.declared import whole
 from pursuit.device.calls import Call, call_of
+from pursuit.device.checks import check_task, choose_device, on_device
 from pursuit.device.kernels import Batch, Launch
+from pursuit.device.waiting import Settings, take_epsilon, take_seeds, take_settings
 from pursuit.maze_arrays import lay_out
 from pursuit.rules import layout
 from pursuit.task import Task
@@ -34,7 +35,8 @@ class DeviceSimulator:
     finds are counted out on the CPU.
 
     Everything else (`configure`, `seed`, `get_state`, ...) copies all games to the CPU and back; it
-    is for the times between rollouts.
+    is for the times between rollouts. What is to change within one, as games begin anew, is given
+    them by `give_settings` and `give_seeds`.
 
     Args:
         host: the games, on the CPU, where they begin.
@@ -49,6 +51,10 @@ class DeviceSimulator:
             that file name what lies in them, of arrays of any library that are made of these.
         actions: [num_games, num_agents] int32, what `act` fills and what `step` takes by default.
         chosen: [num_games] bool, room for a mask that `reset` is to be given.
+        rows: [num_games] int32, room for what `give_settings` is to give whom.
+        seeds: [num_games] int64, room for what `give_seeds` is to give whom.
+        drawn: [num_games] int32, which of several policies plays in each game, where there are
+            several (`Launch(chosen=True)`).
         task, num_games, num_agents, first_game, auto_restart, last_seed: as in `Simulator`.
         stream: the number of a CUDA stream (torch: `torch.cuda.current_stream().cuda_stream`);
             assign it to have all that follows run there. 0 is the default stream.
@@ -76,10 +82,17 @@ class DeviceSimulator:
         self._step, self._start = Launch(step, self._batch), Launch(start, self._batch)
         self._all = cuda.to_device(np.ones(self.num_games, dtype=bool))
         self.chosen = cuda.to_device(np.zeros(self.num_games, dtype=bool))
+        self.rows = cuda.to_device(np.full(self.num_games, -1, dtype=np.int32))
+        self.seeds = cuda.to_device(np.full(self.num_games, -1, dtype=np.int64))
+        self.drawn = cuda.to_device(np.zeros(self.num_games, dtype=np.int32))
+        self._take_settings = Launch(Call(take_settings, writes="rows"), self._batch)
+        self._take_seeds = Launch(Call(take_seeds, writes="seeds"), self._batch)
+        self._take_epsilon = Launch(Call(take_epsilon, writes="shares"), self._batch)
         self._seats: dict[tuple[int, int], tuple[Any, Launch]] = {}
         self._encodings: dict[Any, tuple[Any, Any, Any, list[Launch]]] = {}
         self._stream, self._found = 0, np.zeros(3, dtype=bool)
-        self._note_distances()
+        self._given: tuple[Any, dict[str, Any]] = (None, {})
+        self._distances = self._finds_distances()
 
     # -- the arrays under their names --------------------------------------------------------------
 
@@ -164,6 +177,38 @@ class DeviceSimulator:
             if policy is not None:
                 self._launch_of(seat, policy)(actions=given, seat=seat)
 
+    def give_settings(self, settings: Settings) -> None:
+        """Have the next episodes begin with settings: of each game the row in `self.rows`, if >= 0.
+
+        It waits for nothing. They are copied to the GPU when they are first given.
+        """
+        if settings is not self._given[0]:
+            arrays = {"numbers": settings.numbers, "shares": settings.shares}
+            self._given = settings, {key: cuda.to_device(value) for key, value in arrays.items()}
+        self._distances = self._distances or settings.distances
+        self._take_settings(rows=self.rows, **self._given[1])
+
+    def give_seeds(self) -> None:
+        """Make the next starts those of the seeds in `self.seeds`, where these are >= 0.
+
+        It is `Simulator.seed_starts`, and waits for nothing.
+        """
+        self._take_seeds(seeds=self.seeds)
+
+    def array(self, given: NDArray[Any]) -> Any:
+        """A copy on the GPU, for `launch`."""
+        return cuda.to_device(given)
+
+    def launch(self, call: Call, seat: int | None = None, chosen: bool = False) -> Launch:
+        """A kernel over these games, to be run at any time, in the stream of the games.
+
+        Args:
+            call: which.
+            seat: whose actions it writes, where it does.
+            chosen: as in `Launch`.
+        """
+        return Launch(call, self._batch, of_seat=seat is not None, chosen=chosen)
+
     def _launch_of(self, seat: int, policy: Any) -> Launch:
         key = (seat, id(policy))
         if key not in self._seats:
@@ -236,10 +281,10 @@ class DeviceSimulator:
             with self._on_host() as host:
                 host._check(layout.NO_PLACEMENT)
 
-    def _note_distances(self) -> None:
+    def _finds_distances(self) -> bool:
         coming = self._host._coming
         least, most = coming.min_start_distance, coming.max_start_distance
-        self._distances = bool((least > 1).any() or (most >= 0).any())
+        return bool((least > 1).any() or (most >= 0).any())
 
     @contextmanager
     def _on_host(self, change: bool = True) -> Iterator[Any]:
@@ -254,7 +299,27 @@ class DeviceSimulator:
             for here, there in arrays:
                 there.copy_to_device(here)
             cuda.synchronize()
-            self._note_distances()
+            self._distances = self._finds_distances()
+
+    @property
+    def mirror(self) -> Any:
+        """A `Simulator` on the CPU: what was last copied there, or put there by `show`."""
+        return self._host
+
+    def show(self, games: NDArray[np.intp], rows: Mapping[tuple[str, int], NDArray[Any]]) -> None:
+        """Put rows of the games' memory into `mirror`, for whoever is to see them there.
+
+        Args:
+            games: [n].
+            rows: [n, layers, ...] by array of `layout.Memory` and its first layer.
+        """
+        memory = layout.Memory(*self._host._kernel_arrays[: len(layout.Memory._fields)])
+        for (name, first), values in rows.items():
+            own = getattr(memory, name)
+            if name == "flags":
+                own[:, games] = values.T
+            else:
+                own[games, first : first + values.shape[1]] = values
 
     def host(self) -> Any:
         """The games on the CPU as they are now: a `Simulator`, which the next call overwrites."""
@@ -267,9 +332,10 @@ class DeviceSimulator:
             host.configure(games, **settings)
 
     def set_epsilon(self, shares: ArrayLike) -> None:
-        """As assigning `Simulator.epsilon`."""
-        with self._on_host() as host:
-            host.epsilon = shares
+        """As assigning `Simulator.epsilon`; the games stay where they are."""
+        each = np.empty((self.num_games, self.num_agents))
+        next_episode.fill("epsilon", each, next_episode.checked_shares(shares))
+        self._take_epsilon(shares=cuda.to_device(each))
 
     def seed(self, seed: int, games: ArrayLike | None = None) -> None:
         """As `Simulator.seed`."""
@@ -314,48 +380,3 @@ class DeviceSimulator:
                 f"{tuple(like.shape)} and {like.dtype}"
             )
         return array if on_device(given) else cuda.to_device(array)
-
-
-def on_device(array: Any) -> bool:
-    """Whether an array lies on the GPU."""
-    return hasattr(array, "copy_to_host") or hasattr(array, "__cuda_array_interface__")
-
-
-def choose_device(device: str) -> None:
-    """Have this thread use the GPU of that name.
-
-    Raises:
-        ValueError: a name that is none, or there is no GPU.
-    """
-    name, _, number = str(device).partition(":")
-    if name != "cuda" or not (number.isdigit() or number == str(device)[4:] == ""):
-        raise ValueError(f"device={device!r}; give cpu, cuda, or cuda:1 and so on")
-    if not cuda.is_available():
-        raise ValueError(
-            f"device={device!r}, but Numba finds no GPU here; take device='cpu', or, where there "
-            "is one, `pip install pursuit[gpu]`"
-        )
-    if number:
-        cuda.select_device(int(number))
-
-
-def check_task(task: Task) -> None:
-    """ValueError for a task that is not the same on a GPU.
-
-    A GPU multiplies and adds with one rounding. The only such sum is the reward for distances; it
-    is as good as always the same in float32, and here that is made sure of.
-    """
-    if task.reward_function is not None:
-        raise ValueError(
-            f"task {task.name!r} is paid by a function of Python; on a GPU take Rewards by role, "
-            "or device='cpu'"
-        )
-    farthest = max(maze.height + maze.width for maze in task.mazes)
-    for role, pay in task.role_rewards.items():
-        for away in range(farthest if pay.distance else 0):
-            at_once = float(Fraction(pay.step) + Fraction(pay.distance) * away)
-            if np.float32(at_once) != np.float32(pay.step + pay.distance * away):
-                raise ValueError(
-                    f"rewards of the {role}: step={pay.step} and distance={pay.distance} are "
-                    f"rounded otherwise on a GPU at distance {away}; change the last digit of one"
-                )

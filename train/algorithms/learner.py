@@ -22,6 +22,10 @@ from train.tensors import check_like
 class Games(Protocol):
     """A batched TorchRL environment (an `EnvBase`), with what learners ask beside its specs.
 
+    One that must prepare for rollouts has `begin_rollout(steps)` and `end_rollout()` as well, which
+    whoever learns from rollouts calls around so many calls of `step_and_maybe_reset`: what the hook
+    is to hear of these, it has heard after the second.
+
     Attributes:
         player: who learns.
         hook: whoever changes the next episodes.

@@ -112,7 +112,7 @@ class RolloutLearner(NetworkLearner):
         keep_all: bool = False,
     ) -> None:
         super().__init__(settings, env, network, device)
-        self.critic = critic
+        self.critic, self.steps = critic, settings.rollout_steps
         self.keys = [network.form.DRAWN, "action_log_prob", "advantage", "value_target"]
         if keep_all:
             self.keys.append(DISTRIBUTION)
@@ -150,7 +150,12 @@ class RolloutLearner(NetworkLearner):
 
         It is its frames in a row; of a network that remembers a sequence a row, [games].
         """
+        begin, end = (getattr(self.env, f"{what}_rollout", None) for what in ("begin", "end"))
+        if begin is not None:
+            begin(self.steps)
         rollout = next(self._batches)
+        if end is not None:
+            end()
         self.frames += rollout.numel()
         if not self.critic:
             rollout["state_value"] = torch.zeros_like(rollout["state_value"])

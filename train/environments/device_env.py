@@ -14,6 +14,8 @@ from torchrl.envs import EnvBase
 
 from pursuit.own_observations import is_ours
 from pursuit.rules import layout
+from train.environments.device_hooks import DeviceHook
+from train.environments.device_policies import DevicePolicy, shared, tensors_at
 from train.environments.hooks import EpisodeHook
 from train.environments.lockstep import FLAGS
 from train.networks.policy import Seat
@@ -23,51 +25,65 @@ class DeviceEnv(EnvBase):
     """What `SimulatorEnv` is, of one learner's seat, with games and tensors on one GPU.
 
     Keys, specs and games are those of `SimulatorEnv`. The tensors share the memory of the games;
-    kernels run in torch's current stream, and nothing that is done in a step waits for them. Frame
-    stacks, masks of actions, several members and hooks are not for here.
+    kernels run in torch's current stream, and nothing that is done in a step waits for them, unless
+    a hook cannot say beforehand what it will settle (`device_hooks`). Frame stacks, masks of
+    actions and several members are not for here.
 
     Args:
         simulator: made with `auto_restart=False` and a GPU.
         player: who learns; its encoding is observed.
-        policies: whoever fills each seat; None in the learner's.
+        policies: whoever fills each seat, None in the learner's: by a kernel (`on_device`), or a
+            `DevicePolicy`.
+        hook: changes the next episodes; it must `foretell`.
+        scale: rewards are multiplied by it.
 
     Raises:
-        ValueError: a simulator that restarts games by itself, or a player of what is not for here.
+        ValueError: a simulator that restarts games by itself, or a player or hook of what is not
+            for here.
 
     Attributes:
-        simulator, player, policies: the arguments.
-        hook: does nothing.
+        simulator, player, policies, hook, scale: the arguments.
         num_games: in the batch.
+        idle: [num_games, 1] bool, on the CPU: nobody ever is.
         resume: set it to have the next full reset go on with the games as they stand.
     """
 
     members = 1
 
-    def __init__(self, simulator: Any, player: Seat, policies: Sequence[Any]) -> None:
+    def __init__(
+        self,
+        simulator: Any,
+        player: Seat,
+        policies: Sequence[Any],
+        hook: EpisodeHook | None = None,
+        scale: float = 1.0,
+    ) -> None:
         if simulator.auto_restart:
             raise ValueError("this simulator restarts games by itself; take auto_restart=False")
         obstacle = why_not_on_device(player)
         if obstacle is not None:
             raise ValueError(f"{obstacle}; take device='cpu'")
         games = simulator.num_games
-        # Numba's simulator of a GPU has its arrays on the CPU.
-        device = "cpu" if simulator.simulated else simulator.device
-        super().__init__(device=device, batch_size=[games])
+        super().__init__(device=tensors_at(simulator), batch_size=[games])
         self.simulator, self.player, self.policies = simulator, player, list(policies)
-        self.hook, self.num_games = EpisodeHook(), games
+        self.hook, self.num_games, self.scale = hook or EpisodeHook(), games, scale
+        self._far = DeviceHook(simulator, self.hook)
+        self._by_kernels = [p if hasattr(p, "on_device") else None for p in self.policies]
+        self._others: list[DevicePolicy] = [p for p in self.policies if hasattr(p, "play")]
+        self.idle = np.zeros((games, 1), dtype=bool)
         self.resume = self.begun = False
         self.encoding, self.seat = player.encoding, player.number
         memory, seat = simulator.memory, self.seat
-        agents, reals = self._shared(memory.agents), self._shared(memory.reals)
-        flags, clocks = self._shared(memory.flags), self._shared(memory.clocks)
+        agents, reals = shared(simulator, memory.agents), shared(simulator, memory.reals)
+        flags, clocks = shared(simulator, memory.flags), shared(simulator, memory.clocks)
         self._active = agents[:, layout.ACTIVE, seat : seat + 1]
-        self._rewards = self._shared(memory.rewards)[:, seat : seat + 1]
+        self._rewards = shared(simulator, memory.rewards)[:, seat : seat + 1]
         self._terminated = flags[layout.ENDED_BY_RULE].unsqueeze(1)
         self._truncated = flags[layout.ENDED_BY_TIME].unsqueeze(1)
         self._returns = reals[:, layout.RETURNS, seat : seat + 1]
         self._steps = clocks[:, layout.STEPS].unsqueeze(1)
-        self._actions = self._shared(simulator.actions)
-        self._chosen = self._shared(simulator.chosen)
+        self._actions = shared(simulator, simulator.actions)
+        self._chosen = shared(simulator, simulator.chosen)
         self._sums = torch.zeros(2, 2, dtype=torch.float64, device=self.device)
         self._specify()
 
@@ -90,12 +106,6 @@ class DeviceEnv(EnvBase):
         flags = {key: flag.clone() for key in FLAGS}
         self.full_done_spec = Composite(flags, shape=(batch,), device=self.device)
 
-    def _shared(self, array: Any) -> torch.Tensor:
-        """A tensor over the same memory."""
-        if self.simulator.simulated:
-            return torch.from_numpy(array._ary)
-        return torch.as_tensor(array, device=self.device)
-
     def _in_stream(self) -> None:
         """Have the kernels run where torch's do."""
         if not self.simulator.simulated:
@@ -104,7 +114,7 @@ class DeviceEnv(EnvBase):
     def _seen(self) -> dict[str, torch.Tensor]:
         """What the learner observes: a fresh tensor."""
         seen = self.simulator.observe(self.encoding, self.seat)
-        return {"observation": self._shared(seen).clone()}
+        return {"observation": shared(self.simulator, seen).clone()}
 
     def _batch(self, content: dict[str, torch.Tensor]) -> TensorDictBase:
         return TensorDict(content, batch_size=self.batch_size, device=self.device)
@@ -112,7 +122,9 @@ class DeviceEnv(EnvBase):
     def _play(self, actions: torch.Tensor) -> TensorDictBase:
         """One step with the learner's actions [num_games]: all after it."""
         self._in_stream()
-        self.simulator.act(self.policies)
+        self.simulator.act(self._by_kernels)
+        for policy in self._others:
+            policy.play()
         self._actions[:, self.seat] = actions.to(torch.int32)
         self.simulator.step()
         caught = self._active == 0
@@ -122,14 +134,29 @@ class DeviceEnv(EnvBase):
         counted = torch.stack([self._returns, self._steps.double()]) * done
         self._sums[:, 0] += counted.sum(dim=(1, 2))
         self._sums[:, 1] += done.sum()
+        self._far.ended(done.squeeze(1))
+        rewards = self._rewards * self.scale
         flags = dict(zip(FLAGS, (terminated, truncated, done), strict=True))
-        return self._batch({**self._seen(), "reward": self._rewards.clone(), **flags})
+        return self._batch({**self._seen(), "reward": rewards, **flags})
 
     def _restart(self, games: torch.Tensor) -> None:
         """Begin new episodes in the games of the mask [num_games]."""
         self._in_stream()
+        self._far.settle(games)
         self._chosen.copy_(games)
         self.simulator.reset(games=self.simulator.chosen)
+        self._far.begun(games)
+
+    def begin_rollout(self, steps: int) -> None:
+        """Settle what the next so many steps need; it waits for the GPU."""
+        self._in_stream()
+        for policy in self._others:
+            policy.begin_rollout()
+        self._far.begin_rollout(steps)
+
+    def end_rollout(self) -> None:
+        """Tell the hook what happened; it waits for the GPU."""
+        self._far.end_rollout()
 
     def begin(self) -> None:
         """New episodes in all games; the first time those of the simulator's seed."""

@@ -17,12 +17,12 @@ from typing import Any
 from scripted_agents.environments import AGENTS
 from train.experiments.kinds import with_mazes
 from train.files import write_bytes
-from train.runs.folder import CHECKPOINT, CONFIG
+from train.runs.folder import CHECKPOINT, CONFIG, SELF_PLAY
 from train.runs.provenance import provenance
 from train.runs.tasks import maze_text_of
 from train.runs.third_party import description_of
 from train.settings.checks import check
-from train.settings.self_play import LEARN, ROLES
+from train.settings.self_play import ADDED, LEARN, ROLES
 from train.teaching.mazes import named_maze, names_in
 
 INPUTS = "inputs"
@@ -123,6 +123,10 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
         del plain["frame_stack"]
     if plain.get("clock") == "wall" or plain.get("frames") is not None:
         plain.pop("clock", None)  # and those of the one clock that there was
+    if kind == SELF_PLAY:  # which had no choice of these
+        for name, value in ADDED.items():
+            if plain.get(name) == value:
+                del plain[name]
     if plain["hyper"].get("recurrent") is None:
         for name in ("recurrent", "burn_in"):
             plain["hyper"].pop(name, None)

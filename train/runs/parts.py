@@ -15,7 +15,7 @@ from train.evaluation.suite_contest import SuiteContest
 from train.networks.policy import NO_WALLS
 from train.runs.sizes import check_memory
 from train.runs.tasks import player_of
-from train.runs.threads import uses_bfloat16
+from train.runs.threads import tensor_device, uses_bfloat16
 from train.runs.worlds import GridWorld, World, world_of
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import check, evaluation_seed
@@ -37,6 +37,7 @@ class Parts:
         seat: whose policy is learned, in the training games.
         algorithm, hyper: what it learns by, and the settings of that.
         build: how the learner is to be built on this machine.
+        device: where the run is to compute; "cuda" has the games there as well, if they can be.
     """
 
     world: World
@@ -45,11 +46,12 @@ class Parts:
     algorithm: Algorithm
     hyper: Hyperparameters
     build: Build
+    device: str = "cpu"
 
     def games(self) -> tuple[Any, Teacher | None]:
         """The training games as a TorchRL environment, and who teaches in them."""
         learner = self.algorithm.games_on_gpu and getattr(self.hyper, "recurrent", None) is None
-        device = self.build.device if learner else "cpu"
+        device = self.device if learner else "cpu"
         return self.world.games(self.seat, self.hyper.num_games, self.build.seed, self.plan, device)
 
     def contest(self, episodes: int) -> Any:
@@ -95,9 +97,10 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
     algorithm.check_player(settings.hyper, seat)
     algorithm.check_memory(settings.hyper, seat)
     check_memory(settings.hyper, seat)
-    bfloat16 = uses_bfloat16(settings.precision, settings.device)
-    build = Build(settings.device, bfloat16, settings.first_layer, settings.seed)
-    return Parts(world, plan, seat, algorithm, settings.hyper, build)
+    device = tensor_device(settings.device)
+    bfloat16 = uses_bfloat16(settings.precision, device)
+    build = Build(device, bfloat16, settings.first_layer, settings.seed)
+    return Parts(world, plan, seat, algorithm, settings.hyper, build, settings.device)
 
 
 def check_mazes(settings: TrainSettings[Any], algorithm: Algorithm, world: World) -> None:

@@ -23,8 +23,7 @@ from train.runs.folder import MISFITS, RUN, misfit, part_of
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.memories import memories_of, put_memories
 from train.runs.parts import Parts, parts_of
-from train.runs.threads import prepare_torch
-from train.settings.checks import check
+from train.runs.threads import check_device, prepare_torch
 from train.settings.run import TrainSettings
 from train.teaching.log import write_log
 from train.tensors import Misfit, check_like
@@ -145,7 +144,7 @@ class SingleAgent:
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
             **evaluation_of(scores, self.evaluated, floor, certificate, contest),
-            "device": build.device,
+            "device": self.parts.device,
             "precision": "bfloat16" if build.bfloat16 else "float32",
         }
 
@@ -260,10 +259,7 @@ def make_run(
     Raises:
         ValueError: settings that cannot run here, or a checkpoint that does not fit.
     """
-    check(
-        settings.device == "cpu" or torch.cuda.is_available(),
-        f"device={settings.device!r}, but torch finds no GPU here; use --device cpu",
-    )
+    check_device(settings.device)
     budget = Budget(settings.seconds, settings.frames, settings.threads, settings.clock)
     prepare_torch(budget.first_threads, settings.seed)
     parts = parts_of(settings)

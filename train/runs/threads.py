@@ -8,8 +8,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import torch
+from numba import config
 
 from train.machine import has_fast_bfloat16
+from train.settings.checks import check
 
 
 def prepare_torch(threads: int, seed: int) -> None:
@@ -52,12 +54,27 @@ def set_random_states(state: Mapping[str, Any]) -> None:
         torch.cuda.set_rng_state(own, device)
 
 
+def tensor_device(device: str) -> str:
+    """Where torch's tensors are of a run on `device`: there, but on the CPU under Numba's simulator
+    of a GPU (NUMBA_ENABLE_CUDASIM=1), which has its arrays there."""
+    return "cpu" if config.ENABLE_CUDASIM else device
+
+
+def check_device(device: str) -> None:
+    """ValueError for a GPU that torch does not find."""
+    check(
+        tensor_device(device) == "cpu" or torch.cuda.is_available(),
+        f"device={device!r}, but torch finds no GPU here; use --device cpu",
+    )
+
+
 def uses_bfloat16(precision: str, device: str) -> bool:
     """What a precision ("auto", "float32", "bfloat16") means on this machine."""
     if precision != "auto":
         return precision == "bfloat16"
     if device.startswith("cuda"):
-        return torch.cuda.is_bf16_supported()
+        # Older cards only emulate it, slower than they compute in float32.
+        return torch.cuda.is_bf16_supported(including_emulation=False)
     return has_fast_bfloat16()
 
 

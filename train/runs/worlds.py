@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
-from pursuit.device.calls import call_of
-from pursuit.maze_arrays import lay_out
 from pursuit.parallel_env import scene_of
 from pursuit.policy import Policy
 from pursuit.reacher import rendering as arm_rendering
@@ -21,6 +20,7 @@ from pursuit.task import Task
 from scripted_agents.environments import AGENTS
 from train.environments.arm_env import ArmEnv
 from train.environments.device_env import DeviceEnv, why_not_on_device
+from train.environments.device_policies import check_plays, seated
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
@@ -118,21 +118,23 @@ class GridWorld:
         self, seat: Seat, num_games: int, seed: int, plan: Plan | None, device: str = "cpu"
     ) -> tuple[SimulatorEnv | DeviceEnv, Teacher | None]:
         """As `World`."""
-        if device != "cpu" and plan is None and why_not_on_device(seat) is None:
-            found = games_on_gpu(seat, num_games, seed, self.opponents, device)
-            if found is not None:
-                return found, None
-        simulator = Simulator(seat.task, num_games, seed, auto_restart=False)
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
-        teacher = None
-        if plan is not None:
-            evading = seat.role == "evader" and not seat.task.num_goals
-            judge = Judge(
-                lambda games: won_by(games, number),
-                lambda games: games.returns[:, number],
-                not evading,
-            )
-            teacher = Teacher(plan, simulator, judge)
+        evading = seat.role == "evader" and not seat.task.num_goals
+        judge = Judge(
+            lambda games: won_by(games, number),
+            lambda games: games.returns[:, number],
+            not evading,
+        )
+        if device != "cpu" and why_not_on_device(seat) is None:
+            far = games_on_gpu(seat, num_games, seed, policies, device)
+            if far is not None:
+                teacher = None if plan is None else Teacher(plan, far.mirror, judge)
+                reason = None if teacher is None else teacher.why_not_foretold()
+                if reason is None:
+                    return DeviceEnv(far, seat, seated(policies, far), teacher), teacher
+                warnings.warn(f"the games stay on the CPU: {reason}", stacklevel=2)
+        simulator = Simulator(seat.task, num_games, seed, auto_restart=False)
+        teacher = None if plan is None else Teacher(plan, simulator, judge)
         return SimulatorEnv(simulator, seat, policies, teacher), teacher
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> GameContest | SuiteContest:
@@ -193,19 +195,16 @@ class ArmWorld:
 
 
 def games_on_gpu(
-    seat: Seat, num_games: int, seed: int, opponents: dict[str, Policy], device: str
-) -> DeviceEnv | None:
-    """The training games on a GPU; None, and a warning, where an opponent does not play there."""
-    _, policies = fill_seats(seat.task, seat.agent, opponents)
+    seat: Seat, num_games: int, seed: int, policies: Sequence[Policy | None], device: str
+) -> Any:
+    """The training games on a GPU, a `DeviceSimulator`; None, and a warning, where an opponent does
+    not play there."""
     try:
-        for number, policy in enumerate(policies):
-            if policy is not None:
-                call_of(policy, seat.task, number, lay_out(seat.task.mazes))
-        simulator: Any = Simulator(seat.task, num_games, seed, auto_restart=False, device=device)
+        check_plays(policies, seat.task)
+        return Simulator(seat.task, num_games, seed, auto_restart=False, device=device)
     except ValueError as error:
-        warnings.warn(f"the games stay on the CPU: {error}", stacklevel=2)
+        warnings.warn(f"the games stay on the CPU: {error}", stacklevel=3)
         return None
-    return DeviceEnv(simulator, seat, policies)
 
 
 def world_of(settings: AnyTask) -> World:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import msgspec
 
 from pursuit.policy import Policy
+from pursuit.simulator import Simulator
 from pursuit.task import Task
 from scripted_agents.environments import (
     AGENTS,
@@ -21,6 +23,8 @@ from scripted_agents.environments import (
     scripted_policy,
 )
 from train.algorithms.registry import Build, entry
+from train.environments.device_env import why_not_on_device
+from train.environments.device_policies import check_plays
 from train.networks.policy import Seat
 from train.runs.by_name import check_names, picked, typed
 from train.runs.forms import RESTORE
@@ -29,13 +33,13 @@ from train.runs.parts import setting_of
 from train.runs.saved import read_own, read_part
 from train.runs.sizes import check_memory
 from train.runs.tasks import check_one_maze, task_of
-from train.runs.threads import uses_bfloat16
+from train.runs.threads import tensor_device, uses_bfloat16
 from train.self_play.side import SideParts
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import check
 from train.settings.presets import hyperparameters
 from train.settings.run import TrainSettings
-from train.settings.self_play import ROLES, SelfPlaySettings, self_play_ppo
+from train.settings.self_play import ADDED, ROLES, SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
 
 
@@ -95,24 +99,73 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         if role not in settings.learning
         for name in [str(getattr(settings, role))]
     }
-    sides = {}
+    sides: dict[str, SideParts] = {}
+    seats = seats_of(settings, task)
     for role in settings.learning:
         own = side_settings(settings, role)
-        masks = settings.task.mask_bumps
-        seat = Seat(task, role, own.observation, masks, own.frame_stack)
+        seat, device = seats[role], tensor_device(own.device)
         check_memory(own.hyper, seat)
         entry(own.algorithm).check_memory(own.hyper, seat)
         sides[role] = SideParts(
             seat,
             entry(own.algorithm),
             own.hyper,
-            Build(own.device, uses_bfloat16(own.precision, own.device), own.first_layer, own.seed),
+            Build(device, uses_bfloat16(own.precision, device), own.first_layer, own.seed),
             isinstance(own.hyper, PPOSettings) and own.hyper.central_critic,
             discount,
             # Discounted steps, up to 1 / (1 - gamma) of them, would drown the policy in value loss.
             1.0 - discount if settings.task.rewards == "zero_sum" else 1.0,
         )
+        if settings.device != "cpu":
+            met = [policy for of, policy in frozen.items() if of != role]
+            for (name, of), policy in scripted.items():
+                met += [policy] if name in settings.members and of != role else []
+            others = [seat for of, seat in seats.items() if of != role]
+            reason = why_not_far(sides[role], others, met, settings.device)
+            if reason is None:
+                sides[role] = replace(sides[role], device=settings.device)
+            else:
+                warnings.warn(f"the {role}'s games stay on the CPU: {reason}", stacklevel=3)
     return SelfPlayParts(task, sides, frozen, scripted, discount)
+
+
+def seats_of(settings: SelfPlaySettings, task: Task) -> dict[str, Seat]:
+    """Whose policies are learned."""
+    found = {}
+    for role in settings.learning:
+        own = side_settings(settings, role)
+        found[role] = Seat(task, role, own.observation, settings.task.mask_bumps, own.frame_stack)
+    return found
+
+
+def why_not_far(
+    side: SideParts, others: Sequence[Seat], met: Sequence[Policy], device: str
+) -> str | None:
+    """Why the games of a side cannot lie on a GPU; None where they can.
+
+    Args:
+        side: that learns.
+        others: who learn to be its opponents.
+        met: all other opponents.
+        device: which GPU.
+    """
+    task, role, hyper = side.seat.task, side.seat.role, side.hyper
+    if not side.algorithm.games_on_gpu or getattr(hyper, "recurrent", None) is not None:
+        return f"{side.algorithm.name}, or its memory, is for games on the CPU"
+    if task.count(role) > 1:
+        return f"{task.count(role)} {role}s learn at once"
+    for seat in (side.seat, *others):
+        reason = why_not_on_device(seat)
+        if reason is not None:
+            return reason
+    number = next(n for n, of in enumerate(task.seat_roles) if of != role)
+    try:
+        for policy in met:
+            check_plays([*[None] * number, policy], task)
+        Simulator(task, 1, device=device)
+    except ValueError as error:
+        return str(error)
+    return None
 
 
 def check_sides(settings: SelfPlaySettings, task: Task) -> None:
@@ -154,7 +207,17 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
         hyper = replace(hyper, num_games=games)
     whole = {
         name: getattr(settings, name)
-        for name in ("observation", "frame_stack", "seconds", "clock", "frames", "seed", "threads")
+        for name in (
+            "observation",
+            "frame_stack",
+            "seconds",
+            "clock",
+            "frames",
+            "seed",
+            "threads",
+            "device",
+            "precision",
+        )
     }
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
 
@@ -197,7 +260,7 @@ def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
 
 def self_play_from_plain(plain: Mapping[str, Any], where: str) -> SelfPlaySettings:
     """From the plain values of `config.json`; ValueError where those are something else."""
-    own = read_own(SelfPlaySettings, plain, where, {"task", "hyper"})
+    own = read_own(SelfPlaySettings, {**ADDED, **plain}, where, {"task", "hyper"})
     task = read_part(TaskSettings, plain, "task", where)
     hyper = read_part(PPOSettings, plain, "hyper", where)
     try:

@@ -240,12 +240,13 @@ class PoolPolicy:
 
     Attributes:
         opponents: [num_games] int64, the place in `pool.members` of each game's opponent.
+        tables: of the members that are some.
     """
 
     def __init__(self, pool: OpponentPool, num_games: int, steps: int = 1) -> None:
         self.pool = pool
         self.opponents = np.zeros(num_games, dtype=np.int64)
-        self._tables = CellTables(num_games * steps)
+        self.tables = CellTables(num_games * steps)
 
     def remembering(self) -> dict[str, Any]:
         """The members that remember, by name."""
@@ -256,7 +257,7 @@ class PoolPolicy:
         """[num_games] int32: drawn from tables where they can be had (see `CellTables`), else one
         forward pass for every distinct opponent."""
         policies = [member.policy for member in self.pool.members]
-        places = self._tables.places(policies, view.task)
+        places = self.tables.places(policies, view.task)
         present = np.flatnonzero(np.bincount(self.opponents))
         if len(present) == 1:
             policy = policies[present[0]]
@@ -264,10 +265,10 @@ class PoolPolicy:
                 return play(policy, view)
             assert isinstance(policy, NetworkPolicy)
             draws = np.zeros(view.num_games) if policy.greedy else view.uniform()
-            return self._tables.draw(places[self.opponents], view, slice(None), draws)
+            return self.tables.draw(places[self.opponents], view, slice(None), draws)
         draws = view.uniform()
         if (places[present] >= 0).all():
-            return self._tables.draw(places[self.opponents], view, slice(None), draws)
+            return self.tables.draw(places[self.opponents], view, slice(None), draws)
         actions = np.empty(view.num_games, dtype=np.int32)
         order = np.argsort(self.opponents, kind="stable")
         bounds = np.searchsorted(self.opponents[order], [*present, len(policies)])
@@ -276,7 +277,7 @@ class PoolPolicy:
             games, policy = order[first:last], policies[place]
             if places[place] >= 0:
                 which = places[self.opponents[games]]
-                actions[games] = self._tables.draw(which, view, games, draws[games])
+                actions[games] = self.tables.draw(which, view, games, draws[games])
             elif isinstance(policy, NetworkPolicy):
                 if policy.encoding not in observed:
                     observed[policy.encoding] = view.observe(policy.encoding)

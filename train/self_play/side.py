@@ -13,10 +13,12 @@ from pursuit.policy import Policy
 from pursuit.simulator import Simulator
 from train.algorithms.learner import Learner
 from train.algorithms.registry import Algorithm, Build
-from train.environments.hooks import EpisodeHook
+from train.environments.device_env import DeviceEnv
+from train.environments.hooks import EpisodeHook, Foretold
 from train.environments.team_env import TeamEnv
 from train.networks.policy import Seat
 from train.runs.single import plain_games, put_games
+from train.self_play.device_pool import DevicePool
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
 from train.tensors import check_like
@@ -26,7 +28,7 @@ class Opponents(EpisodeHook):
     """Gives every game another member of a pool in each episode, and keeps the scores.
 
     Args:
-        simulator: the games.
+        simulator: the games; of those on a GPU their mirror.
         role: of the learner.
         discount: of the scores.
         seed: of the drawing.
@@ -37,6 +39,8 @@ class Opponents(EpisodeHook):
         shares: how often each member of the pool is drawn.
         rng: what draws them.
     """
+
+    in_order = True
 
     def __init__(
         self, simulator: Simulator, role: str, discount: float, seed: int, steps: int = 1
@@ -57,6 +61,12 @@ class Opponents(EpisodeHook):
         """Draw an opponent for each of these games."""
         drawn = self.rng.choice(len(self.shares), size=len(games), p=self.shares)
         self.policy.opponents[games] = drawn
+
+    def foretell(self, count: int) -> Foretold:
+        """As in `EpisodeHook`: the next opponents."""
+        rng = np.random.default_rng()
+        rng.bit_generator.state = self.rng.bit_generator.state
+        return Foretold(drawn=rng.choice(len(self.shares), size=count, p=self.shares))
 
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
         """Note the learner's scores against the opponents of these games.
@@ -81,6 +91,7 @@ class SideParts:
         central: whether its critic sees what the whole team observes.
         discount: of the exact game.
         scale: of the rewards.
+        device: where the games are.
     """
 
     seat: Seat
@@ -90,6 +101,7 @@ class SideParts:
     central: bool
     discount: float
     scale: float
+    device: str = "cpu"
 
 
 class Side:
@@ -109,27 +121,18 @@ class Side:
         self.parts = parts
         task, role = parts.seat.task, parts.seat.agent
         games = parts.hyper.num_games // task.count(role)
-        self.simulator = Simulator(
-            task, games, parts.build.seed, first_game=number * 2**20, auto_restart=False
-        )
+        given: Any = {"seed": parts.build.seed, "first_game": number * 2**20, "auto_restart": False}
+        simulator: Any = Simulator(task, games, **given, device=parts.device)
+        self.simulator = simulator
+        far = parts.device != "cpu"
         self.opponents = Opponents(
-            self.simulator,
+            simulator.mirror if far else simulator,
             role,
             parts.discount,
             2 * parts.build.seed + number,
             getattr(parts.hyper, "rollout_steps", 1),
         )
-        policies: list[Policy | None] = [
-            None if other == role else self.opponents.policy for other in task.seat_roles
-        ]
-        self.env = TeamEnv(
-            self.simulator,
-            parts.seat,
-            policies,
-            self.opponents,
-            central=parts.central,
-            scale=parts.scale,
-        )
+        self.env: Any = (self._far_games if far else self._games)()
         if state is not None:  # before there is a collector, which begins with what it finds
             put_games(self.simulator, state.get("simulator"), f"trainee.sides.{role}.simulator")
             own = {name: state.get(name) for name in self._own_state()}
@@ -139,6 +142,25 @@ class Side:
             self.env.idle[:] = state["idle"].numpy()
             self.env.resume = True
         self.learner: Learner = parts.algorithm.build(parts.hyper, self.env, parts.build)
+
+    def _games(self) -> TeamEnv:
+        """The games on the CPU."""
+        parts, others = self.parts, self.opponents
+        roles = parts.seat.task.seat_roles
+        policies = [None if role == parts.seat.agent else others.policy for role in roles]
+        how: Any = {"central": parts.central, "scale": parts.scale}
+        return TeamEnv(self.simulator, parts.seat, policies, others, **how)
+
+    def _far_games(self) -> DeviceEnv:
+        """The games on a GPU."""
+        parts, others, games = self.parts, self.opponents, self.simulator
+        policies = [
+            None
+            if role == parts.seat.agent
+            else DevicePool(others.policy, lambda: others.shares, games, seat)
+            for seat, role in enumerate(parts.seat.task.seat_roles)
+        ]
+        return DeviceEnv(games, parts.seat, policies, others, parts.scale)
 
     @property
     def greedy(self) -> bool:

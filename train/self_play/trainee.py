@@ -33,7 +33,7 @@ from train.runs.folder import (
 )
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.memories import memories_of, put_memories
-from train.runs.threads import prepare_torch
+from train.runs.threads import check_device, prepare_torch
 from train.self_play.averages import averages, nash_convs
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
 from train.self_play.pool import LATEST, OpponentPool, nash_mixtures, weights
@@ -405,6 +405,7 @@ def make_self_play(
     Raises:
         ValueError: settings that cannot run here, or a checkpoint that does not fit.
     """
+    check_device(settings.device)
     budget = Budget(settings.seconds, settings.frames, settings.threads, settings.clock)
     prepare_torch(budget.first_threads, settings.seed)
     parts = self_play_parts(settings)

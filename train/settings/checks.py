@@ -35,6 +35,22 @@ def check_budget(seconds: float | None, frames: int | None, clock: str = "wall")
     check(frames is None or frames < 2**63, f"frames={frames}; below 2**63")
 
 
+PRECISIONS = ("auto", "float32", "bfloat16")
+
+
+def check_device(device: str, clock: str) -> None:
+    """ValueError for a device that is none, or whose work `clock` does not count."""
+    check(
+        device == "cpu" or device.split(":")[0] == "cuda",
+        f"unknown device {device!r}; cpu or cuda (or cuda:1, ...)",
+    )
+    check(
+        clock == "wall" or device == "cpu",
+        f"clock={clock!r} with device={device!r}; what a GPU computes is not counted: take "
+        "clock='wall' there",
+    )
+
+
 EVALUATION_SEED = 2**62
 """Seeds below are trained with. What is reported is played with this one and those above, so that
 nothing is judged by games that it may have learned from: one rule, for every command."""

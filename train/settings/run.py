@@ -7,9 +7,11 @@ from typing import Generic, TypeVar
 
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import (
+    PRECISIONS,
     check,
     check_budget,
     check_choice,
+    check_device,
     check_frame_stack,
     check_seed,
     check_threads,
@@ -19,7 +21,6 @@ from train.settings.task import AnyTask, TaskSettings
 
 S = TypeVar("S", bound=Hyperparameters, covariant=True)
 EVALUATED = ("greedy", "sampled")
-PRECISIONS = ("auto", "float32", "bfloat16")
 NETWORKS = ("auto", "convolutions", "planning", "flat")
 FIRST_LAYERS = ("auto", "bag", "dense")
 
@@ -67,7 +68,7 @@ class TrainSettings(Generic[S]):
     seed: int = 0
     """Of the games, the network and the exploration."""
     device: str = "cpu"
-    """Where the network lives: cpu or cuda. The games run on the CPU."""
+    """Where the network lives, and the games where they can be: cpu or cuda."""
     precision: str = "auto"
     """float32, bfloat16, or auto: bfloat16 where the processor has it in hardware."""
     first_layer: str = "auto"
@@ -88,15 +89,7 @@ class TrainSettings(Generic[S]):
         check_budget(self.seconds, self.frames, self.clock)
         check_seed(self.seed)
         check_threads(self.threads, 0)
-        check(
-            self.device == "cpu" or self.device.split(":")[0] == "cuda",
-            f"unknown device {self.device!r}; cpu or cuda (or cuda:1, ...)",
-        )
-        check(
-            self.clock == "wall" or self.device == "cpu",
-            f"clock={self.clock!r} with device={self.device!r}; what a GPU computes is not "
-            "counted: take clock='wall' there",
-        )
+        check_device(self.device, self.clock)
         planned = self.observation == "planes" or self.observation.split(":")[0] == "window"
         check(
             self.network != "planning" or (planned and self.device == "cpu"),

@@ -8,9 +8,11 @@ from pursuit.own_observations import check_observation
 from scripted_agents.environments import AGENTS, is_own_policy
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import (
+    PRECISIONS,
     check,
     check_budget,
     check_choice,
+    check_device,
     check_frame_stack,
     check_seed,
     check_threads,
@@ -22,6 +24,9 @@ LEARN = "learn"
 SAMPLING = ("latest", "window", "uniform", "pfsp", "double-oracle")
 FORMER = {"psro": "double-oracle"}
 """What schemes were called before; the old name is still taken."""
+
+ADDED = {"device": "cpu", "precision": "auto"}
+"""Settings that came after folders had been written without them, and what they were there."""
 
 
 def self_play_ppo() -> PPOSettings:
@@ -80,6 +85,10 @@ class SelfPlaySettings:
     """Of the games, the networks and the opponents."""
     threads: int = 1
     """Threads of torch."""
+    device: str = "cpu"
+    """Where the networks live, and the games of those that learn where they can be: cpu or cuda."""
+    precision: str = "auto"
+    """float32, bfloat16, or auto: bfloat16 where the processor has it in hardware."""
     best_response_seconds: float = 20.0
     """Where no exact best response is known (teams, goals, huge mazes): how long an approximate one
     is trained against each side at the end; 0 for none."""
@@ -96,6 +105,8 @@ class SelfPlaySettings:
         check(self.task.opponent is None, "opponent is of `pursuit train`; use chaser or evader")
         check_budget(self.seconds, self.frames, self.clock)
         check_threads(self.threads, 1)
+        check_device(self.device, self.clock)
+        check_choice("precision", self.precision, PRECISIONS)
         for name in ("window", "snapshots", "pool_size"):
             check(getattr(self, name) >= 1, f"{name}={getattr(self, name)}; at least 1")
         check(
