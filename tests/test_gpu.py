@@ -71,9 +71,11 @@ def test_the_games_of_a_gpu_are_those_of_the_cpu_bit_for_bit(
 
 
 @pytest.mark.slow
-def test_ppo_learns_the_same_from_games_of_a_gpu(tmp_path: Path) -> None:
-    simulated("device_learning.py", str(tmp_path / "learned.npz"))
-    learned, expected = np.load(tmp_path / "learned.npz"), device_learning.learn("cpu")
+@pytest.mark.parametrize("algorithm", sorted(device_learning.SETTINGS))
+def test_the_same_is_learned_from_games_of_a_gpu(algorithm: str, tmp_path: Path) -> None:
+    simulated("device_learning.py", str(tmp_path / "learned.npz"), algorithm)
+    learned = np.load(tmp_path / "learned.npz")
+    expected = device_learning.learn("cpu", algorithm)
     assert set(learned.files) == set(expected)
     for name, array in expected.items():
         assert learned[name].tobytes() == array.tobytes(), name

@@ -17,7 +17,7 @@ from train.algorithms.continuous_losses import (
     soft_actor_loss,
     temperature_loss,
 )
-from train.algorithms.learner import Build, check_moments, clip_gradients
+from train.algorithms.learner import Build, check_moments, clip_gradients, step_adam
 from train.algorithms.off_policy import OffPolicyLearner
 from train.algorithms.replay import Batch
 from train.algorithms.transitions import Transitions
@@ -130,7 +130,7 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         optimizer.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         clip_gradients(optimizer.param_groups[0]["params"], self.chosen.max_grad_norm)
-        optimizer.step()
+        step_adam(optimizer)
 
     def state_dict(self) -> dict[str, Any]:
         """Everything, the noise included."""

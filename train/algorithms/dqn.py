@@ -36,7 +36,8 @@ class EpsilonGreedy:
     def act(self, seen: Mapping[str, torch.Tensor]) -> torch.Tensor:
         """[games] int64, on the network's device, from what is seen, "observation" and masks."""
         allowed = seen.get(ACTION_MASK, None)
-        values = self.network.glance(seen["observation"].to(self.device))
+        with torch.no_grad():
+            values = self.network.quick(seen["observation"].to(self.device))
         return self.choose(values, None if allowed is None else allowed.to(self.device))
 
     def choose(self, values: torch.Tensor, allowed: torch.Tensor | None) -> torch.Tensor:
@@ -61,7 +62,7 @@ def dqn_loss(
     """The squared error of temporal differences, and its size for every transition.
 
     Equal to TorchRL's `DQNLoss`, and tested against it; written out because nothing is made
-    functional at every step then, and the next observations are prepared once for both networks.
+    functional at every step then.
 
     Args:
         network: learns.
@@ -75,13 +76,11 @@ def dqn_loss(
     Returns:
         The loss, and |error| [batch], detached.
     """
-    trunk = network.policy_trunk
     with torch.no_grad():
-        following = trunk.glance(batch["next_observation"])
-        next_values = target.policy_head(target.policy_trunk(following))
-        chooser = network.policy_head(trunk(following)) if double else next_values
+        next_values = target.quick(batch["next_observation"])
+        chooser = network.quick(batch["next_observation"]) if double else next_values
         chooser = masked(chooser, batch.get(NEXT_MASK, None))
-    values = network(batch["observation"])
+    values = network.quick(batch["observation"])
     next_action = chooser.argmax(dim=-1, keepdim=True)
     next_value = next_values.gather(-1, next_action).squeeze(-1)
     discount = gamma ** batch["steps"] * ~batch["terminated"]

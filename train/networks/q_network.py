@@ -6,6 +6,7 @@ import torch
 from torch import nn
 
 from train.networks.features import Features
+from train.networks.joined import joined, joins
 from train.networks.layers import Hidden, Trunk, head
 from train.networks.recurrent import Cell, cell_of
 
@@ -56,12 +57,14 @@ class QNetwork(nn.Module):
         )
         return q_values
 
-    def glance(self, observation: torch.Tensor) -> torch.Tensor:
-        """The same, quicker, up to the last bits and without gradients."""
-        with torch.no_grad():
-            q_values: torch.Tensor = self.policy_head(
-                self.policy_trunk(self.policy_trunk.glance(observation))
-            )
+    def quick(self, observation: torch.Tensor) -> torch.Tensor:
+        """The same for observations [batch, *shape], quicker, up to the last bits."""
+        trunk = self.policy_trunk
+        if joins(trunk):
+            q_values: torch.Tensor = self.policy_head(joined(trunk, observation))
+            return q_values
+        prepare = trunk.prepare if torch.is_grad_enabled() else trunk.glance
+        q_values = self.policy_head(trunk(prepare(observation)))
         return q_values
 
     def logits(self, observation: torch.Tensor) -> torch.Tensor:
