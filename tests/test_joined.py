@@ -10,7 +10,7 @@ import torch
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from train.algorithms.learner import clip_gradients, step_adam
-from train.networks.joined import joined, joins
+from train.networks.joined import joinable, joined
 from train.networks.layers import Hidden, Trunk
 from train.networks.policy import Seat
 from train.networks.q_network import QNetwork
@@ -34,7 +34,8 @@ def observed(games: int, steps: int = 40) -> torch.Tensor:
 def test_the_layers_and_their_gradients_equal_products_with_one_hots(form: str) -> None:
     torch.manual_seed(0)
     trunk = Trunk(FEATURES, Hidden(24, form=form))  # type: ignore[arg-type]
-    assert joins(trunk)
+    layers = joinable(trunk)
+    assert layers is not None
     with torch.no_grad():
         for weight in trunk.parameters():
             weight.copy_(torch.randn_like(weight) * 0.3)
@@ -44,7 +45,7 @@ def test_the_layers_and_their_gradients_equal_products_with_one_hots(form: str) 
     one_hot = torch.nn.functional.one_hot(rows, len(table)).sum(1).float()
     first = (one_hot[:, :-1] @ table[:-1] + bias).relu()
     expected = (first @ second.T + second_bias).relu()
-    ours = joined(trunk, seen)
+    ours = joined(layers, seen)
     torch.testing.assert_close(ours, expected)
     leaves = list(trunk.parameters())
     gradients = [torch.autograd.grad((out * over).sum(), leaves) for out in (ours, expected)]
@@ -52,7 +53,7 @@ def test_the_layers_and_their_gradients_equal_products_with_one_hots(form: str) 
         torch.testing.assert_close(one, two, rtol=1e-4, atol=1e-4)
     assert not gradients[0][0][-1].any()
     with torch.no_grad():
-        assert torch.equal(joined(trunk, seen), ours)
+        assert torch.equal(joined(layers, seen), ours)
 
 
 def test_in_bfloat16_they_are_as_near_as_it_is_exact() -> None:
@@ -62,7 +63,9 @@ def test_in_bfloat16_they_are_as_near_as_it_is_exact() -> None:
     half.load_state_dict(trunk.state_dict())
     seen, found = observed(300), []
     for one in (trunk, half):
-        hidden = joined(one, seen)
+        layers = joinable(one)
+        assert layers is not None
+        hidden = joined(layers, seen)
         assert hidden.dtype == torch.float32
         found.append((hidden, *torch.autograd.grad(hidden.square().mean(), list(one.parameters()))))
     for exact, rounded in zip(*found, strict=True):

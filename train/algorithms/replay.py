@@ -97,7 +97,7 @@ class Replay:
     def update(self, index: torch.Tensor, errors: torch.Tensor) -> None:
         """Set the priorities of rows [n], by the sizes of errors [n] that were found there."""
         assert self.priorities is not None
-        self.priorities.update(index, errors.to(self.device))
+        self.priorities.update(index.to(self.device), errors.to(self.device))
 
     def state_dict(self) -> dict[str, Any]:
         """Every row, the cursor, the generator and the priorities; on the CPU."""

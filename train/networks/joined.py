@@ -8,7 +8,7 @@ sums are taken in another order; where products are in bfloat16, the first layer
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import nn
@@ -17,19 +17,32 @@ from train.networks.joined_kernels import first_layer, first_layer_gradient
 from train.networks.layers import IndexLayer, Trunk
 
 
-def joins(trunk: Trunk) -> bool:
-    """Whether a trunk is of the form that is written out here: rows without pairs, and ReLUs."""
-    first = trunk.first
-    plain = isinstance(first, IndexLayer) and first.pairs is None and first.weight.is_cpu
-    return plain and isinstance(trunk.rest[0], nn.ReLU)
+class Joinable(NamedTuple):
+    """The layers of a trunk that can be joined, found once: a module takes long to look one up."""
+
+    first: IndexLayer
+    second: nn.Linear
+    bfloat16: bool
 
 
-def joined(trunk: Trunk, observation: torch.Tensor) -> torch.Tensor:
-    """[batch, width] float32 of observations [batch, numbers], of a trunk that `joins`."""
+def joinable(trunk: Trunk) -> Joinable | None:
+    """The layers of a trunk of the form that is written out here: rows without pairs, and ReLUs.
+
+    None for any other.
+    """
     first, second = trunk.first, trunk.rest[1]
-    assert isinstance(first, IndexLayer) and isinstance(second, nn.Linear)
+    if not isinstance(first, IndexLayer) or first.pairs is not None:
+        return None
+    if not isinstance(trunk.rest[0], nn.ReLU) or not isinstance(second, nn.Linear):
+        return None
+    return Joinable(first, second, trunk.autocast_bfloat16)
+
+
+def joined(layers: Joinable, observation: torch.Tensor) -> torch.Tensor:
+    """[batch, width] float32 of observations [batch, numbers]; on the CPU."""
+    first, second, bfloat16 = layers
     weights = (first.weight, first.bias, second.weight, second.bias)
-    given = (observation.contiguous(), first.rows, *weights, trunk.autocast_bfloat16)
+    given = (observation.contiguous(), first.rows, *weights, bfloat16)
     if torch.is_grad_enabled():
         hidden: torch.Tensor = HiddenLayers.apply(*given)  # type: ignore[no-untyped-call]
         return hidden
