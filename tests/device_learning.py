@@ -32,6 +32,8 @@ PAUSED = "--paused"
 CHASE = {"task": "chase", "role": "chaser", "maze": "3x3", "max_steps": 6}
 RUN = {"task": "maze", "maze": "3x3", "max_steps": 8, "num_goals": 2}
 LEARNER = {"num_games": 6, "rollout_steps": 8, "minibatch_size": 16, "epochs": 2, "width": 16}
+DQN = {"algorithm": "dqn", "batch_size": 16, "gradient_steps": 4, "buffer_size": 100}
+DQN |= {"learning_starts": 40, "target_update_interval": 3, "prioritized": True}
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,8 @@ CASES = {
     ),
     "bfloat16": Case({**CHASE, "precision": "bfloat16"}),
     "a2c": Case({**CHASE, "algorithm": "a2c"}),
+    "dqn": Case({**CHASE, **DQN}),
+    "dqn, opponent-epsilon": Case({**CHASE, **DQN, "curriculum": "opponent-epsilon"}),
     "opponent-epsilon": Case({**CHASE, "curriculum": "opponent-epsilon"}),
     "goal-spread": Case({**RUN, "curriculum": "goal-spread-start", "easiest": 1}, 4),
     "num-goals": Case({**RUN, "curriculum": "learning-progress", "axis": "num-goals"}, 4),
@@ -73,7 +77,7 @@ CASES = {
 def trainee_of(name: str, device: str, state: Any = None) -> SingleAgent:
     """The learner of a case with its games, and whoever teaches."""
     flat = {**LEARNER, **CASES[name].settings}
-    if flat.get("algorithm") == "a2c":
+    if flat.get("algorithm") in ("a2c", "dqn"):
         flat = {key: flat[key] for key in flat if key not in ("minibatch_size", "epochs")}
     settings = settings_of(**flat, frames=10**6, seed=5, device=device)
     parts: Any = parts_of(settings)

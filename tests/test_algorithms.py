@@ -170,7 +170,7 @@ def test_the_weights_of_prioritised_replay_are_annealed_over_the_run() -> None:
     found = []
     for progress in (0.0, 0.5, 1.0):
         learner.iterate(progress)
-        found.append(learner.replay.sampler.beta)
+        found.append(learner.beta)
     learner.close()
     assert found == pytest.approx([0.4, 0.7, 1.0])  # Schaul et al. (2016)
 
@@ -283,26 +283,29 @@ def test_what_dqn_remembers_equals_a_plain_loop(n_steps: int) -> None:
     networks = make_network(env, QNetwork), make_network(env, QNetwork)
     chosen = DQNSettings(16, 0.9, rollout_steps=20, n_steps=n_steps, buffer_size=1000, batch_size=8)
     learner = DQN(chosen, env, *networks, "cpu", 0)
-    rollout = next(learner._batches).clone()
+    rollout = next(learner._batches)
     learner.remember(rollout)
     learner.close()
-    remembered = learner.replay[:].reshape(16, 20)
-    after = rollout["next"]
-    assert after["terminated"].any() and after["truncated"].any()
+    remembered = {
+        name: column.unflatten(0, (16, 20)) for name, column in learner.replay.columns().items()
+    }
+    done, terminated = rollout["done"], rollout["terminated"]
+    assert terminated.any() and (done & ~terminated).any()
     for game in range(16):
         for step in range(20):
             total, last = 0.0, step
             for count in range(n_steps):
                 last = step + count
-                total += 0.9**count * float(after["reward"][game, last])
-                if after["done"][game, last] or last == 19:
+                total += 0.9**count * float(rollout["reward"][game, last])
+                if done[game, last] or last == 19:
                     break
-            row = remembered[game, step]
+            row = {name: column[game, step] for name, column in remembered.items()}
             assert float(row["reward"]) == pytest.approx(total, abs=1e-5)
             assert int(row["steps"]) == last - step + 1
-            assert bool(row["terminated"]) == bool(after["terminated"][game, last])
-            assert torch.equal(row["next_observation"], after["observation"][game, last])
+            assert bool(row["terminated"]) == bool(terminated[game, last])
+            assert torch.equal(row["next_observation"], rollout["next_observation"][game, last])
             assert torch.equal(row["observation"], rollout["observation"][game, step])
+            assert torch.equal(row["action"], rollout["action"][game, step])
 
 
 # -- learners know specs ---------------------------------------------------------------------------

@@ -72,7 +72,7 @@ def test_noise_begins_anew_with_the_episode_of_its_game() -> None:
     learner = make("td3", noise_start=0.3, rollout_steps=1)
     learner.explorer.anything, learner.noise.std, ended = False, 0.3, 0
     for _ in range(410):
-        over = next(learner._batches)["next", "done"][:, 0, 0]
+        over = next(learner._batches)["done"][:, 0]
         ended += int(over.sum())
         assert bool((learner.noise.state[over] == 0.0).all())
         assert bool((learner.noise.state[~over] != 0.0).all())
@@ -91,15 +91,15 @@ def test_noise_is_annealed_over_its_share_of_the_budget() -> None:
 def test_actions_are_uniform_until_learning_starts_and_the_actors_then() -> None:
     learner = make("td3", noise="none", learning_starts=64)
     learner.iterate(0.0)
-    first = learner.replay[:]["action"]
+    first = learner.replay.columns()["action"].clone()
     assert float(first.abs().max()) > 0.9 and float(first.std()) == pytest.approx(0.577, abs=0.1)
     before = {name: rows.clone() for name, rows in learner.network.state_dict().items()}
     learner.replayed = replace(learner.replayed, gradient_steps=1)
     learner.iterate(0.0)
-    played = learner.replay[:][64:]
+    played = learner.replay.columns()
     learner.network.load_state_dict(before)
-    expected = learner.network.act(played["observation"]).detach()
-    torch.testing.assert_close(played["action"], expected)
+    expected = learner.network.act(played["observation"][64:]).detach()
+    torch.testing.assert_close(played["action"][64:], expected)
 
 
 # -- memory ----------------------------------------------------------------------------------------
@@ -108,28 +108,29 @@ def test_actions_are_uniform_until_learning_starts_and_the_actors_then() -> None
 @pytest.mark.parametrize("n_steps", [1, 3])
 def test_what_is_remembered_of_arms_equals_a_plain_loop(n_steps: int) -> None:
     learner = make("sac", n_steps=n_steps, rollout_steps=20, gamma=0.9, buffer_size=1000)
-    rollout = next(learner._batches).clone()
-    after = rollout["next"]
-    over = torch.rand(16, 20, 1) < 0.2
-    after["terminated"] = over & (torch.rand(16, 20, 1) < 0.5)
-    after["truncated"], after["done"] = over & ~after["terminated"], over
-    learner.remember(rollout.clone())
-    remembered = learner.replay[:].reshape(16, 20)
+    rollout = next(learner._batches)
+    done = torch.rand(16, 20) < 0.2
+    terminated = done & (torch.rand(16, 20) < 0.5)
+    rollout |= {"done": done, "terminated": terminated}
+    learner.remember(rollout)
+    remembered = {
+        name: column.unflatten(0, (16, 20)) for name, column in learner.replay.columns().items()
+    }
     assert remembered["action"].shape == (16, 20, 2)
     for game in range(16):
         for step in range(20):
             total, last = 0.0, step
             for count in range(n_steps):
                 last = step + count
-                total += 0.9**count * float(after["reward"][game, last])
-                if after["done"][game, last] or last == 19:
+                total += 0.9**count * float(rollout["reward"][game, last])
+                if done[game, last] or last == 19:
                     break
-            row = remembered[game, step]
+            row = {name: column[game, step] for name, column in remembered.items()}
             assert float(row["reward"]) == pytest.approx(total, abs=1e-5)
             assert int(row["steps"]) == last - step + 1
             # A truncated episode goes on in its last observation; a terminated one does not.
-            assert bool(row["terminated"]) == bool(after["terminated"][game, last])
-            assert torch.equal(row["next_observation"], after["observation"][game, last])
+            assert bool(row["terminated"]) == bool(terminated[game, last])
+            assert torch.equal(row["next_observation"], rollout["next_observation"][game, last])
             assert torch.equal(row["action"], rollout["action"][game, step])
 
 
@@ -137,25 +138,15 @@ def test_the_last_observation_of_an_episode_is_remembered_and_not_the_next_ones_
     learner = make("ddpg", rollout_steps=1, buffer_size=20_000, max_grad_norm=1.0)
     for _ in range(410):
         learner.remember(next(learner._batches))
-    rows = learner.replay[:].reshape(410, 16)
+    rows = {
+        name: column.unflatten(0, (410, 16)) for name, column in learner.replay.columns().items()
+    }
     moved = (rows["next_observation"][:-1] != rows["observation"][1:]).any(-1)
     assert moved.any()
     ended = rows["terminated"][:-1] | moved
     # In reach or not is the first number: an episode that ended in reach says so at its end.
     assert (rows["next_observation"][:-1][rows["terminated"][:-1]][:, 0] == 1.0).all()
     assert (rows["next_observation"][:-1][~ended] == rows["observation"][1:][~ended]).all()
-
-
-def test_uniform_replay_draws_what_torchrls_sampler_draws() -> None:
-    learner = make("td3")
-    for _ in range(3):
-        learner.remember(next(learner._batches))
-    state = learner.generator.get_state()
-    ours = learner.sample()
-    learner.generator.set_state(state)
-    theirs = learner.replay.sample()
-    for name in ("observation", "action", "reward", "terminated", "steps", "next_observation"):
-        assert torch.equal(ours[name], theirs[name])
 
 
 @pytest.mark.parametrize("name", LEARNERS)

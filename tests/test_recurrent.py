@@ -137,7 +137,7 @@ def test_the_loss_of_dqn_over_sequences_equals_a_loop_over_steps(kind: str, doub
         for weight in target.parameters():
             weight.add_(0.1 * torch.randn_like(weight))
     # The second rollout, warmed up by the last four steps of the first one.
-    batch = learner.replay[6:]
+    batch = {name: column[6:] for name, column in learner.replay.columns().items()}
     ours, size = sequence_loss(network, target, batch, settings)
     first, second = rollouts
     assert (second["next", "truncated"] & ~second["next", "terminated"]).any()
@@ -276,8 +276,10 @@ def test_what_remembers_is_never_called_exact() -> None:
 def reward_of(learner: Any, env: Cues) -> float:
     """What the last step of an episode is paid on average over some rollouts."""
     rollouts = [next(learner._batches) for _ in range(4)]
-    paid = sum(float(rollout["next", "reward"].sum()) for rollout in rollouts)
-    return paid / sum(int(rollout["next", "done"].sum()) for rollout in rollouts)
+    steps = [rollout if isinstance(rollout, dict) else rollout["next"] for rollout in rollouts]
+    return sum(float(step["reward"].sum()) for step in steps) / sum(
+        int(step["done"].sum()) for step in steps
+    )
 
 
 @pytest.mark.parametrize("recurrent", [None, "gru", pytest.param("lstm", marks=pytest.mark.slow)])

@@ -13,7 +13,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
+from typing import Any
 
 import torch
 
@@ -23,6 +24,7 @@ from scripted_agents.environments import make_vector_env
 from train.evaluation.contest import GameContest
 from train.evaluation.scores import optimality_gap
 from train.experiments.kinds import start
+from train.machine import has_fast_bfloat16
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
 from train.networks.policy import Seat
@@ -201,66 +203,78 @@ def sb3_gap(settings: PPOSettings, budget: float, contest: GameContest, optimum:
     return result
 
 
-def product_seconds(batch: int, rows: int, width: int, outputs: int, backward: bool) -> float:
-    """Seconds of the matrix products of one pass over `batch` samples, the median of 31.
+def product_seconds(
+    batch: int, rows: int, width: int, outputs: int, backward: bool, form: torch.dtype
+) -> float:
+    """Seconds of the processor for the matrix products of a pass over `batch`, the median of 31.
 
     Forward: observation to hidden, hidden to hidden, hidden to outputs; backward: the gradients of
-    the three weight matrices and of the two hidden layers. Everything lies ready in memory.
+    the three weight matrices and of the two hidden layers. Everything lies ready in memory, as
+    layers of PyTorch have it: there are layouts in which products of few columns take five times
+    as long.
     """
-    sizes = [rows, width, width, outputs]
     pairs: list[tuple[torch.Tensor, torch.Tensor]] = []
-    for layer, (before, after) in enumerate(pairwise(sizes)):
-        inputs, weight = torch.randn(batch, before), torch.randn(before, after)
-        pairs.append((inputs, weight))
+    for layer, (before, after) in enumerate(pairwise([rows, width, width, outputs])):
+        inputs, weight = torch.randn(batch, before).to(form), torch.randn(after, before).to(form)
+        pairs.append((inputs, weight.T))
         if backward:
-            gradient = torch.randn(batch, after)
-            pairs.append((inputs.T, gradient))
+            gradient = torch.randn(batch, after).to(form)
+            pairs.append((gradient.T, inputs))
             if layer:
-                pairs.append((gradient, weight.T))
-    outs = [torch.empty(a.shape[0], b.shape[1]) for a, b in pairs]
+                pairs.append((gradient, weight))
+    outs = [torch.empty(a.shape[0], b.shape[1], dtype=form) for a, b in pairs]
     spent = []
     for _ in range(31):
-        began = perf_counter()
+        began = process_time()
         for (a, b), out in zip(pairs, outs, strict=True):
             torch.mm(a, b, out=out)
-        spent.append(perf_counter() - began)
+        spent.append(process_time() - began)
     return sorted(spent)[15]
 
 
 def products(seconds: float) -> None:
-    """Frames a second of training, against those of its matrix products alone, in turns."""
+    """Frames in a second of the processor, against those of matrix products alone, in turns."""
     print("\nshare of the speed of the matrix products alone (maze 5x5, 3 goals, one thread)")
     torch.set_num_threads(1)
-    variants = {"PPO": {"algorithm": "ppo"}, "PPO, width 256": {"algorithm": "ppo", "width": 256}}
-    variants |= {"DQN": {"algorithm": "dqn"}, "DQN, width 256": {"algorithm": "dqn", "width": 256}}
+    forms = {"float32": torch.float32, "bfloat16": torch.bfloat16}
+    learners: dict[str, dict[str, Any]] = {"PPO": {"algorithm": "ppo"}, "DQN": {"algorithm": "dqn"}}
+    learners["DQN, prioritised"] = {"algorithm": "dqn", "prioritized": True}
+    variants = {
+        f"{name}, {width}, {precision}": {**flat, "width": width, "precision": precision}
+        for precision in (forms if has_fast_bfloat16() else ["float32"])
+        for name, flat in learners.items()
+        for width in (128, 256)
+    }
     for name, flat in variants.items():
         settings = settings_of(
             task="maze", maze="5x5", num_goals=3, frames=10**12, threads=1, **flat
         )
-        run, hyper = our_run(settings), settings.hyper
+        run, hyper, form = our_run(settings), settings.hyper, forms[settings.precision]
         while run.trainee.learner.frames < 30_000:  # past DQN's warm-up
             run.trainee.learner.iterate(0.0)
         rows, width, outputs = 50, hyper.width, 4
         shares, rates = [], []
         for _ in range(5):
-            frames, began = run.trainee.learner.frames, perf_counter()
-            while perf_counter() - began < seconds / 5:
+            frames, began = run.trainee.learner.frames, process_time()
+            while process_time() - began < seconds / 5:
                 run.trainee.learner.iterate(0.0)
-            rate = (run.trainee.learner.frames - frames) / (perf_counter() - began)
-            play = product_seconds(hyper.num_games, rows, width, outputs, False) / hyper.num_games
+            rate = (run.trainee.learner.frames - frames) / (process_time() - began)
+            games = hyper.num_games
+            play = product_seconds(games, rows, width, outputs, False, form) / games
             if isinstance(hyper, PPOSettings):
-                update = product_seconds(hyper.minibatch_size, rows, width, outputs + 1, True)
-                learn = hyper.epochs * update / hyper.minibatch_size
+                size = hyper.minibatch_size
+                update = product_seconds(size, rows, width, outputs + 1, True, form)
+                learn = hyper.epochs * update / size
             else:
                 assert isinstance(hyper, DQNSettings)
                 batch = hyper.batch_size  # online on both observations, target on the next
-                update = product_seconds(batch, rows, width, outputs, True)
-                update += 2 * product_seconds(batch, rows, width, outputs, False)
-                learn = hyper.gradient_steps * update / (hyper.num_games * hyper.rollout_steps)
+                update = product_seconds(batch, rows, width, outputs, True, form)
+                update += 2 * product_seconds(batch, rows, width, outputs, False, form)
+                learn = hyper.gradient_steps * update / (games * hyper.rollout_steps)
             rates.append(rate)
             shares.append(rate * (play + learn))
         print(
-            f"{name:<18}{max(rates):>10,.0f} frames/s  {100 * sorted(shares)[2]:.0f} % of the "
+            f"{name:<32}{max(rates):>10,.0f} frames/s  {100 * sorted(shares)[2]:.0f} % of the "
             "products alone (median of 5)",
             flush=True,
         )

@@ -1,15 +1,13 @@
-"""Exploring with continuous actions: noise that may drift, and rollouts that restart it."""
+"""Exploring with continuous actions: noise that may drift and begins anew with every episode."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, Protocol
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import torch
-from tensordict import TensorDict, TensorDictBase
 
-from train.algorithms.learner import Games
 from train.networks.continuous import DeterministicActor, GaussianActor
 from train.tensors import check_like
 
@@ -89,67 +87,12 @@ class Explorer:
         self.draws = isinstance(actor, GaussianActor)
         self.anything = True
 
-    def act(self, observation: torch.Tensor) -> torch.Tensor:
-        """[num_games, actions] float32 in [-1, 1], on the CPU."""
+    def act(self, seen: Mapping[str, torch.Tensor]) -> torch.Tensor:
+        """[num_games, actions] float32 in [-1, 1], on the CPU, from the "observation"."""
         noise = self.noise
         if self.anything:
             return noise.uniform()
         drawn = noise.normal().to(self.device) if self.draws else None
         with torch.no_grad():
-            action = self.actor.act(observation.to(self.device), drawn).cpu()
+            action = self.actor.act(seen["observation"].to(self.device), drawn).cpu()
         return action if noise.kind == "none" else (action + noise.step()).clamp_(-1.0, 1.0)
-
-
-class SteppedGames(Games, Protocol):
-    """What `NoisyRollouts` needs of the games beside that."""
-
-    def step_and_maybe_reset(
-        self, tensordict: TensorDictBase
-    ) -> tuple[TensorDictBase, TensorDictBase]:
-        """TorchRL's."""
-
-
-class NoisyRollouts:
-    """Rollouts like those of TorchRL's collector, which never says where an episode has begun.
-
-    Args:
-        env: the games.
-        explorer: acts; its noise begins anew with every episode.
-        steps: of a rollout.
-    """
-
-    def __init__(self, env: SteppedGames, explorer: Explorer, steps: int) -> None:
-        self.env, self.explorer, self.steps = env, explorer, steps
-
-    def __iter__(self) -> Iterator[TensorDictBase]:
-        """Rollouts, TensorDicts [games, steps]: "observation", "action" and "next"."""
-        now = self.env.reset()
-        while True:
-            frames = []
-            for _ in range(self.steps):
-                now["action"] = self.explorer.act(now["observation"])
-                frame, now = self.env.step_and_maybe_reset(now)
-                self.explorer.noise.restart(frame["next", "done"].squeeze(-1))
-                frames.append(frame)
-            if self.steps == 1:
-                yield frames[0].unsqueeze(1)
-            else:
-                yield _side_by_side(frames)
-
-    def shutdown(self) -> None:
-        """Nothing is held open."""
-
-
-def _side_by_side(frames: list[TensorDictBase]) -> TensorDictBase:
-    """[games, steps] of the steps [games]: what learning needs."""
-    after = ("observation", "reward", "terminated", "truncated", "done")
-    content: dict[str, Any] = {
-        name: torch.stack([frame[name] for frame in frames], dim=1)
-        for name in ("observation", "action")
-    }
-    size = [len(content["action"]), len(frames)]
-    content["next"] = TensorDict(
-        {name: torch.stack([frame["next", name] for frame in frames], dim=1) for name in after},
-        batch_size=size,
-    )
-    return TensorDict(content, batch_size=size)

@@ -6,10 +6,9 @@ from copy import deepcopy
 from typing import Any, Generic, TypeVar
 
 import torch
-from tensordict import TensorDictBase
 
 from curricula import linear
-from train.algorithms.action_noise import ActionNoise, Explorer, NoisyRollouts
+from train.algorithms.action_noise import ActionNoise, Explorer
 from train.algorithms.continuous_losses import (
     critic_loss,
     deterministic_actor_loss,
@@ -18,8 +17,10 @@ from train.algorithms.continuous_losses import (
     soft_actor_loss,
     temperature_loss,
 )
-from train.algorithms.learner import Build, check_moments, clip_gradients
+from train.algorithms.learner import Build, check_moments, clip_gradients, step_adam
 from train.algorithms.off_policy import OffPolicyLearner
+from train.algorithms.replay import Batch
+from train.algorithms.transitions import Transitions
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor, follow
 from train.networks.policy import Player
 from train.settings.off_policy import (
@@ -60,7 +61,8 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         actions = env.player.num_actions
         self.noise = ActionNoise(settings.noise, settings.noise_theta, env.num_games, actions, seed)
         self.explorer = Explorer(actor, self.noise, device)
-        rollouts = NoisyRollouts(env, self.explorer, settings.rollout_steps)
+        steps, ended = settings.rollout_steps, self.noise.restart
+        rollouts = Transitions(env, self.explorer.act, steps, ended)
         super().__init__(settings, env, actor, rollouts, device, seed)
         self.chosen, self.critics, self.num_actions = settings, critics, actions
         self.target_critics = deepcopy(critics).requires_grad_(False)
@@ -94,7 +96,7 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         rate = self.annealed(self.chosen.critic_learning_rate, progress)
         self.critic_optimizer.param_groups[0]["lr"] = rate
 
-    def learn(self, batch: TensorDictBase) -> tuple[torch.Tensor, Figures]:
+    def learn(self, batch: Batch) -> tuple[torch.Tensor, Figures]:
         """A gradient step of the critics, and now and then of the actor and the targets."""
         prepare = self.network.trunk.prepare
         prepared, following = prepare(batch["observation"]), prepare(batch["next_observation"])
@@ -115,7 +117,7 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         """[batch]: the values that the targets see in the next observations, prepared."""
         raise NotImplementedError
 
-    def learn_actor(self, prepared: torch.Tensor, batch: TensorDictBase) -> None:
+    def learn_actor(self, prepared: torch.Tensor, batch: Batch) -> None:
         """A gradient step of the actor."""
         raise NotImplementedError
 
@@ -128,7 +130,7 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         optimizer.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         clip_gradients(optimizer.param_groups[0]["params"], self.chosen.max_grad_norm)
-        optimizer.step()
+        step_adam(optimizer)
 
     def state_dict(self) -> dict[str, Any]:
         """Everything, the noise included."""
@@ -176,7 +178,7 @@ class DDPG(ContinuousLearner[DeterministicActor]):
         action = next_action(self.target_actor, following, self.target_noise, clip)
         return self.target_critics(following, action).amin(dim=0)
 
-    def learn_actor(self, prepared: torch.Tensor, batch: TensorDictBase) -> None:
+    def learn_actor(self, prepared: torch.Tensor, batch: Batch) -> None:
         """Towards actions of higher value."""
         loss = deterministic_actor_loss(self.network, self.critics, prepared, batch)
         self.step(self.optimizer, loss)
@@ -241,7 +243,7 @@ class SAC(ContinuousLearner[GaussianActor]):
         rate = self.annealed(self.soft.temperature_learning_rate, progress)
         self.temperature_optimizer.param_groups[0]["lr"] = rate
 
-    def learn(self, batch: TensorDictBase) -> tuple[torch.Tensor, Figures]:
+    def learn(self, batch: Batch) -> tuple[torch.Tensor, Figures]:
         """A gradient step of the critics, the actor and the temperature."""
         error, figures = super().learn(batch)
         return error, {**figures, "temperature": self.log_alpha.detach().exp()}
@@ -252,7 +254,7 @@ class SAC(ContinuousLearner[GaussianActor]):
         values = self.target_critics(following, action).amin(dim=0)
         return values - self.log_alpha.exp() * log_prob
 
-    def learn_actor(self, prepared: torch.Tensor, batch: TensorDictBase) -> None:
+    def learn_actor(self, prepared: torch.Tensor, batch: Batch) -> None:
         """Towards actions of higher value and a distribution of higher entropy."""
         alpha = self.log_alpha.detach().exp()
         loss, log_prob = soft_actor_loss(self.network, self.critics, prepared, batch, alpha)

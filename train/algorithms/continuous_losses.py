@@ -11,12 +11,12 @@ next observation) and, with prioritised replay, "priority_weight".
 from __future__ import annotations
 
 import torch
-from tensordict import TensorDictBase
 
+from train.algorithms.replay import Batch
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor
 
 
-def mean(values: torch.Tensor, batch: TensorDictBase) -> torch.Tensor:
+def mean(values: torch.Tensor, batch: Batch) -> torch.Tensor:
     """The mean of [batch] numbers; with prioritised replay by weight, as TorchRL reduces it."""
     weight = batch.get("priority_weight", None)
     return values.mean() if weight is None else (weight * values).sum() / weight.sum()
@@ -42,13 +42,13 @@ def next_action(
 
 
 @torch.no_grad()
-def returns_to_expect(batch: TensorDictBase, values: torch.Tensor, gamma: float) -> torch.Tensor:
+def returns_to_expect(batch: Batch, values: torch.Tensor, gamma: float) -> torch.Tensor:
     """[batch]: rewards, and the discounted values [batch] of what follows where there is more."""
     return batch["reward"] + gamma ** batch["steps"] * ~batch["terminated"] * values
 
 
 def critic_loss(
-    values: torch.Tensor, goal: torch.Tensor, batch: TensorDictBase
+    values: torch.Tensor, goal: torch.Tensor, batch: Batch
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The squared errors of all critics, and for every transition the size of the larger one.
 
@@ -65,7 +65,10 @@ def critic_loss(
 
 
 def deterministic_actor_loss(
-    actor: DeterministicActor, critics: Critics, prepared: torch.Tensor, batch: TensorDictBase
+    actor: DeterministicActor,
+    critics: Critics,
+    prepared: torch.Tensor,
+    batch: Batch,
 ) -> torch.Tensor:
     """Minus the value of what the actor does, by the first critic (Silver et al., 2014)."""
     return -mean(critics.judge(prepared, actor(prepared), 1)[0], batch)
@@ -75,7 +78,7 @@ def soft_actor_loss(
     actor: GaussianActor,
     critics: Critics,
     prepared: torch.Tensor,
-    batch: TensorDictBase,
+    batch: Batch,
     alpha: torch.Tensor,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Minus the value of what the actor draws, by the lower critic, and of its entropy.
@@ -89,7 +92,10 @@ def soft_actor_loss(
 
 
 def temperature_loss(
-    log_alpha: torch.Tensor, log_prob: torch.Tensor, target: float, batch: TensorDictBase
+    log_alpha: torch.Tensor,
+    log_prob: torch.Tensor,
+    target: float,
+    batch: Batch,
 ) -> torch.Tensor:
     """Falls as the temperature does where the entropy is above its target, and rises below it."""
     return mean(-log_alpha * (log_prob + target), batch)

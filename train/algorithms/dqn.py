@@ -1,18 +1,19 @@
-"""Deep Q-learning on TorchRL's collector and replay buffer, each extension a switch."""
+"""Deep Q-learning, each extension a switch."""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from collections.abc import Mapping
+from typing import Any
 
 import torch
-from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModuleBase
 
 from curricula import linear
 from pursuit.masks import ACTION_MASK
-from train.algorithms.learner import Build, Games, has_masks
-from train.algorithms.off_policy import NEXT_MASK, OffPolicyLearner, collector_of
+from train.algorithms.learner import Build, Games
+from train.algorithms.off_policy import NEXT_MASK, OffPolicyLearner, Rollouts
 from train.algorithms.recurrent_dqn import Recording, sequence_loss
+from train.algorithms.replay import Batch
+from train.algorithms.transitions import Transitions
 from train.networks.masks import masked
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
@@ -21,22 +22,23 @@ from train.settings.off_policy import DQNSettings
 __all__ = ["DQN", "NEXT_MASK", "EpsilonGreedy", "build", "dqn_loss", "network_of"]
 
 
-class EpsilonGreedy(TensorDictModuleBase):
-    """The action of the largest value, or with probability `epsilon` any; of those allowed."""
+class EpsilonGreedy:
+    """The action of the largest value, or with probability `epsilon` any; of those allowed.
 
-    out_keys: ClassVar = ["action"]
+    Args:
+        network: action values.
+        device: where it lives.
+    """
 
-    def __init__(self, network: QNetwork, masks: bool = False) -> None:
-        super().__init__()
-        self.in_keys = ["observation", ACTION_MASK][: 1 + masks]
-        self.network, self.epsilon = network, 1.0
+    def __init__(self, network: QNetwork, device: str = "cpu") -> None:
+        self.network, self.device, self.epsilon = network, device, 1.0
 
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the action."""
-        allowed = tensordict.get(ACTION_MASK, None)
-        return tensordict.set(
-            "action", self.choose(self.network.glance(tensordict["observation"]), allowed)
-        )
+    def act(self, seen: Mapping[str, torch.Tensor]) -> torch.Tensor:
+        """[games] int64, on the network's device, from what is seen, "observation" and masks."""
+        allowed = seen.get(ACTION_MASK, None)
+        with torch.no_grad():
+            values = self.network.quick(seen["observation"].to(self.device))
+        return self.choose(values, None if allowed is None else allowed.to(self.device))
 
     def choose(self, values: torch.Tensor, allowed: torch.Tensor | None) -> torch.Tensor:
         """[games] actions, from values [games, actions] and what is allowed; None for anything."""
@@ -51,12 +53,16 @@ class EpsilonGreedy(TensorDictModuleBase):
 
 
 def dqn_loss(
-    network: QNetwork, target: QNetwork, batch: TensorDictBase, gamma: float, double: bool
+    network: QNetwork,
+    target: QNetwork,
+    batch: Batch,
+    gamma: float,
+    double: bool,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The squared error of temporal differences, and its size for every transition.
 
     Equal to TorchRL's `DQNLoss`, and tested against it; written out because nothing is made
-    functional at every step then, and the next observations are prepared once for both networks.
+    functional at every step then.
 
     Args:
         network: learns.
@@ -70,22 +76,19 @@ def dqn_loss(
     Returns:
         The loss, and |error| [batch], detached.
     """
-    trunk = network.policy_trunk
     with torch.no_grad():
-        following = trunk.glance(batch["next_observation"])
-        next_values = target.policy_head(target.policy_trunk(following))
-        chooser = network.policy_head(trunk(following)) if double else next_values
+        next_values = target.quick(batch["next_observation"])
+        chooser = network.quick(batch["next_observation"]) if double else next_values
         chooser = masked(chooser, batch.get(NEXT_MASK, None))
-    values = network(batch["observation"])
+    values = network.quick(batch["observation"])
     next_action = chooser.argmax(dim=-1, keepdim=True)
     next_value = next_values.gather(-1, next_action).squeeze(-1)
     discount = gamma ** batch["steps"] * ~batch["terminated"]
     goal = batch["reward"] + discount * next_value
     error = values.gather(-1, batch["action"][:, None]).squeeze(-1) - goal
     squares = error.square()
-    if "priority_weight" in batch.keys():  # noqa: SIM118 (a TensorDict's `in` wants .keys())
-        # The mean over the batch by weight, as TorchRL reduces it.
-        weight = batch["priority_weight"]
+    weight = batch.get("priority_weight", None)
+    if weight is not None:  # the mean over the batch by weight, as TorchRL reduces it
         return (weight * squares).sum() / weight.sum(), error.detach().abs()
     return squares.mean(), error.detach().abs()
 
@@ -115,12 +118,11 @@ class DQN(OffPolicyLearner):
         device: str,
         seed: int,
     ) -> None:
-        self.explorer = EpsilonGreedy(network, has_masks(env))
+        self.explorer = EpsilonGreedy(network, device)
         self.recording: Recording | None = None
-        collector, per_row = None, 1
-        if network.policy_memory is None:
-            collector = collector_of(settings, env, self.explorer, device)
-        else:
+        collector: Rollouts = Transitions(env, self.explorer.act, settings.rollout_steps)
+        per_row = 1
+        if network.policy_memory is not None:
             how = (self.explorer.choose, settings, device)
             collector = self.recording = Recording(env, network, *how)
             per_row = settings.rollout_steps
@@ -138,7 +140,7 @@ class DQN(OffPolicyLearner):
         self.explorer.epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
         return {"epsilon": self.explorer.epsilon}
 
-    def learn(self, batch: TensorDictBase) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+    def learn(self, batch: Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """A gradient step, and now and then a copy to the target network before it."""
         settings = self.settings
         if self.updates % settings.target_update_interval == 0:
@@ -152,7 +154,7 @@ class DQN(OffPolicyLearner):
         self.descend(loss)
         return error, {"loss": loss.detach(), "td_error": error.mean()}
 
-    def remember(self, rollout: TensorDictBase) -> None:
+    def remember(self, rollout: Any) -> None:
         """Put its transitions into the buffer, or with a memory a sequence for every game."""
         if self.recording is None:
             super().remember(rollout)

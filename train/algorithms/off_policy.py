@@ -1,55 +1,31 @@
-"""What the learners that replay share: collecting, the buffer with its checkpoint, and rounds."""
+"""What the learners that replay share: the buffer with its checkpoint, and rounds."""
 
 from __future__ import annotations
 
-import logging
 from typing import Any, Protocol
 
 import torch
-from tensordict import TensorDict, TensorDictBase
-from tensordict.nn import TensorDictModuleBase
-from torchrl.collectors import Collector
-from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
-from torchrl.data.postprocs import MultiStep
 
 from curricula import linear
-from pursuit.masks import ACTION_MASK
 from train.algorithms.learner import Games, NetworkLearner, has_masks, means
-from train.algorithms.prioritized import prioritized_sampler
+from train.algorithms.prioritized import priorities_of
+from train.algorithms.replay import Batch, Columns, Replay
+from train.algorithms.transitions import NEXT_MASK, device_of, n_step_rows
 from train.networks.policy import Network
 from train.settings.off_policy import ReplaySettings
 from train.tensors import Misfit, check_like, check_tensor
 
-logging.getLogger("torchrl").setLevel(logging.WARNING)  # it tells of every storage it makes
-
-NEXT_MASK = "next_action_mask"
+__all__ = ["NEXT_MASK", "OffPolicyLearner", "Rollouts"]
 
 
 class Rollouts(Protocol):
     """Plays on from where the last rollout ended, for ever."""
 
     def __iter__(self) -> Any:
-        """Rollouts, TensorDicts [games, steps]."""
+        """Rollouts [games, steps]."""
 
     def shutdown(self) -> None:
         """Stop."""
-
-
-def collector_of(
-    settings: ReplaySettings, env: Games, explorer: TensorDictModuleBase, device: str
-) -> Collector:
-    """TorchRL's collector of rollouts [games, rollout_steps]."""
-    return Collector(
-        env,
-        explorer,
-        frames_per_batch=settings.num_games * settings.rollout_steps,
-        total_frames=-1,
-        policy_device=device,
-        env_device="cpu",
-        storing_device="cpu",
-        track_traj_ids=False,
-        auto_register_policy_transforms=False,
-    )
 
 
 class OffPolicyLearner(NetworkLearner):
@@ -83,15 +59,11 @@ class OffPolicyLearner(NetworkLearner):
         )
         self.replayed, self.updates = settings, 0
         self.masks, self.collector = has_masks(env), collector
-        self.multi_step = MultiStep(settings.gamma, settings.n_steps)
+        self.beta, where = settings.importance_exponent, device_of(env)
+        exponent = settings.priority_exponent
+        counts = priorities_of(self.rows, exponent, where) if settings.prioritized else None
         self.generator = torch.Generator().manual_seed(seed)
-        self.replay = TensorDictReplayBuffer(
-            storage=LazyTensorStorage(self.rows),
-            batch_size=self.batch,
-            priority_key="td_error",
-            generator=self.generator,
-            **({"sampler": self._sampler()} if settings.prioritized else {}),
-        )
+        self.replay = Replay(self.rows, where, self.generator, counts)
         self._batches = iter(self.collector)
 
     @property
@@ -104,7 +76,7 @@ class OffPolicyLearner(NetworkLearner):
         """Settle how the next rollout explores; figures for the log."""
         raise NotImplementedError
 
-    def learn(self, batch: TensorDictBase) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+    def learn(self, batch: Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """A gradient step: the sizes of errors [batch], detached, and figures for the log."""
         raise NotImplementedError
 
@@ -115,7 +87,7 @@ class OffPolicyLearner(NetworkLearner):
         figures = self.explore(progress)
         if settings.prioritized:  # Schaul et al. (2016), section 3.4
             ends = settings.importance_exponent, settings.importance_exponent_end
-            self.replay.sampler.beta = linear(*ends, progress)
+            self.beta = linear(*ends, progress)
         self.remember(next(self._batches))
         if not self.learning:
             return figures
@@ -124,83 +96,32 @@ class OffPolicyLearner(NetworkLearner):
             batch = self.sample()
             error, found = self.learn(batch)
             if settings.prioritized:
-                self.replay.update_priority(batch["index"].cpu(), error.cpu())
+                self.replay.update(batch["index"], error)
             logged.append(found)
         return {**figures, **means(logged)}
 
-    def sample(self) -> Any:
-        """A minibatch from the buffer where the networks live: a TensorDict, or a plain one."""
-        settings = self.replayed
-        if settings.prioritized:
-            return self.replay.sample().to(self.device)
-        # What TorchRL's uniform sampler draws, without its fixed cost of a third of a millisecond.
-        storage = self.replay.storage
-        index = torch.randint(0, len(storage), (self.batch,), generator=self.generator)
-        columns = {name: rows.index_select(0, index) for name, rows in storage._storage.items()}
-        # On the CPU a TensorDict would be made for nothing, eight times a rollout.
-        cpu = self.device == "cpu"
-        return columns if cpu else TensorDict(columns, [self.batch]).to(self.device)
+    def sample(self) -> Columns:
+        """A minibatch from the buffer, where the networks live."""
+        batch = self.replay.draw(self.batch, self.beta)
+        if self.replay.device == self.device:
+            return batch
+        return {name: column.to(self.device) for name, column in batch.items()}
 
-    def remember(self, rollout: TensorDictBase) -> None:
+    def remember(self, rollout: Any) -> None:
         """Put the transitions of a rollout [games, steps] into the buffer, n steps in one."""
-        self.frames += rollout.numel()
-        terminated = rollout["next", "terminated"].squeeze(-1)
-        steps = torch.ones(rollout.shape, dtype=torch.int64)
-        if self.replayed.n_steps > 1:
-            rollout = self.multi_step(rollout)
-            steps = rollout["steps_to_next_obs"]
-            # MultiStep moves rewards and observations, but leaves the flags of the first step: an
-            # episode that ended at the second or third would be bootstrapped beyond its end.
-            terminated = terminated.gather(1, torch.arange(rollout.shape[1]) + steps - 1)
-        transitions = {
-            "observation": rollout["observation"].flatten(0, 1),
-            "action": rollout["action"].flatten(0, 1),
-            "reward": rollout["next", "reward"].flatten(),
-            "next_observation": rollout["next", "observation"].flatten(0, 1),
-            "terminated": terminated.flatten(),
-            "steps": steps.flatten(),
-        }
-        if self.masks:
-            transitions[NEXT_MASK] = rollout["next", ACTION_MASK].flatten(0, 1)
-        self.replay.extend(TensorDict(transitions, batch_size=[rollout.numel()]))
+        self.frames += rollout["reward"].numel()
+        self.replay.extend(n_step_rows(rollout, self.replayed.gamma, self.replayed.n_steps))
 
     def state_dict(self) -> dict[str, Any]:
         """Everything, the replay buffer and its priorities included."""
-        replay, state = self.replay, super().state_dict()
-        state |= {
-            "updates": self.updates,
-            "replay": dict(replay[:].exclude("index").items()) if len(replay) else {},
-            "cursor": int(replay.writer._cursor),
-            "generator": self.generator.get_state(),
-        }
-        if self.replayed.prioritized:
-            sampler = replay.sampler
-            indices = torch.arange(len(replay))
-            priority = sampler._max_priority[0]
-            state["priorities"] = {
-                "sum": sampler._sum_tree[indices],
-                "min": sampler._min_tree[indices],
-                "largest": None if priority is None else float(priority),
-            }
-        return state
+        return super().state_dict() | {"updates": self.updates} | self.replay.state_dict()
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take it all back."""
         super().load_state_dict(state)
         self._check_replay(state)
         self.updates = state["updates"]
-        count = len(state["replay"].get("action", ()))
-        if count:
-            self.replay.extend(TensorDict(state["replay"], batch_size=[count]))
-            self.replay.writer._cursor = state["cursor"]
-        self.generator.set_state(state["generator"])
-        if self.replayed.prioritized and count:
-            sampler, saved = self.replay.sampler, state["priorities"]
-            indices = torch.arange(count)
-            sampler._sum_tree[indices] = saved["sum"]
-            sampler._min_tree[indices] = saved["min"]
-            if saved["largest"] is not None:
-                sampler._max_priority = (torch.tensor(saved["largest"]), None)
+        self.replay.load_state_dict(state)
 
     def _check_replay(self, state: dict[str, Any]) -> None:
         """Raise Misfit unless what was saved of the buffer fits it; an empty one is not there."""
@@ -250,8 +171,3 @@ class OffPolicyLearner(NetworkLearner):
     def close(self) -> None:
         """Stop collecting."""
         self.collector.shutdown()
-
-    def _sampler(self) -> Any:
-        settings = self.replayed
-        exponents = (settings.priority_exponent, settings.importance_exponent)
-        return prioritized_sampler(self.rows, *exponents)

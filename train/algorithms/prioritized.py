@@ -1,101 +1,206 @@
-"""Prioritised replay without TorchRL's compiled extension, which not every torch can load.
+"""Prioritised replay (Schaul et al., 2016): what is drawn how often, and by which weight it counts.
 
-TorchRL's `PrioritizedSampler` keeps its priorities in segment trees written in C++. Where they are
-missing, these trees in torch take their place; everything else is TorchRL's own.
+A transition of the error e has the priority (|e| + EPSILON) ** alpha, is drawn in proportion to it,
+and counts in the loss by (priority / smallest priority) ** -beta. These are the formulas of
+TorchRL's `PrioritizedSampler`, and from the same random numbers the same is drawn. Its trees need a
+compiled extension that not every torch can load; ours are compiled by Numba.
 """
 
 from __future__ import annotations
 
+from typing import Any, Protocol
+
 import torch
-from torchrl.data.replay_buffers import PrioritizedSampler
+
+from pursuit.compiled import compiled
+
+EPSILON = 1e-8
 
 
-def extension_loads() -> bool:
-    """Whether TorchRL's compiled segment trees can be used here."""
-    try:
-        PrioritizedSampler(max_capacity=2, alpha=0.5, beta=0.5)
-    except (RuntimeError, TypeError):  # RuntimeError in 0.14; calling None in older ones
-        return False
-    return True
+@compiled
+def set_leaves(sums: Any, minima: Any, index: Any, values: Any) -> None:
+    """Write leaves of both trees, and all that depends on them.
 
-
-class SegmentTree:
-    """A complete binary tree of float64 over `capacity` leaves: sums, or minima, of ranges.
-
-    Node 1 is the root and node i has the children 2i and 2i + 1, so every operation on a batch of
-    leaves is a few torch operations for each of the log2(capacity) levels.
+    Node 1 is the root, node i has the children 2i and 2i + 1, and the leaves are the second half.
 
     Args:
-        capacity: leaves.
-        minimum: keep minima instead of sums.
+        sums, minima: [2 * size] float64.
+        index: [n] int64, of the leaves; of one that is named twice the last value counts.
+        values: [n] float32.
+    """
+    size = sums.shape[0] // 2
+    for number in range(index.shape[0]):
+        node = size + index[number]
+        sums[node] = values[number]
+        minima[node] = values[number]
+        node >>= 1
+        while node > 0:
+            sums[node] = sums[2 * node] + sums[2 * node + 1]
+            minima[node] = min(minima[2 * node], minima[2 * node + 1])
+            node >>= 1
+
+
+@compiled
+def find_leaves(sums: Any, masses: Any, index: Any) -> None:
+    """The first leaf up to which, itself included, the sum is above each mass.
+
+    Args:
+        sums: [2 * size] float64.
+        masses: [n] float32.
+        index: [n] int64, out.
+    """
+    size = sums.shape[0] // 2
+    for number in range(index.shape[0]):
+        left, node = float(masses[number]), 1
+        while node < size:
+            node *= 2
+            # A right half without any priority is never entered, whatever rounding did to `left`.
+            if left >= sums[node] and sums[node + 1] > 0.0:
+                left -= sums[node]
+                node += 1
+        index[number] = node - size
+
+
+class Priorities(Protocol):
+    """The priorities of the rows of a replay buffer.
+
+    Attributes:
+        largest: error that was ever seen, which rows have before they are first drawn; None before
+            the first row.
     """
 
-    def __init__(self, capacity: int, minimum: bool = False) -> None:
-        self.minimum = minimum
-        self.levels = max(capacity - 1, 1).bit_length()
-        self.size = 1 << self.levels
-        self.neutral = float("inf") if minimum else 0.0
-        self.nodes = torch.full((2 * self.size,), self.neutral, dtype=torch.float64)
+    largest: torch.Tensor | None
 
-    def __len__(self) -> int:
-        return self.size
+    def begin(self, index: torch.Tensor) -> None:
+        """New rows [n] int64: they count as much as the largest error."""
 
-    def _join(self, left: torch.Tensor, right: torch.Tensor) -> torch.Tensor:
-        return torch.minimum(left, right) if self.minimum else left + right
+    def update(self, index: torch.Tensor, errors: torch.Tensor) -> None:
+        """The sizes of errors [n] float32 that were found in rows [n] int64."""
 
-    def __getitem__(self, index: int | torch.Tensor) -> torch.Tensor:
-        return self.nodes[torch.as_tensor(index) + self.size].float()
+    def draw(
+        self, count: int, rows: int, beta: float, generator: torch.Generator
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Rows [count] int64 and their weights [count] float32.
 
-    def __setitem__(self, index: int | torch.Tensor, value: float | torch.Tensor) -> None:
-        nodes = torch.as_tensor(index).reshape(-1).long() + self.size
-        self.nodes[nodes] = (
-            torch.as_tensor(value, dtype=torch.float64).reshape(-1).expand(len(nodes))
-        )
-        for _ in range(self.levels):
-            nodes = nodes >> 1
-            self.nodes[nodes] = self._join(self.nodes[2 * nodes], self.nodes[2 * nodes + 1])
+        Args:
+            count: how many.
+            rows: that there are.
+            beta: the exponent of the weights.
+            generator: of random numbers, on the CPU.
+        """
 
-    def query(self, left: int, right: int) -> float:
-        """The sum, or minimum, of the leaves left <= i < right."""
-        result = self.neutral
-        low, high = left + self.size, right + self.size
-        while low < high:
-            if low & 1:
-                result = self._join2(result, float(self.nodes[low]))
-                low += 1
-            if high & 1:
-                high -= 1
-                result = self._join2(result, float(self.nodes[high]))
-            low, high = low >> 1, high >> 1
-        return result
+    def read(self, rows: int) -> torch.Tensor:
+        """[rows] float32 on the CPU."""
 
-    def _join2(self, left: float, right: float) -> float:
-        return min(left, right) if self.minimum else left + right
-
-    def scan_lower_bound(self, mass: torch.Tensor | float) -> torch.Tensor:
-        """The first leaf up to which, itself included, the sum is above `mass`; sums only."""
-        left = torch.as_tensor(mass, dtype=torch.float64).clone()
-        nodes = torch.ones(left.shape, dtype=torch.int64)
-        for _ in range(self.levels):
-            nodes = 2 * nodes
-            sums = self.nodes[nodes]
-            # A right half without any priority is never entered, whatever rounding did to `left`.
-            right = (left >= sums) & (self.nodes[nodes + 1] > 0)
-            left = torch.where(right, left - sums, left)
-            nodes = nodes + right.long()
-        return nodes - self.size
+    def write(self, values: torch.Tensor) -> None:
+        """Take the first of them [n] float32."""
 
 
-class TorchPrioritizedSampler(PrioritizedSampler):
-    """TorchRL's sampler over `SegmentTree`s."""
-
-    def _init(self) -> None:
-        self._sum_tree = SegmentTree(self._max_capacity)
-        self._min_tree = SegmentTree(self._max_capacity, minimum=True)
-        self._max_priority = None
+def priorities_of(capacity: int, alpha: float, device: str) -> Priorities:
+    """Trees on the CPU, running sums on a GPU."""
+    form = TreePriorities if torch.device(device).type == "cpu" else SummedPriorities
+    return form(capacity, alpha, device)
 
 
-def prioritized_sampler(capacity: int, alpha: float, beta: float) -> PrioritizedSampler:
-    """The compiled sampler where it loads, else the one over torch trees."""
-    form = PrioritizedSampler if extension_loads() else TorchPrioritizedSampler
-    return form(max_capacity=capacity, alpha=alpha, beta=beta)
+def priority(errors: torch.Tensor, alpha: float) -> torch.Tensor:
+    """[n] from the sizes of errors [n]."""
+    return (errors + EPSILON) ** alpha
+
+
+class TreePriorities:
+    """Priorities in two complete binary trees, of sums and of minima.
+
+    Args:
+        capacity: rows.
+        alpha: how much errors count; 0 draws uniformly.
+        device: the CPU.
+    """
+
+    def __init__(self, capacity: int, alpha: float, device: str = "cpu") -> None:
+        size = 1 << max(capacity - 1, 1).bit_length()
+        self.alpha, self.size = alpha, size
+        self.sums = torch.zeros(2 * size, dtype=torch.float64, device=device)
+        self.minima = torch.full_like(self.sums, float("inf"))
+        self.largest: torch.Tensor | None = None
+
+    def begin(self, index: torch.Tensor) -> None:
+        """As `Priorities`."""
+        if self.largest is None:
+            self.largest = torch.ones(())
+        self._set(index, priority(self.largest, self.alpha).expand(len(index)))
+
+    def update(self, index: torch.Tensor, errors: torch.Tensor) -> None:
+        """As `Priorities`."""
+        most = errors.max()
+        self.largest = most if self.largest is None else torch.maximum(self.largest, most)
+        self._set(index, priority(errors, self.alpha))
+
+    def draw(
+        self, count: int, rows: int, beta: float, generator: torch.Generator
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """As `Priorities`."""
+        masses = torch.rand(count, generator=generator) * float(self.sums[1])
+        index = torch.empty(count, dtype=torch.int64)
+        find_leaves(self.sums.numpy(), masses.numpy(), index.numpy())
+        index.clamp_(max=rows - 1)
+        found = self.sums[self.size :].index_select(0, index).float()
+        return index, (found / float(self.minima[1])) ** -beta
+
+    def read(self, rows: int) -> torch.Tensor:
+        """As `Priorities`."""
+        return self.sums[self.size : self.size + rows].float()
+
+    def write(self, values: torch.Tensor) -> None:
+        """As `Priorities`."""
+        self._set(torch.arange(len(values)), values)
+
+    def _set(self, index: torch.Tensor, values: torch.Tensor) -> None:
+        arrays = (self.sums, self.minima, index, values.contiguous())
+        set_leaves(*(array.numpy() for array in arrays))
+
+
+class SummedPriorities:
+    """Priorities in a row, summed up anew for every draw: without a copy and without waiting.
+
+    The same as `TreePriorities` up to the rounding of sums.
+
+    Args:
+        capacity: rows.
+        alpha: how much errors count.
+        device: where they lie.
+    """
+
+    def __init__(self, capacity: int, alpha: float, device: str) -> None:
+        self.alpha, self.device = alpha, device
+        self.values = torch.zeros(capacity, device=device)
+        self.largest: torch.Tensor | None = None
+
+    def begin(self, index: torch.Tensor) -> None:
+        """As `Priorities`."""
+        if self.largest is None:
+            self.largest = torch.ones((), device=self.device)
+        self.values[index] = priority(self.largest, self.alpha)
+
+    def update(self, index: torch.Tensor, errors: torch.Tensor) -> None:
+        """As `Priorities`."""
+        most = errors.max()
+        self.largest = most if self.largest is None else torch.maximum(self.largest, most)
+        self.values[index] = priority(errors, self.alpha)
+
+    def draw(
+        self, count: int, rows: int, beta: float, generator: torch.Generator
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """As `Priorities`."""
+        there = self.values[:rows]
+        sums = there.double().cumsum(0)
+        masses = torch.rand(count, generator=generator).to(self.device) * sums[-1]
+        index = torch.searchsorted(sums, masses, right=True).clamp_(max=rows - 1)
+        return index, (there[index] / there.min()) ** -beta
+
+    def read(self, rows: int) -> torch.Tensor:
+        """As `Priorities`."""
+        return self.values[:rows].cpu()
+
+    def write(self, values: torch.Tensor) -> None:
+        """As `Priorities`."""
+        self.values[: len(values)] = values.to(self.device)

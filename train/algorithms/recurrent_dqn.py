@@ -12,12 +12,13 @@ from __future__ import annotations
 from typing import Any
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDictBase
 
 from pursuit.masks import ACTION_MASK
 from train.algorithms.learner import Games
-from train.algorithms.off_policy import NEXT_MASK
+from train.algorithms.replay import Batch
 from train.algorithms.sequences import Sequences
+from train.algorithms.transitions import NEXT_MASK
 from train.networks.masks import masked
 from train.networks.q_network import QNetwork
 from train.settings.off_policy import DQNSettings
@@ -29,7 +30,10 @@ WARM_FRESH = "warm_fresh"
 
 
 def sequence_loss(
-    network: QNetwork, target: QNetwork, batch: TensorDictBase, settings: DQNSettings
+    network: QNetwork,
+    target: QNetwork,
+    batch: Batch,
+    settings: DQNSettings,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The squared error of temporal differences along sequences, and a size of each one's errors.
 
@@ -79,8 +83,8 @@ def sequence_loss(
     error = values.gather(-1, batch["action"][..., None]).squeeze(-1) - goal
     squares, size = error.square().mean(dim=1), error.detach().abs()
     size = MAX_SHARE * size.amax(dim=1) + (1.0 - MAX_SHARE) * size.mean(dim=1)
-    if "priority_weight" in batch.keys():  # noqa: SIM118 (a TensorDict's `in` wants .keys())
-        weight = batch["priority_weight"]
+    weight = batch.get("priority_weight", None)
+    if weight is not None:
         return (weight * squares).sum() / weight.sum(), size
     return squares.mean(), size
 
@@ -127,7 +131,7 @@ class Recording:
         }
         self.burn_in = settings.burn_in
 
-    def sequences(self, rollout: TensorDictBase) -> TensorDict:
+    def sequences(self, rollout: TensorDictBase) -> dict[str, torch.Tensor]:
         """[games]: a sequence of each, as `sequence_loss` takes them; on the CPU."""
         rollout = rollout.to("cpu")
         columns = {
@@ -149,7 +153,7 @@ class Recording:
             WARM_FRESH: rollout["fresh"][:, first:],
             "state": state.cpu(),
         }
-        return TensorDict(columns, batch_size=[len(rollout)])
+        return columns
 
     def __iter__(self) -> Any:
         """Rollouts for ever."""

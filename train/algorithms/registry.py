@@ -240,6 +240,7 @@ register(
         network_loader(dqn.network_of),
         learns_distribution=False,
         self_play=True,
+        games_on_gpu=True,
         recurrent=True,
     )
 )

@@ -11,7 +11,7 @@ from torchrl.collectors import Collector
 from torchrl.objectives.value import GAE
 
 from pursuit.masks import ACTION_MASK
-from train.algorithms.learner import Build, Games, NetworkLearner, has_masks
+from train.algorithms.learner import Build, Games, NetworkLearner, has_masks, prepared
 from train.algorithms.sequences import Act, Sequences
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
@@ -150,12 +150,8 @@ class RolloutLearner(NetworkLearner):
 
         It is its frames in a row; of a network that remembers a sequence a row, [games].
         """
-        begin, end = (getattr(self.env, f"{what}_rollout", None) for what in ("begin", "end"))
-        if begin is not None:
-            begin(self.steps)
-        rollout = next(self._batches)
-        if end is not None:
-            end()
+        with prepared(self.env, self.steps):
+            rollout = next(self._batches)
         self.frames += rollout.numel()
         if not self.critic:
             rollout["state_value"] = torch.zeros_like(rollout["state_value"])

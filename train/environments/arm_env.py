@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tensordict import TensorDictBase
 from torchrl.data import Bounded, Categorical, Composite
 
 from pursuit.reacher.observations import space_of
@@ -64,7 +63,7 @@ class ArmEnv(LockstepEnv):
 
     def _play(
         self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
-    ) -> tuple[TensorDictBase, NDArray[np.bool_]]:
+    ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
         simulator, over = self.simulator, self._move(actions.numpy())
         ending = over if alive is None else over & alive
         if ending.any():

@@ -14,6 +14,7 @@ from torchrl.envs import EnvBase
 from train.environments.hooks import EpisodeHook
 
 FLAGS = ("terminated", "truncated", "done")
+NOT_SEEN = {"reward", *FLAGS}
 
 
 class LockstepEnv(EnvBase):
@@ -72,7 +73,7 @@ class LockstepEnv(EnvBase):
 
     def _play(
         self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
-    ) -> tuple[TensorDictBase, NDArray[np.bool_]]:
+    ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
         """One step with the learner's actions: all after it, and whose episode is over [num_games].
 
         Args:
@@ -135,16 +136,15 @@ class LockstepEnv(EnvBase):
         rewards: NDArray[np.float32],
         terminated: NDArray[np.bool_],
         truncated: NDArray[np.bool_],
-    ) -> TensorDictBase:
+    ) -> dict[str, torch.Tensor]:
         """What stands after a step, of arrays of batch numbers each."""
         done = terminated | truncated
         flags = dict(zip(FLAGS, (terminated, truncated, done), strict=True))
-        after = {
+        return {
             **self._seen(),
             "reward": torch.from_numpy(rewards.reshape(-1, 1)),
             **{name: torch.from_numpy(flag.reshape(-1, 1)) for name, flag in flags.items()},
         }
-        return self._batch(after)
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
         if tensordict is not None and tensordict.get("_reset", None) is not None:
@@ -155,7 +155,7 @@ class LockstepEnv(EnvBase):
         return self._batch(self._seen())
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        return self._play(tensordict["action"])[0]
+        return self._batch(self._play(tensordict["action"])[0])
 
     def step_episodes(self, actions: torch.Tensor, running: torch.Tensor) -> TensorDictBase:
         """A step without restarts, for learning from whole episodes; one seat a game.
@@ -169,7 +169,7 @@ class LockstepEnv(EnvBase):
         """
         alive = np.zeros(self.num_games, dtype=bool)
         alive[running.numpy()] = True
-        return self._play(actions, alive)[0]
+        return self._batch(self._play(actions, alive)[0])
 
     def advance(self, actions: NDArray[Any], running: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """As `step_episodes`, without tensors: for learners that need no more than the returns.
@@ -200,16 +200,28 @@ class LockstepEnv(EnvBase):
         The games that are over begin anew without the checks and copies of the general partial
         reset; a test holds the two against each other.
         """
-        after, over = self._play(tensordict["action"])
-        if over.any():
-            self.restart(over)
-            seen = self._seen()
-        else:
-            not_seen = {"reward", *FLAGS}
-            seen = {name: after[name] for name in after.keys() if name not in not_seen}  # noqa: SIM118 (a TensorDict)
+        after, seen = self.step_tensors(tensordict["action"])
         running = torch.zeros_like(after["done"])
         following = self._batch({**seen, **{name: running.clone() for name in FLAGS}})
-        return tensordict.set("next", after), following
+        return tensordict.set("next", self._batch(after)), following
+
+    def step_tensors(
+        self, actions: torch.Tensor
+    ) -> tuple[dict[str, torch.Tensor], dict[str, torch.Tensor]]:
+        """The same without TensorDicts, which take as long as a step of five hundred games.
+
+        Args:
+            actions: [batch, ...].
+
+        Returns:
+            All that stands after the step, and what is seen by whoever plays on: where an episode
+            ended, the first of the next one. They may share tensors.
+        """
+        after, over = self._play(actions)
+        if over.any():
+            self.restart(over)
+            return after, self._seen()
+        return after, {name: seen for name, seen in after.items() if name not in NOT_SEEN}
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:

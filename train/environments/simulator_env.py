@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tensordict import TensorDictBase
 from torchrl.data import Binary, Bounded, Categorical, Composite
 
 from pursuit.masks import ACTION_MASK, action_masks, warn_of_masks
@@ -157,7 +156,7 @@ class SimulatorEnv(LockstepEnv):
 
     def _play(
         self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
-    ) -> tuple[TensorDictBase, NDArray[np.bool_]]:
+    ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
         """One step with the learner's actions [batch]: all after it, and whose episode is over.
 
         Args:

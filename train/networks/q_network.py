@@ -6,6 +6,7 @@ import torch
 from torch import nn
 
 from train.networks.features import Features
+from train.networks.joined import joinable, joined
 from train.networks.layers import Hidden, Trunk, head
 from train.networks.recurrent import Cell, cell_of
 
@@ -42,6 +43,7 @@ class QNetwork(nn.Module):
     ) -> None:
         super().__init__()
         self.policy_trunk = Trunk(features, hidden)
+        self._joinable = joinable(self.policy_trunk)
         self.policy_memory = cell_of(hidden)
         self.policy_head = (
             DuelingHead(hidden.width, num_actions)
@@ -56,12 +58,14 @@ class QNetwork(nn.Module):
         )
         return q_values
 
-    def glance(self, observation: torch.Tensor) -> torch.Tensor:
-        """The same, quicker, up to the last bits and without gradients."""
-        with torch.no_grad():
-            q_values: torch.Tensor = self.policy_head(
-                self.policy_trunk(self.policy_trunk.glance(observation))
-            )
+    def quick(self, observation: torch.Tensor) -> torch.Tensor:
+        """The same for observations [batch, *shape], quicker, up to the last bits."""
+        trunk, layers = self.policy_trunk, self._joinable
+        if layers is not None and observation.is_cpu:
+            q_values: torch.Tensor = self.policy_head(joined(layers, observation))
+            return q_values
+        prepare = trunk.prepare if torch.is_grad_enabled() else trunk.glance
+        q_values = self.policy_head(trunk(prepare(observation)))
         return q_values
 
     def logits(self, observation: torch.Tensor) -> torch.Tensor:

@@ -1,0 +1,158 @@
+"""The replay buffer: rows in one piece of memory, the oldest overwritten first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+
+from train.algorithms.prioritized import Priorities
+
+ALIGNED = 8
+"""Rows begin at multiples of as many bytes."""
+
+Columns = dict[str, torch.Tensor]
+Batch = Mapping[str, torch.Tensor]
+"""Rows that were drawn, [batch, ...] by the names of their columns."""
+
+
+class Replay:
+    """A ring of rows.
+
+    All columns of a row lie side by side, so that a row that is drawn is read at one place in
+    memory, not at one for every column.
+
+    Args:
+        capacity: rows.
+        device: where they lie.
+        generator: of what is drawn, on the CPU.
+        priorities: of the rows; None where all are drawn as often.
+
+    Attributes:
+        capacity, device, generator, priorities: the arguments.
+        cursor: the row that is written next.
+    """
+
+    def __init__(
+        self,
+        capacity: int,
+        device: str,
+        generator: torch.Generator,
+        priorities: Priorities | None = None,
+    ) -> None:
+        self.capacity, self.device, self.generator = capacity, device, generator
+        self.priorities = priorities
+        self.cursor = self._filled = 0
+        self._memory = torch.empty(0, dtype=torch.uint8)
+        self._places: dict[str, tuple[int, torch.dtype, tuple[int, ...]]] = {}
+
+    def __len__(self) -> int:
+        return self._filled
+
+    def columns(self) -> Columns:
+        """Every row, [rows, ...]; views of the memory."""
+        return self._split(self._memory[: self._filled])
+
+    def extend(self, rows: Batch) -> None:
+        """Write rows [n, ...]; of more than there is room for the last ones."""
+        count = len(next(iter(rows.values())))
+        if not self._places:
+            self._lay_out(rows)
+        whole = self._split(self._memory)
+        skipped = max(count - self.capacity, 0)
+        begin = (self.cursor + skipped) % self.capacity
+        first = min(count - skipped, self.capacity - begin)
+        for name, column in whole.items():
+            new = rows[name]
+            column[begin : begin + first] = new[skipped : skipped + first]
+            if skipped + first < count:
+                column[: count - skipped - first] = new[skipped + first :]
+        written = begin + torch.arange(count - skipped, device=self.device)
+        self.cursor = (self.cursor + count) % self.capacity
+        self._filled = min(self._filled + count, self.capacity)
+        if self.priorities is not None:
+            self.priorities.begin(written % self.capacity)
+
+    def draw(self, count: int, beta: float = 0.0) -> Columns:
+        """`count` rows, [count, ...], where they lie.
+
+        Args:
+            count: how many.
+            beta: with priorities, the exponent of the weights.
+
+        Returns:
+            The columns; with priorities "index" and "priority_weight" as well.
+        """
+        more: Columns = {}
+        if self.priorities is None:
+            # What TorchRL's uniform sampler draws.
+            index = torch.randint(0, self._filled, (count,), generator=self.generator)
+            index = index.to(self.device)
+        else:
+            index, weight = self.priorities.draw(count, self._filled, beta, self.generator)
+            more = {"index": index, "priority_weight": weight}
+        return {**self._split(self._memory.index_select(0, index)), **more}
+
+    def update(self, index: torch.Tensor, errors: torch.Tensor) -> None:
+        """Set the priorities of rows [n], by the sizes of errors [n] that were found there."""
+        assert self.priorities is not None
+        self.priorities.update(index.to(self.device), errors.to(self.device))
+
+    def state_dict(self) -> dict[str, Any]:
+        """Every row, the cursor, the generator and the priorities; on the CPU."""
+        state: dict[str, Any] = {
+            "replay": {name: _copied(rows) for name, rows in self.columns().items()},
+            "cursor": self.cursor,
+            "generator": self.generator.get_state(),
+        }
+        if self.priorities is not None:
+            values, largest = self.priorities.read(self._filled), self.priorities.largest
+            state["priorities"] = {  # of two trees once, which always had the same leaves
+                "sum": values,
+                "min": values,
+                "largest": None if largest is None else float(largest),
+            }
+        return state
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take it back, before anything is written; whether it fits is asked before."""
+        self.generator.set_state(state["generator"])
+        if not len(state["replay"].get("action", ())):
+            return
+        self.extend(state["replay"])
+        self.cursor = state["cursor"]
+        if self.priorities is not None:
+            saved = state["priorities"]
+            self.priorities.write(saved["sum"])
+            if saved["largest"] is not None:
+                self.priorities.largest = torch.tensor(saved["largest"], device=self.device)
+
+    def _lay_out(self, rows: Batch) -> None:
+        """Settle where in a row every column lies: the widest numbers first, for alignment."""
+        end = 0
+        for name, column in sorted(rows.items(), key=lambda item: -item[1].element_size()):
+            shape = tuple(column.shape[1:])
+            self._places[name] = (end, column.dtype, shape)
+            end += column[0].numel() * column.element_size()
+        size = -(-end // ALIGNED) * ALIGNED
+        self._memory = torch.empty(self.capacity, size, dtype=torch.uint8, device=self.device)
+
+    def _split(self, memory: torch.Tensor) -> Columns:
+        """The columns [n, ...] of rows [n, bytes]; views."""
+        found: Columns = {}
+        for name, (place, dtype, shape) in self._places.items():
+            whole, count = memory.view(dtype), 1
+            begin = whole.storage_offset() + place // dtype.itemsize
+            strides: list[int] = []
+            for size in reversed(shape):
+                strides.insert(0, count)
+                count *= size
+            row = memory.shape[1] // dtype.itemsize
+            found[name] = whole.as_strided((len(memory), *shape), (row, *strides), begin)
+        return found
+
+
+def _copied(column: torch.Tensor) -> torch.Tensor:
+    """On the CPU, in memory of its own: torch saves no views of one memory as several types."""
+    return torch.empty(column.shape, dtype=column.dtype).copy_(column)
