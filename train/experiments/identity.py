@@ -123,6 +123,8 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
         del plain["frame_stack"]
     if plain.get("clock") == "wall" or plain.get("frames") is not None:
         plain.pop("clock", None)  # and those of the one clock that there was
+    if plain.get("processes") == 1:
+        del plain["processes"]  # and those of the one process that there was
     if plain["hyper"].get("recurrent") is None:
         for name in ("recurrent", "burn_in"):
             plain["hyper"].pop(name, None)

@@ -16,7 +16,7 @@ from train.algorithms.registry import Algorithm, Build
 from train.environments.hooks import EpisodeHook
 from train.environments.team_env import TeamEnv
 from train.networks.policy import Seat
-from train.runs.single import plain_games, put_games
+from train.runs.in_play import plain_games, put_games
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
 from train.tensors import check_like
