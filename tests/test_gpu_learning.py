@@ -59,7 +59,11 @@ def check_learned(script: Any, names: list[str], paused: bool, folder: Path) -> 
         assert since_saved or learned[key].tobytes() == array.tobytes(), key
 
 
-@parts("goal-spread", device_learning.CASES, ("num-goals", "levels", "a network", "dqn, opponent-epsilon"))
+@parts(
+    "goal-spread",
+    device_learning.CASES,
+    ("num-goals", "levels", "a network", "dqn, opponent-epsilon"),
+)
 def test_learners_and_teachers_are_the_same_with_games_of_a_gpu(
     names: list[str], paused: bool, tmp_path: Path
 ) -> None:

@@ -159,6 +159,10 @@ def network_loader(
     return load
 
 
+def alone(tensors: list[torch.Tensor]) -> None:
+    """`NetworkLearner.average` where one process learns: each tensor is its mean already."""
+
+
 def clip_gradients(parameters: list[torch.nn.Parameter], most: float) -> None:
     """Scale gradients down to the norm `most`: torch's `clip_grad_norm_`, in three operations."""
     gradients: Any = [weight.grad for weight in parameters if weight.grad is not None]
@@ -203,6 +207,10 @@ class NetworkLearner:
         env: the games.
         network: what learns.
         device: where it lives.
+
+    Attributes:
+        average: makes tensors their means over all processes that learn these weights; whoever
+            starts several of them sets it.
     """
 
     def __init__(
@@ -210,6 +218,7 @@ class NetworkLearner:
     ) -> None:
         self.env, self.network, self.device = env, network, device
         self._descent = settings
+        self.average: Callable[[list[torch.Tensor]], None] = alone
         self.frames = 0
         self.renew_optimizer()
 
@@ -234,6 +243,7 @@ class NetworkLearner:
         for weight in weights:
             weight.grad = None
         torch.autograd.backward(loss)
+        self.average([weight.grad for weight in weights if weight.grad is not None])
         clip_gradients(weights, self._descent.max_grad_norm)
         step_adam(self.optimizer)
         # A fused step does not count as a change by itself, and tables of a policy go by that.

@@ -122,7 +122,9 @@ class PPO(RolloutLearner):
                     self.descend(total)
                     logged.append(parts)
         if self.kl_coef:
-            self._adapt_kl_weight(float(logged[-1]["kl"]))
+            divergence = logged[-1]["kl"]
+            self.average([divergence])
+            self._adapt_kl_weight(float(divergence))
         return means(logged)
 
     def _adapt_kl_weight(self, divergence: float) -> None:

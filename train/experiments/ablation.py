@@ -30,6 +30,7 @@ EQUAL = (
     "frames",
     "seed",
     "threads",
+    "processes",
     "evaluate",
     *(f.name for f in fields(TaskSettings)),
 )

@@ -127,6 +127,8 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
         for name, value in ADDED.items():
             if plain.get(name) == value:
                 del plain[name]
+    if plain.get("processes") == 1:
+        del plain["processes"]  # and those of the one process that there was
     if plain["hyper"].get("recurrent") is None:
         for name in ("recurrent", "burn_in"):
             plain["hyper"].pop(name, None)

@@ -33,6 +33,7 @@ from train.experiments.worker import (
     start_worker,
     worker_environment,
 )
+from train.runs.threads import can_fork
 
 
 class Process(Protocol):
@@ -49,17 +50,6 @@ class Process(Protocol):
 
 
 # -- the process that forks ------------------------------------------------------------------------
-
-
-def can_fork() -> bool:
-    """Whether what is forked here is whole: of other threads it would have the locks alone, and of
-    a GPU that is open nothing that it could use. Only Linux tells."""
-    try:
-        threads = len(os.listdir("/proc/self/task"))
-        opened = [os.path.realpath(path) for path in Path("/proc/self/fd").iterdir()]
-    except OSError:
-        return False
-    return threads == 1 and not any(path.startswith("/dev/nvidia") for path in opened)
 
 
 def serve() -> tuple[Path, int] | None:

@@ -10,7 +10,7 @@ from typing import Any
 def where_it_ran(results: Sequence[Mapping[str, Any]]) -> str:
     """One sentence on the versions and the machines in results."""
     versions = list(dict.fromkeys(_versions(each["versions"]) for each in results))
-    machines = list(dict.fromkeys(_machine(each["machine"]) for each in results))
+    machines = list(dict.fromkeys(map(_machine, results)))
     return f"Software: {'; or '.join(versions)}. Machine: {'; or '.join(machines)}."
 
 
@@ -22,12 +22,14 @@ def _versions(found: Mapping[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def _machine(found: Mapping[str, Any]) -> str:
+def _machine(results: Mapping[str, Any]) -> str:
+    found, processes = results["machine"], results.get("processes", 1)
     parts = [str(found["processor"])]
     if "cores" in found:
         parts.append(f"{found['cores']} cores")
     if "threads" in found:
-        parts.append(f"torch with {found['threads']} thread(s)")
+        each = f" in each of {processes} processes" if processes > 1 else ""
+        parts.append(f"torch with {found['threads']} thread(s){each}")
     return ", ".join(parts)
 
 

@@ -245,7 +245,7 @@ class Run:
         """Libraries complain of numbers that are not finite in their words: say it in ours."""
         try:
             yield
-        except (ValueError, ArithmeticError):
+        except (ValueError, ArithmeticError, ChildProcessError):
             self._check_learned()
             raise
 

@@ -7,7 +7,7 @@ its plan, a contest its task and opponents.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from train.algorithms.registry import Algorithm, Build, entry
@@ -21,7 +21,7 @@ from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import check, evaluation_seed
 from train.settings.off_policy import ReplaySettings
 from train.settings.presets import Setting
-from train.settings.run import TrainSettings
+from train.settings.run import SHARED_OUT, TrainSettings
 from train.settings.task import AnyTask, in_maze
 from train.teaching.plan import Plan, check_learner, plan_lessons
 from train.teaching.teacher import Teacher
@@ -38,6 +38,8 @@ class Parts:
         algorithm, hyper: what it learns by, and the settings of that.
         build: how the learner is to be built on this machine.
         device: where the run is to compute; "cuda" has the games there as well, if they can be.
+        processes: that learn together; task and settings are then of the games of this one.
+        rank: of this process among them, from 0 on.
     """
 
     world: World
@@ -47,20 +49,27 @@ class Parts:
     hyper: Hyperparameters
     build: Build
     device: str = "cpu"
+    processes: int = 1
+    rank: int = 0
 
     def games(self) -> tuple[Any, Teacher | None]:
         """The training games as a TorchRL environment, and who teaches in them."""
         learner = self.algorithm.games_on_gpu and getattr(self.hyper, "recurrent", None) is None
         device = self.device if learner else "cpu"
-        return self.world.games(self.seat, self.hyper.num_games, self.build.seed, self.plan, device)
+        games = (self.hyper.num_games, self.build.seed, self.plan, device)
+        first_game = self.rank * self.hyper.num_games
+        env, teacher = self.world.games(self.seat, *games, first_game)
+        if teacher is not None and self.rank:
+            teacher.rng = teacher.rng.spawn(self.rank)[-1]  # lessons of its own
+        return env, teacher
 
     def contest(self, episodes: int) -> Any:
         """What it is judged by."""
         return self.world.contest(episodes)
 
 
-def parts_of(settings: TrainSettings[Any]) -> Parts:
-    """The parts of a run.
+def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
+    """The parts of a run, or of the process of this rank among those of one.
 
     Raises:
         ValueError: settings that make no game, an agent that does not play in it, an opponent that
@@ -100,7 +109,12 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
     device = tensor_device(settings.device)
     bfloat16 = uses_bfloat16(settings.precision, device)
     build = Build(device, bfloat16, settings.first_layer, settings.seed)
-    return Parts(world, plan, seat, algorithm, settings.hyper, build, settings.device)
+    hyper: Any = settings.hyper
+    if settings.processes > 1:  # the games of both are those of one process
+        share = {name: getattr(hyper, name) // settings.processes for name in SHARED_OUT}
+        hyper = replace(hyper, **share)
+    where = (settings.device, settings.processes, rank)
+    return Parts(world, plan, seat, algorithm, hyper, build, *where)
 
 
 def check_mazes(settings: TrainSettings[Any], algorithm: Algorithm, world: World) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -20,13 +21,13 @@ from train.evaluation.scores import (
     return_regret,
 )
 from train.runs.folder import MISFITS, RUN, misfit, part_of
+from train.runs.in_play import begin, state_in_play
 from train.runs.loop import Budget, Clock, Objective, Run
-from train.runs.memories import memories_of, put_memories
+from train.runs.partner import Partner
 from train.runs.parts import Parts, parts_of
 from train.runs.threads import check_device, prepare_torch
 from train.settings.run import TrainSettings
 from train.teaching.log import write_log
-from train.tensors import Misfit, check_like
 
 EPISODES = 500
 """Of the evaluations while it learns."""
@@ -39,6 +40,7 @@ class SingleAgent:
         parts: of the run.
         evaluate: which policy is evaluated, greedy or sampled.
         state: what `state_dict` gave; None begins.
+        partner: the process that learns with this one, where there is one.
 
     Raises:
         One of `MISFITS`: a state of other settings.
@@ -52,40 +54,47 @@ class SingleAgent:
     kind: ClassVar[str] = RUN
     evaluates_first: ClassVar[bool] = False
 
-    def __init__(self, parts: Parts, evaluate: str, state: dict[str, Any] | None = None) -> None:
-        self.parts, self.evaluated = parts, evaluate
+    def __init__(
+        self,
+        parts: Parts,
+        evaluate: str,
+        state: dict[str, Any] | None = None,
+        partner: Partner | None = None,
+    ) -> None:
+        self.parts, self.evaluated, self.partner = parts, evaluate, partner
         self._judged: Any = None
         self._solved_work = 0
-        self.env, self.teacher = parts.games()
+        self.env, self.teacher, self.learner = begin(parts, state)
         self.simulator = self.env.simulator
-        if state is not None:  # before there is a collector, which begins with what it finds
-            put_games(self.simulator, state.get("simulator"), "trainee.simulator")
-            if self.teacher is not None:
-                self.teacher.load_state_dict(state["teacher"])
-            put_memories(self.env, state.get("memories"), "trainee.memories")
-            self.env.resume = True
-        self.learner = parts.algorithm.build(parts.hyper, self.env, parts.build)
         self.policy = self.learner.policy(greedy=evaluate == "greedy")
         if self.teacher is not None:
             draws = parts.algorithm.learns_distribution
             self.teacher.examined = self.learner.policy(greedy=not draws)
-        if state is not None:
-            check_like(state.get("learner"), self.learner.state_dict(), "trainee.learner")
-            self.learner.load_state_dict(state["learner"])
+        if partner is not None:
+            partner.begun(self.learner)
         self.contest = parts.contest(EPISODES)
         self.optimum = self.contest.optimal()
         self.objective = Objective("mean_steps", "steps", self.contest.less_is_better)
 
     @property
     def frames(self) -> int:
-        """Steps of all games."""
-        return self.learner.frames
+        """Steps of all games, those of the partner included."""
+        return int(self.learner.frames * self.parts.processes)
 
     def iterate(self, clock: Clock) -> dict[str, float]:
         """One iteration of the learner, after the curriculum has heard of the last one."""
+        progress, partner = clock.progress, self.partner
+        if partner is not None:
+            partner.iterate(progress, clock.seconds)
         if self.teacher is not None:
-            self.teacher.update(clock.progress, self.learner.frames, clock.seconds)
-        return self.learner.iterate(clock.progress)
+            self.teacher.update(progress, self.frames, clock.seconds)
+        figures: dict[str, float] = self.learner.iterate(progress)
+        if partner is None:
+            return figures
+        others, returns, lengths = partner.iterated()
+        self.env.finished_returns += returns
+        self.env.finished_lengths += lengths
+        return {name: 0.5 * (value + others[name]) for name, value in figures.items()}
 
     def evaluate(self) -> dict[str, float]:
         """Steps, success and gap; and how the training games went since the last evaluation."""
@@ -143,19 +152,18 @@ class SingleAgent:
             "algorithm": self.parts.algorithm.name,
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
+            **({"processes": self.parts.processes} if self.partner is not None else {}),
             **evaluation_of(scores, self.evaluated, floor, certificate, contest),
             "device": self.parts.device,
             "precision": "bfloat16" if build.bfloat16 else "float32",
         }
 
     def state_dict(self) -> dict[str, Any]:
-        """Learner, teacher and games, with what is remembered of them."""
-        return {
-            "learner": self.learner.state_dict(),
-            "teacher": None if self.teacher is None else self.teacher.state_dict(),
-            "simulator": plain_games(self.simulator),
-            "memories": memories_of(self.env),
-        }
+        """Learner, teacher and games, with what is remembered of them; the partner's as well."""
+        state = state_in_play(self.env, self.teacher, self.learner)
+        if self.partner is not None:
+            state["partner"] = self.partner.state(self.learner)
+        return state
 
     def learned(self) -> dict[str, Any]:
         """What the learner keeps."""
@@ -167,8 +175,10 @@ class SingleAgent:
             write_log(folder, self.teacher.rows)
 
     def close(self) -> None:
-        """End the learner's collecting."""
+        """End the learner's collecting, and the partner."""
         self.learner.close()
+        if self.partner is not None:
+            self.partner.close()
 
 
 def evaluation_of(
@@ -226,31 +236,6 @@ def evaluation_of(
     }
 
 
-def plain_games(simulator: Any) -> dict[str, torch.Tensor]:
-    """The state of the games for a checkpoint: torch has few operations on uint64, so the bits of
-    the random streams travel as int64."""
-    return {
-        name: torch.from_numpy(array.view(np.int64) if array.dtype == np.uint64 else array)
-        for name, array in vars(simulator.get_state()).items()
-    }
-
-
-def put_games(simulator: Any, saved: Any, where: str) -> None:
-    """Put what `plain_games` gave of such games into `simulator`, which checks what it takes.
-
-    Raises:
-        Misfit: it is something else, or a game in it is none that can be played on.
-    """
-    check_like(saved, plain_games(simulator), where)
-    arrays = {name: tensor.numpy() for name, tensor in saved.items()}
-    form = type(simulator.get_state())
-    state = form(**{**arrays, "streams": arrays["streams"].view(np.uint64)})
-    try:
-        simulator.set_state(state)
-    except ValueError as error:
-        raise Misfit(f"{where}: {error}") from None
-
-
 def make_run(
     settings: TrainSettings[Any], folder: Path, state: dict[str, Any] | None = None
 ) -> Run:
@@ -260,13 +245,23 @@ def make_run(
         ValueError: settings that cannot run here, or a checkpoint that does not fit.
     """
     check_device(settings.device)
-    budget = Budget(settings.seconds, settings.frames, settings.threads, settings.clock)
+    one_each = 1 if settings.processes > 1 else settings.threads
+    budget = Budget(settings.seconds, settings.frames, one_each, settings.clock)
     prepare_torch(budget.first_threads, settings.seed)
     parts = parts_of(settings)
-    if state is None:
-        return Run(SingleAgent(parts, settings.evaluate), folder, budget)
     try:
-        trainee = SingleAgent(parts, settings.evaluate, part_of(state, "trainee"))
-        return Run(trainee, folder, budget, state)
+        before = None if state is None else part_of(state, "trainee")
+        with contextlib.ExitStack() as undo:
+            partner = None
+            if settings.processes > 1:
+                partner = Partner(settings, parts, before)
+                undo.callback(partner.close)
+                torch.manual_seed(settings.seed)  # of the weights, as there
+            trainee = SingleAgent(parts, settings.evaluate, before, partner)
+            run = Run(trainee, folder, budget, state)
+            undo.pop_all()
+            return run
     except MISFITS as error:
+        if state is None:
+            raise
         raise misfit(folder, error) from error

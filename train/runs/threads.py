@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -34,6 +35,17 @@ def keep_freed_memory() -> None:
         return
     mallopt(mmap_threshold, 2**30)
     mallopt(trim_threshold, 2**31 - 1)
+
+
+def can_fork() -> bool:
+    """Whether what is forked here is whole: of other threads it would have the locks alone, and of
+    a GPU that is open nothing that it could use. Only Linux tells."""
+    try:
+        threads = len(os.listdir("/proc/self/task"))
+        opened = [os.path.realpath(path) for path in Path("/proc/self/fd").iterdir()]
+    except OSError:
+        return False
+    return threads == 1 and not any(path.startswith("/dev/nvidia") for path in opened)
 
 
 def random_states() -> dict[str, Any]:

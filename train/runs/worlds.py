@@ -55,7 +55,13 @@ class World(Protocol):
         """What lessons are planned over."""
 
     def games(
-        self, seat: Any, num_games: int, seed: int, plan: Plan | None, device: str = "cpu"
+        self,
+        seat: Any,
+        num_games: int,
+        seed: int,
+        plan: Plan | None,
+        device: str = "cpu",
+        first_game: int = 0,
     ) -> tuple[Any, Teacher | None]:
         """The training games as a TorchRL environment, and who teaches in them.
 
@@ -65,6 +71,7 @@ class World(Protocol):
             seed: of the games.
             plan: what is taught; None without a curriculum.
             device: where the learner would have them; the CPU where they cannot be there.
+            first_game: the number of the first of them among those of the seed.
         """
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> Any:
@@ -115,7 +122,13 @@ class GridWorld:
         return Ground(self.task, self.agent, self.opponents, given.opponent_epsilon, learned)
 
     def games(
-        self, seat: Seat, num_games: int, seed: int, plan: Plan | None, device: str = "cpu"
+        self,
+        seat: Seat,
+        num_games: int,
+        seed: int,
+        plan: Plan | None,
+        device: str = "cpu",
+        first_game: int = 0,
     ) -> tuple[SimulatorEnv | DeviceEnv, Teacher | None]:
         """As `World`."""
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
@@ -133,7 +146,7 @@ class GridWorld:
                 if reason is None:
                     return DeviceEnv(far, seat, seated(policies, far), teacher), teacher
                 warnings.warn(f"the games stay on the CPU: {reason}", stacklevel=2)
-        simulator = Simulator(seat.task, num_games, seed, auto_restart=False)
+        simulator = Simulator(seat.task, num_games, seed, first_game, auto_restart=False)
         teacher = None if plan is None else Teacher(plan, simulator, judge)
         return SimulatorEnv(simulator, seat, policies, teacher), teacher
 
@@ -174,10 +187,16 @@ class ArmWorld:
         return ArmGround(self.task)
 
     def games(
-        self, seat: ArmSeat, num_games: int, seed: int, plan: Plan | None, device: str = "cpu"
+        self,
+        seat: ArmSeat,
+        num_games: int,
+        seed: int,
+        plan: Plan | None,
+        device: str = "cpu",
+        first_game: int = 0,
     ) -> tuple[ArmEnv, Teacher | None]:
         """As `World`."""
-        simulator = ReacherSimulator(seat.task, num_games, seed, auto_restart=False)
+        simulator = ReacherSimulator(seat.task, num_games, seed, first_game, auto_restart=False)
         judge = Judge(lambda arms: arms.terminated, lambda arms: arms.returns)
         teacher = None if plan is None else Teacher(plan, simulator, judge)
         return ArmEnv(simulator, seat, teacher), teacher

@@ -17,7 +17,7 @@ from train.environments.device_env import DeviceEnv
 from train.environments.hooks import EpisodeHook, Foretold
 from train.environments.team_env import TeamEnv
 from train.networks.policy import Seat
-from train.runs.single import plain_games, put_games
+from train.runs.in_play import plain_games, put_games
 from train.self_play.device_pool import DevicePool
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters

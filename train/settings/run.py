@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import (
@@ -16,13 +16,56 @@ from train.settings.checks import (
     check_seed,
     check_threads,
 )
-from train.settings.curricula import CurriculumSettings, curriculum_form
+from train.settings.curricula import (
+    CurriculumSettings,
+    ReversedSettings,
+    ScheduleSettings,
+    ShuffledSettings,
+    UniformSettings,
+    curriculum_form,
+)
 from train.settings.task import AnyTask, TaskSettings
 
 S = TypeVar("S", bound=Hyperparameters, covariant=True)
 EVALUATED = ("greedy", "sampled")
 NETWORKS = ("auto", "convolutions", "planning", "flat")
 FIRST_LAYERS = ("auto", "bag", "dense")
+ALIKE = (CurriculumSettings, ScheduleSettings, UniformSettings, ReversedSettings, ShuffledSettings)
+"""Curricula that several processes go through alike, whatever episodes each of them has seen."""
+
+
+SHARED_OUT = ("num_games", "minibatch_size")
+"""What several processes that learn together have equal shares of."""
+
+
+def check_two_processes(settings: TrainSettings[Any]) -> None:
+    """ValueError for a run that two processes cannot share."""
+    hyper, lessons, both = settings.hyper, settings.lessons, "processes=2"
+    for name, value, rule in (
+        ("algorithm", settings.algorithm, "ppo"),
+        ("device", settings.device, "cpu"),
+        ("clock", settings.clock, "wall"),
+    ):
+        check(value == rule, f"{name}={value!r} with {both}; take {name}={rule!r}, or processes=1")
+    check(
+        settings.threads <= 1,
+        f"threads={settings.threads} with {both}, each of which has one; leave threads out",
+    )
+    check(
+        hyper.recurrent is None,
+        f"recurrent={hyper.recurrent!r} with {both}; leave it out, or take processes=1",
+    )
+    for name in SHARED_OUT:
+        value = getattr(hyper, name)
+        check(
+            value % 2 == 0 and value >= 4,
+            f"{name}={value} with {both}, which have half of it each; an even number from 4 on",
+        )
+    check(
+        type(lessons) in ALIKE and getattr(lessons, "schedule_unit", "share") != "episodes",
+        f"curriculum={settings.curriculum!r} with {both} learns from episodes, of which each has "
+        "seen its own; take a scheduled one, not by episodes, or processes=1",
+    )
 
 
 @dataclass(frozen=True)
@@ -76,6 +119,9 @@ class TrainSettings(Generic[S]):
     threads: int = 0
     """Threads of torch. 0 is one for each core; with a budget in seconds, one or all of them,
     whichever is the faster at the time; with one in seconds of the processor, one."""
+    processes: int = 1
+    """2: two processes with one thread each learn one policy, from half of the games and of every
+    minibatch each (ppo, for two free cores; a start of some seconds)."""
 
     def __post_init__(self) -> None:
         if self.observation == "auto":
@@ -100,3 +146,6 @@ class TrainSettings(Generic[S]):
             type(self.lessons) is curriculum_form(self.curriculum),
             f"curriculum={self.curriculum!r} with settings of {type(self.lessons).__name__}",
         )
+        check(self.processes in (1, 2), f"processes={self.processes}; 1 or 2")
+        if self.processes == 2:
+            check_two_processes(self)
