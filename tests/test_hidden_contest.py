@@ -84,7 +84,9 @@ def test_in_suites_the_optimum_of_full_sight_is_called_that(exact: bool) -> None
     contest = SuiteContest(task, "chaser", {"evader": AStarEvader(0.2)}, 20, exact=exact)
     assert contest.best is None and contest.optimal() is None and contest.optimal_lengths() is None
     found = contest.references()
-    assert [each.name for each in found] == ["random", "A* chaser", "optimal, full sight"]
+    names = [each.name for each in found]
+    limited = ["searching chaser", "belief chaser"] if not exact else []  # which are not solved
+    assert names == ["random", "A* chaser", *limited, "optimal, full sight"]
     assert (found[-1].steps <= found[1].steps + 1e-9).all() or not exact
     assert "optimality_gap" not in summary_of(contest, found[0])
 
