@@ -193,6 +193,19 @@ def test_stages_lie_on_the_axis_and_the_last_is_the_task(name: str, tmp_path: Pa
     assert all(0.0 <= row.get("on_hardest", 0.0) <= 1.0 for row in run.metrics.rows)
 
 
+def test_the_share_of_the_hardest_lesson_counts_frames_not_episodes(tmp_path: Path) -> None:
+    settings = settings_of(**MAZE, curriculum="uniform", axis="num-goals")
+    teacher = start(RUN, settings, tmp_path).trainee.teacher
+    hard, easy = teacher.axis.hardest, teacher.axis.easiest
+    teacher._played = [np.array([[hard, easy], [20.0, 2.0]]), np.array([[hard, easy], [18.0, 0.0]])]
+    teacher._won = [np.ones(4, dtype=bool)]
+    saved = teacher.state_dict()
+    assert teacher.figures()["on_hardest"] == pytest.approx(38 / 40)
+    saved["played"] = [each[0] for each in saved["played"]]  # a checkpoint from before
+    teacher.load_state_dict(saved)
+    assert teacher.figures()["on_hardest"] == pytest.approx(1 / 2)
+
+
 @pytest.mark.parametrize(
     "algorithm, curriculum",
     [

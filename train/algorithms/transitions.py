@@ -106,7 +106,7 @@ def n_step_rows(rollout: Rollout, gamma: float, n_steps: int) -> Rollout:
     games, steps = reward.shape
     total, going = reward.clone(), torch.ones_like(done)
     ahead = torch.zeros(games, steps, dtype=torch.int64, device=reward.device)
-    for further in range(1, n_steps):
+    for further in range(1, min(n_steps, steps)):
         there = steps - further
         going = going[:, :there] & ~done[:, further - 1 : steps - 1]
         total[:, :there] += gamma**further * reward[:, further:] * going

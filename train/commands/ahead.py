@@ -94,7 +94,8 @@ def is_worth_it(arguments: Sequence[str]) -> bool:
     if not sys.platform.startswith("linux") or len(os.sched_getaffinity(0)) < 2:
         return False
     # Every run begins games. Where some were begun, little is left to compile.
-    return is_new(start_games) and not UNKNOWN & set(arguments)
+    told = {*arguments, *(argument.partition("=")[0] for argument in arguments)}
+    return is_new(start_games) and not UNKNOWN & told
 
 
 def compile_ahead(arguments: Sequence[str]) -> Ahead | None:

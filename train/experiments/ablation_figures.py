@@ -42,8 +42,8 @@ class Curve:
         greedy, sampled: the same of the policy that takes the most probable action, and of the one
             that draws; NaN where an algorithm has no such policy.
         seed, task: whose.
-        on_hardest: [evaluations] share of the episodes since the evaluation before that were of the
-            hardest lesson; None where that was not kept, or there is none.
+        on_hardest: [evaluations] of the frames of the episodes that ended since the evaluation
+            before, the share in the hardest lesson; None where that was not kept, or there is none.
     """
 
     seconds: NDArray[np.float64]

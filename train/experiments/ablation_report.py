@@ -67,7 +67,10 @@ def curve_of(row: dict[str, Any], evaluations: list[dict[str, Any]]) -> Curve:
         short("sampled"),
         int(row["seed"]),
         str(row["_x"]),
-        None if np.isnan(column("on_hardest")).all() else column("on_hardest"),
+        None
+        if (np.isnan(column("on_hardest")) & ~np.isnan(column("lesson"))).any()
+        or np.isnan(column("lesson")).all()
+        else column("on_hardest"),
     )
 
 
@@ -98,7 +101,13 @@ def ablation_report(out: Path, look: Look = PLAIN) -> Path:
     for row in complete:
         row["_x"] = row[x] if x else ""
         arms.setdefault(row["variant"], []).append(curve_of(row, by_run[row["run"]]))
-    arms = {name: curves for name, curves in arms.items() if curves}
+    taught = [c for curves in arms.values() for c in curves if not np.isnan(c.lesson).all()]
+    known = all(c.on_hardest is not None for c in taught)  # else all by the older measure
+    arms = {
+        name: curves if known else [replace(c, on_hardest=None) for c in curves]
+        for name, curves in arms.items()
+        if curves
+    }
     rows = [summary(name, curves, arms.get(control, [])) for name, curves in arms.items()]
     correct(rows, hints)
     table = table_of(rows, hints)

@@ -181,7 +181,7 @@ class Teacher(EpisodeHook):
         if self.solved_within:
             won = won & near
         self._outcomes.append((lessons, won, returns, lengths, regrets))
-        self._played.append(lessons)
+        self._played.append(np.stack([lessons, lengths]))
         self._won.append(won)
 
     def note_advantages(self, advantages: NDArray[Any], done: NDArray[np.bool_]) -> None:
@@ -230,12 +230,12 @@ class Teacher(EpisodeHook):
         self._settle()
         if not self._played:
             return {}
-        lessons, won = np.concatenate(self._played), np.concatenate(self._won)
+        (lessons, lengths), won = np.hstack(self._played), np.concatenate(self._won)
         self._played, self._won = [], []
         figures = {"training_success": float(won.mean())}
         if self.axis is None or not self.axis.ordered:
             return figures
-        hardest = float(np.isclose(lessons, self.axis.hardest).mean())
+        hardest = float(np.average(np.isclose(lessons, self.axis.hardest), weights=lengths))
         return {"lesson": float(lessons.mean()), "on_hardest": hardest, **figures}
 
     def state_dict(self) -> dict[str, Any]:
@@ -278,7 +278,9 @@ class Teacher(EpisodeHook):
         self.episodes = state["episodes"]
         self.rows = [dict(row) for row in state["rows"]]
         self.rng.bit_generator.state = _whole(state["rng"])
-        self._played = [tensor.numpy() for tensor in state["played"]]
+        # Version 0.1.0 kept no lengths: then all count alike.
+        played = [tensor.numpy() for tensor in state["played"]]
+        self._played = [np.stack([p, np.ones_like(p)]) if p.ndim == 1 else p for p in played]
         self._won = [tensor.numpy() for tensor in state["won"]]
         self._outcomes = [tuple(part.numpy() for part in parts) for parts in state["outcomes"]]
         self._errors = [tensor.numpy() for tensor in state["errors"]]
@@ -312,7 +314,10 @@ def _check_form(state: dict[str, Any], fresh: dict[str, Any]) -> None:
     where = "trainee.teacher"
     check_like(state, fresh, where)
     number, truth, whole = torch.float64, torch.bool, torch.int64
-    for name, kind in (("played", number), ("won", truth), ("errors", number)):
+    for item in state["played"]:
+        shape = (0,) if getattr(item, "ndim", 0) == 1 else (2, 0)  # as before lengths were kept
+        check_tensor(item, number, shape, f"{where}.played", finite=False)
+    for name, kind in (("won", truth), ("errors", number)):
         for item in state[name]:
             check_tensor(item, kind, (0,), f"{where}.{name}", finite=False)
     for parts in state["outcomes"]:
