@@ -56,21 +56,20 @@ def curve_of(row: dict[str, Any], evaluations: list[dict[str, Any]]) -> Curve:
 
     gap = column("optimality_gap")
     sign = -1.0 if evader else 1.0
+    lesson, hardest = column("lesson"), column("on_hardest")
+    kept = not np.isnan(lesson).all() and not (np.isnan(hardest) & ~np.isnan(lesson)).any()
     return Curve(
         column("seconds"),
         column("frames"),
         100.0 * sign * gap,
         1.0 + gap if evader else 1.0 / (1.0 + gap),
-        column("lesson") if any("lesson" in e for e in evaluations) else np.full(len(gap), np.nan),
+        lesson,
         100.0 * sign * float(row["optimality_gap"]),
         short("greedy"),
         short("sampled"),
         int(row["seed"]),
         str(row["_x"]),
-        None
-        if (np.isnan(column("on_hardest")) & ~np.isnan(column("lesson"))).any()
-        or np.isnan(column("lesson")).all()
-        else column("on_hardest"),
+        hardest if kept else None,
     )
 
 
@@ -110,7 +109,7 @@ def ablation_report(out: Path, look: Look = PLAIN) -> Path:
     }
     rows = [summary(name, curves, arms.get(control, [])) for name, curves in arms.items()]
     correct(rows, hints)
-    table = table_of(rows, hints)
+    table = table_of(rows, hints, "the hardest" if known else "its last")
     sizes = [
         tuple(zip(map(len, strata(curves)), map(len, strata(arms[control])), strict=True))
         for name, curves in arms.items()
@@ -164,7 +163,6 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
     low, high = distance_interval([areas])
     row |= {"area": float(np.mean(areas)), "area_low": low, "area_high": high}
     row["settled"] = float(np.mean([c.settled for c in curves]))
-    row["knows_hardest"] = all(c.on_hardest is not None for c in curves)
     empty = (float("nan"), float("nan"))
     point, (low, high), p, apart = float("nan"), empty, float("nan"), empty
     if control and tasks == {c.task for c in control}:
@@ -230,11 +228,12 @@ def _p(p: float) -> str:
     return f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
 
 
-def table_of(rows: list[dict[str, Any]], hints: Hints) -> ResultTable:
-    """`summary` of every arm as people read it; `correct` has been there."""
+def table_of(rows: list[dict[str, Any]], hints: Hints, lesson: str) -> ResultTable:
+    """`summary` of every arm as people read it; `correct` has been there.
+
+    `lesson` says of which one the share of frames is.
+    """
     control = hints.control
-    taught = [row for row in rows if np.isfinite(row["settled"])]
-    which = "the hardest" if all(row["knows_hardest"] for row in taught) else "its last"
     columns = [
         Column("arm", lambda row: str(row["arm"]), left=True),
         Column("runs", lambda row: str(row["runs"])),
@@ -251,7 +250,7 @@ def table_of(rows: list[dict[str, Any]], hints: Hints) -> ResultTable:
             lambda row: "" if np.isnan(row["p_time"]) else _p(row["p_time"]),
         ),
         Column("optimality over training [95 %]", partial(_cell_with, "area")),
-        Column(f"frames on {which} lesson", lambda row: _cell_settled(row["settled"])),
+        Column(f"frames on {lesson} lesson", lambda row: _cell_settled(row["settled"])),
         Column(
             f"P(better than {control}) [95 %]",
             lambda row: "" if row["arm"] == control else _cell_with("improvement", row),

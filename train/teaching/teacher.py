@@ -278,7 +278,7 @@ class Teacher(EpisodeHook):
         self.episodes = state["episodes"]
         self.rows = [dict(row) for row in state["rows"]]
         self.rng.bit_generator.state = _whole(state["rng"])
-        # Version 0.1.0 kept no lengths: then all count alike.
+        # Older checkpoints have no lengths: then all count alike.
         played = [tensor.numpy() for tensor in state["played"]]
         self._played = [np.stack([p, np.ones_like(p)]) if p.ndim == 1 else p for p in played]
         self._won = [tensor.numpy() for tensor in state["won"]]
