@@ -109,6 +109,25 @@ def test_a_bout_that_fails_is_told_of_and_tried_again(
     assert not list((tmp_path / "out" / "trials").glob("*.error.txt"))
 
 
+def test_the_best_on_the_first_maze_are_run_on_the_others_and_the_best_of_them_is_raced_with(
+    tmp_path: Path,
+) -> None:
+    text = TINY.replace('["3x3"]', '["3x3", "4x4-open"]')
+    race = load_race(written(tmp_path, text.replace("trials = 2", "trials = 4, finalists = 2")))
+    said: list[str] = []
+    standing = run_race(race, tmp_path / "out", said.append, workers=0)
+    assert len(said) == sum(race.count()) == (4 + 2) * 2 + 4
+    for (task, name), chosen in standing.chosen.items():
+        scores = [standing.scores[task, name, number] for number in range(4)]
+        firsts = sorted(each[0] for each in scores if each[0] is not None)
+        finalists = [n for n in range(4) if len(scores[n]) == 2]
+        assert sorted(scores[n][0] or 0.0 for n in finalists) == firsts[:2]
+        means = {n: np.mean([s for s in scores[n] if s is not None]) for n in finalists}
+        assert means[chosen] == min(means.values())
+    text = race_report(race, standing, tmp_path / "out").read_text(encoding="utf-8")
+    assert "best 2 of a contestant" in text and "4x4-open" in text
+
+
 def test_damaged_results_are_refused_by_name(tmp_path: Path) -> None:
     race = load_race(written(tmp_path))
     *_, bout = next(race.trial_bouts())
@@ -235,6 +254,7 @@ def test_it_learns_far_better_than_chance() -> None:
         ("frames = 128,", "", "give one of the two"),
         ("frames = 256,", "frames = -1,", "above 0"),
         (", trials = 2", "", "trials=None"),
+        (", trials = 2", ", trials = 2, finalists = 0", "finalists=0"),
         ("seeds = [0, 1]", "seeds = []", "seeds is an empty list"),
         ("seeds = [0, 1]", "seeds = [1000000]", "those from there on are of trials"),
         ("episodes = 20", "episodes = 1", "at least 2"),

@@ -43,6 +43,7 @@ class Budgets(msgspec.Struct, forbid_unknown_fields=True):
     seconds: float | None = None
     frames: int | None = None
     trials: int | None = None
+    finalists: int | None = None
     seeds: list[int] | None = None
 
     def __post_init__(self) -> None:
@@ -52,6 +53,7 @@ class Budgets(msgspec.Struct, forbid_unknown_fields=True):
         )
         budget = self.seconds if self.frames is None else self.frames
         check(budget is not None and 0 < budget < 1e9, f"a budget of {budget}; it is above 0")
+        check(self.finalists is None or self.finalists > 0, f"finalists={self.finalists}; above 0")
 
 
 class RaceTask(msgspec.Struct, forbid_unknown_fields=True):
@@ -111,6 +113,8 @@ class Race:
         tasks: what is raced on.
         space: of the search, as the file has it.
         trials: settings by number, the same for every contestant.
+        finalists: how many of a contestant's trials, the best on the first held-out maze of a
+            task, are run on the other ones too.
         tuning, final: the budgets.
         seeds: of the race itself.
         episodes: of each evaluation.
@@ -122,18 +126,29 @@ class Race:
     tasks: tuple[RaceOn, ...]
     space: Table
     trials: tuple[Table, ...]
+    finalists: int
     tuning: Budgets
     final: Budgets
     seeds: tuple[int, ...]
     episodes: int
     clock: str
 
-    def trial_bouts(self) -> Iterator[tuple[str, str, int, Bout]]:
-        """(task, contestant, number of the trial, bout): trials outside, contestants inside."""
+    def trial_bouts(
+        self, kept: dict[tuple[str, str], set[int]] | None = None
+    ) -> Iterator[tuple[str, str, int, Bout]]:
+        """(task, contestant, number of the trial, bout): trials outside, contestants inside.
+
+        Args:
+            kept: the finalists by task and contestant, to be run on all held-out mazes but the
+                first; without it all trials are run on the first.
+        """
+        places = slice(1) if kept is None else slice(1, None)
         for number, drawn in enumerate(self.trials):
             for on in self.tasks:
-                for place, task in enumerate(on.held_out):
+                for place, task in list(enumerate(on.held_out))[places]:
                     for name in turned(self.contestants, number):
+                        if kept is not None and number not in kept[on.name, name]:
+                            continue
                         seed = FIRST_TRIAL_SEED + 1000 * number + place
                         budget = (self.tuning.seconds, self.tuning.frames)
                         bout = Bout(
@@ -158,9 +173,10 @@ class Race:
 
     def count(self) -> tuple[int, int]:
         """Bouts of the search, and of the race."""
-        mazes = sum(len(on.held_out) for on in self.tasks)
         each = len(self.contestants)
-        return len(self.trials) * mazes * each, len(self.seeds) * len(self.tasks) * each
+        first, more = len(self.tasks), sum(len(on.held_out) - 1 for on in self.tasks)
+        trials = len(self.trials) * first + self.finalists * more
+        return trials * each, len(self.seeds) * len(self.tasks) * each
 
     def seconds(self) -> float | None:
         """What all bouts take, without evaluations; None where budgets are frames."""
@@ -253,6 +269,7 @@ def race_of(file: RaceFile, version: Version) -> Race:
         tasks,
         file.space,
         tuple(drawn),
+        min(version.tuning.finalists or len(drawn), len(drawn)),
         version.tuning,
         version.final,
         tuple(seeds or ()),

@@ -243,9 +243,15 @@ def settings_words(race: Race) -> str:
     mazes = "\n".join(
         f"- {on.name}: {', '.join(task.maze for task in on.held_out)}" for on in race.tasks
     )
+    where = "on each held-out maze"
+    if race.finalists < len(race.trials) and any(len(on.held_out) > 1 for on in race.tasks):
+        where = (
+            "on the first held-out maze of a task, and the best "
+            f"{race.finalists} of a contestant there on the others too"
+        )
     return (
         f"{len(race.trials)} trials, drawn once at random from the space below and the same for "
-        f"everybody, {length} on each held-out maze. The trial with the least mean of the "
+        f"everybody, {length} {where}. The trial with the least mean of the "
         "logarithm of the gap at the end, greedy or as it draws, whichever is the better, is raced "
         "with. All trials: `trials.csv`. Whatever is not in the space is what the library sets by "
         "default (ours: its preset of the task, with its curriculum where there is one).\n\n"

@@ -45,18 +45,22 @@ class Result(msgspec.Struct):
         check(all(wanted <= set(point) for point in self.points), f"points have {sorted(wanted)}")
 
 
+Scores = dict[tuple[str, str, int], list[float | None]]
+"""By task, contestant and number of the trial; see `Standing`."""
+
+
 @dataclass
 class Standing:
     """How far a race is.
 
     Attributes:
-        scores: of every trial by task, contestant and number: its values on the held-out mazes,
-            None where it failed there.
+        scores: of every trial by task, contestant and number: its values on the held-out mazes
+            that it was run on, None where it failed there.
         chosen: the number of the best trial by task and contestant.
         finals: the results of the race by task, contestant and seed; None where a bout failed.
     """
 
-    scores: dict[tuple[str, str, int], list[float | None]] = field(default_factory=dict)
+    scores: Scores = field(default_factory=dict)
     chosen: dict[tuple[str, str], int] = field(default_factory=dict)
     finals: dict[tuple[str, str, int], Result | None] = field(default_factory=dict)
 
@@ -78,8 +82,11 @@ def run_race(race: Race, out: Path, told: Told, workers: int = 1) -> Standing:
     check(not out.is_file(), f"{out}: a file; give a folder")
     with only_one(out, "race"):
         write_json(out / "race.json", plain_race(race))
-        trials = list(race.trial_bouts())
-        do_all((bout for *_, bout in trials), out / TRIALS, told, workers, "search")
+        first = race.trial_bouts()
+        do_all((bout for *_, bout in first), out / TRIALS, told, workers, "search")
+        more = list(race.trial_bouts(finalists_of(race, scores_of(race, out))))
+        if more:
+            do_all((bout for *_, bout in more), out / TRIALS, told, workers, "search, finalists")
         choice = {key: race.trials[n] for key, n in standing_of(race, out, False).chosen.items()}
         finals = list(race.final_bouts(choice))
         do_all((bout for *_, bout in finals), out / FINALS, told, workers, "race")
@@ -103,29 +110,56 @@ def standing_of(race: Race, out: Path, raced: bool = True) -> Standing:
     Raises:
         ValueError: bouts are missing, damaged, or all of a contestant's trials failed.
     """
-    standing = Standing()
-    for task, name, number, bout in race.trial_bouts():
-        found = result_of(bout, out / TRIALS)
-        score = None if found is None else score_of(found.points)
-        standing.scores.setdefault((task, name, number), []).append(score)
-    for on in race.tasks:
-        for name in race.contestants:
-            means = {
-                number: sum(each) / len(each)  # type: ignore[arg-type]
-                for number in range(len(race.trials))
-                if None not in (each := standing.scores[on.name, name, number])
-            }
-            check(
-                bool(means),
-                f"{name} failed in every trial on {on.name!r}; see the .error.txt files in "
-                f"{out / TRIALS}",
-            )
-            standing.chosen[on.name, name] = min(means, key=lambda number: means[number])
+    standing = Standing(scores_of(race, out))
+    kept = finalists_of(race, standing.scores)
+    for task, name, number, bout in race.trial_bouts(kept):
+        standing.scores[task, name, number].append(score_in(out, bout))
+    for key, numbers in kept.items():
+        means = {
+            number: sum(each) / len(each)  # type: ignore[arg-type]
+            for number in sorted(numbers)
+            if None not in (each := standing.scores[*key, number])
+        }
+        check(
+            bool(means),
+            f"{key[1]} failed in every trial on {key[0]!r}; see the .error.txt files in "
+            f"{out / TRIALS}",
+        )
+        standing.chosen[key] = min(means, key=lambda number: means[number])
     if raced:
         choice = {key: race.trials[number] for key, number in standing.chosen.items()}
         for task, name, seed, bout in race.final_bouts(choice):
             standing.finals[task, name, seed] = result_of(bout, out / FINALS)
     return standing
+
+
+def scores_of(race: Race, out: Path) -> Scores:
+    """Of every trial on the first held-out maze of its task.
+
+    Raises:
+        ValueError: as `standing_of`.
+    """
+    return {
+        (task, name, number): [score_in(out, bout)]
+        for task, name, number, bout in race.trial_bouts()
+    }
+
+
+def score_in(out: Path, bout: Bout) -> float | None:
+    """Of a bout of the search; None where it failed."""
+    found = result_of(bout, out / TRIALS)
+    return None if found is None else score_of(found.points)
+
+
+def finalists_of(race: Race, scores: Scores) -> dict[tuple[str, str], set[int]]:
+    """The numbers of the best trials on the first held-out maze, by task and contestant."""
+    kept = {}
+    for on in race.tasks:
+        for name in race.contestants:
+            found = [(scores[on.name, name, n][0], n) for n in range(len(race.trials))]
+            best = sorted((score, number) for score, number in found if score is not None)
+            kept[on.name, name] = {number for _, number in best[: race.finalists]}
+    return kept
 
 
 def result_of(bout: Bout, folder: Path) -> Result | None:

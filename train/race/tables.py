@@ -82,13 +82,13 @@ def run_rows(race: Race, standing: Standing) -> list[Row]:
 
 
 def trial_rows(race: Race, standing: Standing) -> list[Row]:
-    """A row for each trial: its settings, and how it did on every held-out maze."""
+    """A row for each trial: its settings, and how it did on the held-out mazes it was run on."""
     rows = []
     for (task, name, number), scores in standing.scores.items():
         mazes = next(on.held_out for on in race.tasks if on.name == task)
         gaps = {
             f"gap on maze {place + 1}": None if score is None else float(np.exp(score))
-            for place, (_, score) in enumerate(zip(mazes, scores, strict=True))
+            for place, (_, score) in enumerate(zip(mazes, scores, strict=False))
         }
         chosen = standing.chosen[task, name] == number
         row: Row = {"task": task, "contestant": name, "trial": number, "chosen": chosen}
