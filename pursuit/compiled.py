@@ -33,6 +33,9 @@ from pursuit.kernel_cache import KernelCacheFile, cache_of
 
 HERE = Path(__file__).parent
 
+ANY_ORDER = {"reassoc", "contract"}
+"""What LLVM may do with sums of floating-point numbers: take them in any order, and fuse them with
+products."""
 NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 STRIDED = {"position", "active", "event", "steps", "maze", "maze_of", "epsilon_of"}
@@ -65,6 +68,20 @@ def compiled(function: Function) -> Function:
     return _entry(function, _nrt=False)
 
 
+def summing(function: Function) -> Function:
+    """`compiled`, where sums may be taken in any order, and so by vector instructions.
+
+    What is not finite goes through as it is. The order is settled when the kernel is compiled: the
+    same sums come out on the same processor.
+    """
+    return _entry(function, _nrt=False, fastmath=ANY_ORDER)
+
+
+def merged_sums(function: Function) -> Function:
+    """`inlined`, into kernels that are `summing`."""
+    return _part(function, forceinline=True, fastmath=ANY_ORDER)
+
+
 def subroutine(function: Function) -> Function:
     """`compiled`, for kernels to call, not for Python: it needs no wrapper, which takes seconds."""
     return _part(function)
@@ -90,7 +107,7 @@ def is_new(kernel: Any) -> bool:
     return isinstance(file, KernelCacheFile) and file.is_empty
 
 
-def _entry(function: Function, **options: bool) -> Function:
+def _entry(function: Function, **options: Any) -> Function:
     dispatcher: Any = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     if dispatcher is function:  # as it is with NUMBA_DISABLE_JIT=1
         return function
@@ -114,7 +131,7 @@ def _entry(function: Function, **options: bool) -> Function:
     return dispatcher
 
 
-def _part(function: Function, **options: bool) -> Function:
+def _part(function: Function, **options: Any) -> Function:
     options = {"_nrt": False, **NO_WRAPPERS, **options}
     if not TRIED:
         return _entry(function, **options)

@@ -43,9 +43,13 @@ def make_env(games: int, seed: int = 0) -> SimulatorEnv:
     return SimulatorEnv(simulator, Seat(TASK, "runner"), [None])
 
 
-def make_network(env: SimulatorEnv, form: Any = ActorCritic) -> Any:
+NOT_JOINED = Hidden(16, activation="tanh")
+"""Layers whose draws and gradients are not written out: see tests/test_joined_actor_critic.py."""
+
+
+def make_network(env: SimulatorEnv, form: Any = ActorCritic, hidden: Hidden | None = None) -> Any:
     torch.manual_seed(0)
-    return form(env.player.features, 4, Hidden(16))
+    return form(env.player.features, 4, hidden or Hidden(16))
 
 
 # -- losses ----------------------------------------------------------------------------------------
@@ -112,7 +116,7 @@ def test_advantages_with_and_without_gae_and_critic_equal_a_plain_loop(
     gae: bool, critic: bool
 ) -> None:
     env = make_env(16)
-    network = make_network(env)
+    network = make_network(env, hidden=NOT_JOINED)
     chosen = A2CSettings(16, 0.9, rollout_steps=20, gae=gae, critic=critic, gae_lambda=0.8)
     learner = A2C(chosen, env, network, "cpu")
     rollout = next(learner._batches).clone()
@@ -152,7 +156,7 @@ def test_advantages_with_and_without_gae_and_critic_equal_a_plain_loop(
 def test_a2c_standardizes_advantages_unless_told_otherwise(standardize: bool) -> None:
     env = make_env(16)
     chosen = A2CSettings(16, standardize_advantages=standardize)
-    learner = A2C(chosen, env, make_network(env), "cpu")
+    learner = A2C(chosen, env, make_network(env, hidden=NOT_JOINED), "cpu")
     frames = learner.collect()
     raw = frames["advantage"].clone()
     learner.collect = lambda: frames  # type: ignore[method-assign]

@@ -20,6 +20,7 @@ from pursuit.task import Task, make_task
 from scripted_agents import AStarChaser, AStarEvader, RandomAgent
 from scripted_agents.environments import default_policies
 from train.algorithms.ppo import PPO, ppo_loss
+from train.algorithms.rollouts import SamplingPolicy
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import GameContest
 from train.networks.actor_critic import ActorCritic
@@ -110,7 +111,7 @@ def test_the_two_forms_of_the_first_layer_are_one_function_and_blind_to_the_orde
 
 def test_advantages_equal_a_plain_loop_and_never_cross_an_episode() -> None:
     env = make_env("runner", games=16)
-    network = ActorCritic(env.player.features, 4, Hidden(16))
+    network = ActorCritic(env.player.features, 4, Hidden(16, activation="tanh"))
     settings = PPOSettings(
         num_games=16, rollout_steps=30, minibatch_size=64, gamma=0.9, gae_lambda=0.8
     )
@@ -192,8 +193,7 @@ def test_the_sampling_policy_draws_from_the_softmax_of_its_logits() -> None:
     with torch.no_grad():
         network.policy_head.weight.mul_(100)
     env.simulator.place([0, 8])
-    learner = PPO(PPOSettings(num_games=20_000, rollout_steps=1), env, network, "cpu")
-    drawn = learner.collector.policy(
+    drawn = SamplingPolicy(network)(
         env.reset().set(
             "observation",
             torch.from_numpy(env.simulator.observe("index", 0))[:1].expand(20_000, -1),
@@ -205,7 +205,6 @@ def test_the_sampling_policy_draws_from_the_softmax_of_its_logits() -> None:
     log_probability = logits.log_softmax(-1).gather(1, drawn["action"][:, None]).squeeze(1)
     torch.testing.assert_close(drawn["action_log_prob"], log_probability)
     torch.testing.assert_close(drawn["state_value"], value)
-    learner.close()
 
 
 def learn(

@@ -24,6 +24,7 @@ from train.algorithms.learner import clip_gradients
 from train.algorithms.ppo import PPO, ppo_loss
 from train.experiments.identity import fingerprint
 from train.experiments.kinds import open_run, start
+from train.networks.joined_actor_critic import Weighing
 from train.runs.by_name import settings_of
 from train.runs.folder import CHECKPOINT, CONFIG, RUN, load_checkpoint, save_checkpoint
 from train.runs.in_play import begin, plain_games
@@ -72,17 +73,23 @@ def plainly(settings: Any) -> list[torch.Tensor]:
         halves = []
         for rank, learner in enumerate(learners):
             torch.set_rng_state(generators[rank])
-            frames = learner.collect()
+            frames = learner.collect_joined() if learner.joined else learner.collect()
             orders = [torch.randperm(len(frames)) for _ in range(hyper.epochs)]
             size = hyper.minibatch_size
             chosen = [c for order in orders for c in torch.split(order, size) if len(c) == size]
-            halves.append([frames[c] for c in chosen])
+            halves.append([frames.at(c) if learner.joined else frames[c] for c in chosen])
             generators[rank] = torch.get_rng_state()
         for minibatches in zip(*halves, strict=True):
             gradients = []
             for learner, minibatch in zip(learners, minibatches, strict=True):
-                loss, _ = ppo_loss(learner.network, minibatch, hyper, entropy_coef)
-                gradients.append(torch.autograd.grad(loss, list(learner.network.parameters())))
+                leaves = list(learner.network.parameters())
+                if learner.joined:
+                    weighing = Weighing(hyper.clip, hyper.value_coef, entropy_coef)
+                    learner.joined.set_gradients(minibatch, weighing)
+                    gradients.append([weight.grad.clone() for weight in leaves])
+                else:
+                    loss, _ = ppo_loss(learner.network, minibatch, hyper, entropy_coef)
+                    gradients.append(torch.autograd.grad(loss, leaves))
             for weight, *both in zip(network.parameters(), *gradients, strict=True):
                 weight.grad = (both[0] + both[1]) / 2
             clip_gradients(list(network.parameters()), hyper.max_grad_norm)
@@ -91,8 +98,11 @@ def plainly(settings: Any) -> list[torch.Tensor]:
     return [weight.detach() for weight in network.parameters()]
 
 
-def test_what_two_processes_learn_is_what_one_learns_from_both_halves(tmp_path: Path) -> None:
-    settings = tiny("ppo", **TWO, epochs=2)
+@pytest.mark.parametrize("activation", ["relu", "tanh"])  # with gradients written out, and not
+def test_what_two_processes_learn_is_what_one_learns_from_both_halves(
+    tmp_path: Path, activation: str
+) -> None:
+    settings = tiny("ppo", **TWO, epochs=2, activation=activation)
     run = start(RUN, settings, tmp_path / "run")
     fresh = weights_of(run)
     run.train()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import torch
@@ -12,6 +13,7 @@ from pursuit.masks import ACTION_MASK
 from train.algorithms.learner import Build, Games, NetworkLearner, has_masks
 from train.algorithms.rollouts import RolloutLearner, actor_critic_of
 from train.networks.actor_critic import ActorCritic
+from train.networks.joined_actor_critic import JoinedActorCritic, Weighing
 from train.networks.losses import actor_of, critic_of
 from train.settings.algorithms import A2CSettings, ReinforceSettings
 
@@ -45,13 +47,16 @@ class A2C(RolloutLearner):
     def iterate(self, progress: float) -> dict[str, float]:
         """Collect one rollout and take one gradient step."""
         self.set_learning_rate(progress)
+        entropy_coef = self.annealed(self.settings.entropy_coef, progress)
+        if self.joined is not None:
+            return self._learn_joined(self.joined, entropy_coef)
         frames = self.collect()
         hidden, value_hidden, frames = self.network.through(frames)
         frames["policy_hidden"], frames["value_hidden"] = hidden, value_hidden
         if self.settings.standardize_advantages:
             advantage = frames["advantage"]
             frames["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
-        self.loss.entropy_coeff.fill_(self.annealed(self.settings.entropy_coef, progress))
+        self.loss.entropy_coeff.fill_(entropy_coef)
         losses = self.loss(frames)
         total = losses["loss_objective"]
         if self.settings.entropy_coef:  # without a bonus TorchRL leaves it out
@@ -63,6 +68,21 @@ class A2C(RolloutLearner):
             name: float(losses[name].detach())
             for name in ("loss_objective", "loss_critic", "entropy")
             if name in losses.keys()  # noqa: SIM118 (a TensorDict's `in` wants .keys())
+        }
+
+    def _learn_joined(self, network: JoinedActorCritic, entropy_coef: float) -> dict[str, float]:
+        """The same: where a policy is the one that played, ratios are 1, and PPO's gradient is
+        that of A2C."""
+        settings = self.settings
+        weighing = Weighing(
+            math.inf, settings.value_coef, entropy_coef, settings.standardize_advantages
+        )
+        found = network.set_gradients(self.collect_joined(), weighing)
+        self.descend_by_gradients()
+        return {
+            "loss_objective": -float(found["log_prob_gain"]),
+            "loss_critic": float(found["loss_critic"]),
+            "entropy": float(found["entropy"]),
         }
 
 

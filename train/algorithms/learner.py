@@ -243,6 +243,11 @@ class NetworkLearner:
         for weight in weights:
             weight.grad = None
         torch.autograd.backward(loss)
+        self.descend_by_gradients()
+
+    def descend_by_gradients(self) -> None:
+        """One step of Adam with the gradients that all weights have, scaled down likewise."""
+        weights = self.optimizer.param_groups[0]["params"]
         self.average([weight.grad for weight in weights if weight.grad is not None])
         clip_gradients(weights, self._descent.max_grad_norm)
         step_adam(self.optimizer)

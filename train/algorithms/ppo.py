@@ -12,6 +12,7 @@ from train.algorithms.learner import Build, Games, means
 from train.algorithms.rollouts import RolloutLearner, actor_critic_of
 from train.networks.actor_critic import ActorCritic, CentralActorCritic
 from train.networks.distributions import DISTRIBUTION
+from train.networks.joined_actor_critic import Learned, Weighing
 from train.networks.policy import Player
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import check
@@ -103,7 +104,7 @@ class PPO(RolloutLearner):
         settings = self.settings
         self.set_learning_rate(progress)
         entropy_coef = self.annealed(settings.entropy_coef, progress)
-        frames = self.collect()
+        frames = self.collect() if self.joined is None else self.collect_joined()
         # Idle agents of a team leave fewer frames than were collected.
         size = min(max(settings.minibatch_size // self.frames_of_row, 1), len(frames))
         logged: list[dict[str, torch.Tensor]] = []
@@ -111,21 +112,31 @@ class PPO(RolloutLearner):
             order = torch.randperm(len(frames), device=self.device)
             for chosen in torch.split(order, size):
                 if len(chosen) == size:
-                    # Half the time of frames[chosen].
-                    minibatch = frames.apply(
-                        lambda column, chosen=chosen: column.index_select(0, chosen),
-                        batch_size=[len(chosen)],
-                    )
-                    total, parts = ppo_loss(
-                        self.network, minibatch, settings, entropy_coef, self.kl_coef
-                    )
-                    self.descend(total)
-                    logged.append(parts)
+                    logged.append(self._learn(frames, chosen, entropy_coef))
         if self.kl_coef:
             divergence = logged[-1]["kl"]
             self.average([divergence])
             self._adapt_kl_weight(float(divergence))
         return means(logged)
+
+    def _learn(
+        self, frames: TensorDictBase | Learned, chosen: torch.Tensor, entropy_coef: float
+    ) -> dict[str, torch.Tensor]:
+        """A gradient step on the frames of these numbers; its figures for the log."""
+        settings = self.settings
+        if isinstance(frames, Learned):
+            assert self.joined is not None
+            weighing = Weighing(settings.clip, settings.value_coef, entropy_coef)
+            parts = self.joined.set_gradients(frames.at(chosen), weighing)
+            self.descend_by_gradients()
+            return parts
+        # Half the time of frames[chosen].
+        minibatch = frames.apply(
+            lambda column: column.index_select(0, chosen), batch_size=[len(chosen)]
+        )
+        total, parts = ppo_loss(self.network, minibatch, settings, entropy_coef, self.kl_coef)
+        self.descend(total)
+        return parts
 
     def _adapt_kl_weight(self, divergence: float) -> None:
         """Schulman et al. (2017), section 4, with the thresholds of RLlib."""

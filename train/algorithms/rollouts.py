@@ -11,10 +11,12 @@ from torchrl.collectors import Collector
 from torchrl.objectives.value import GAE
 
 from pursuit.masks import ACTION_MASK
+from train.algorithms.joined_rollouts import JoinedRollouts, plays_joined
 from train.algorithms.learner import Build, Games, NetworkLearner, has_masks, prepared
 from train.algorithms.sequences import Act, Sequences
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
+from train.networks.joined_actor_critic import Learned, joined_actor_critic
 from train.networks.policy import Player
 from train.settings.algorithms import ActorCriticSettings, RolloutSettings
 
@@ -87,7 +89,8 @@ def remembering(network: ActorCritic, keep_all: bool = False) -> Act:
 
 
 class RolloutLearner(NetworkLearner):
-    """Collects rollouts with TorchRL's collector, and their advantages with its GAE.
+    """Collects rollouts with their advantages: by kernels of ours, where the network and the games
+    are of the form that is written out, and by TorchRL's collector and its GAE elsewhere.
 
     Args:
         settings: the hyperparameters.
@@ -97,6 +100,10 @@ class RolloutLearner(NetworkLearner):
         gae_lambda: of the advantages; 1 makes them discounted returns less the value.
         critic: False takes every value as 0.
         keep_all: keep the parameters of the distributions that actions are drawn from.
+
+    Attributes:
+        joined: the network with draws and gradients written out, where it has that form; it is
+            collected from by `collect_joined` then. None elsewhere.
     """
 
     network: ActorCritic
@@ -118,8 +125,13 @@ class RolloutLearner(NetworkLearner):
             self.keys.append(DISTRIBUTION)
         if has_masks(env):
             self.keys.append(ACTION_MASK)
+        plain = critic and not keep_all and plays_joined(env)
+        self.joined = joined_actor_critic(network, device) if plain else None
         self.collector: Any
-        if network.policy_memory is not None:
+        if self.joined is not None:
+            discounts = (settings.gamma, gae_lambda)
+            self.collector = JoinedRollouts(env, self.joined, settings.rollout_steps, *discounts)
+        elif network.policy_memory is not None:
             steps = settings.rollout_steps
             sizes = (sum(network.sizes), steps, device)
             act, value = remembering(network, keep_all), lambda *now: network.step(*now)[1]
@@ -137,7 +149,7 @@ class RolloutLearner(NetworkLearner):
                 auto_register_policy_transforms=False,
             )
         self.frames_of_row = settings.rollout_steps if self.remembers else 1
-        self._batches = iter(self.collector)
+        self._batches: Any = iter(self.collector) if self.joined is None else None
         self.gae = GAE(gamma=settings.gamma, lmbda=gae_lambda, value_network=None)
 
     @property
@@ -145,8 +157,15 @@ class RolloutLearner(NetworkLearner):
         """Whether the network does, so that it learns from sequences."""
         return isinstance(self.collector, Sequences)
 
+    def collect_joined(self) -> Learned:
+        """One rollout of a `joined` network: its frames in a row."""
+        with prepared(self.env, self.steps):
+            frames: Learned = self.collector.rollout()
+        self.frames += len(frames)
+        return frames
+
     def collect(self) -> TensorDict:
-        """One rollout: "prepared" (see `Trunk.prepare`), `keys`, what `ActorCritic.through` takes.
+        """One rollout of any other network: what `ActorCritic.through` takes, and `keys`.
 
         It is its frames in a row; of a network that remembers a sequence a row, [games].
         """

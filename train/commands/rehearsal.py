@@ -18,8 +18,10 @@ from typing import Any
 
 import numpy as np
 from numba.core import event
+from numpy.typing import NDArray
 
 from pursuit.maze_arrays import lay_out
+from pursuit.observations import Encoder
 from pursuit.own_observations import is_ours
 from pursuit.policy import play_all
 from pursuit.rules import layout
@@ -36,6 +38,9 @@ from scripted_agents import (
     tour_lengths,
 )
 from scripted_agents.environments import DEFAULTS, default_policies
+from train.algorithms.advantages import advantages
+from train.networks.joined_head_kernels import below_heads, clipped_loss, draw_actions
+from train.networks.joined_kernels import first_layer, first_layer_gradient
 from train.settings.task import TaskSettings
 
 MAZE = "5x5"
@@ -160,6 +165,27 @@ def rehearse_players(task: Task, agent: str) -> None:
         tour_lengths(maze, games.position[:, 0], games.goal + np.arange(1, task.num_goals + 1))
 
 
+def rehearse_learning(task: Task, algorithm: str) -> None:
+    """A small network is asked about games and learns, as "index" shows them."""
+
+    def reals(*shape: int) -> NDArray[np.float32]:
+        return np.zeros(shape, dtype=np.float32)
+
+    seen = np.zeros((2, 3), dtype=Encoder(task, "index").dtype)
+    rows, table, bias, hidden = np.zeros(9, dtype=np.int64), reals(9, 4), reals(4), reals(2, 4)
+    first_layer(seen, rows, table, bias, hidden)
+    first_layer_gradient(seen, rows, hidden, hidden.copy(), table, bias)
+    if algorithm == "dqn":
+        return
+    heads, action = (hidden, reals(3, 4), reals(3)), np.zeros(2, dtype=np.int64)
+    draw_actions(*heads, reals(2), reals(2, 3), action, reals(2), reals(2))
+    columns = (action, reals(2), reals(2), reals(2))
+    clipped_loss(*heads, *columns, np.zeros(4), reals(2, 3), np.zeros(6), reals(2))
+    below_heads(hidden, heads[1], reals(2, 3), reals(2, 4))
+    flags = np.zeros((2, 1), dtype=np.bool_)
+    advantages(reals(2, 1), reals(3, 1), reals(2, 1), flags, flags, np.zeros(2), reals(2, 1))
+
+
 def end_with_the_run() -> None:
     """End this process when the other end of its standard input is gone."""
 
@@ -186,6 +212,9 @@ def rehearse(arguments: Sequence[str]) -> None:
     try:
         if child:
             rehearse_games(task, agent, observation)
+            algorithm = options_of(arguments).get("algorithm", "ppo")
+            if observation == "index" and algorithm in ("ppo", "a2c", "dqn"):
+                rehearse_learning(task, algorithm)
         else:
             rehearse_players(task, agent)
         status = 0

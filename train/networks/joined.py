@@ -40,75 +40,78 @@ def joinable(trunk: Trunk) -> Joinable | None:
 
 def joined(layers: Joinable, observation: torch.Tensor) -> torch.Tensor:
     """[batch, width] float32 of observations [batch, numbers]; on the CPU."""
-    first, second, bfloat16 = layers
-    weights = (first.weight, first.bias, second.weight, second.bias)
-    given = (observation.contiguous(), first.rows, *weights, bfloat16)
     if torch.is_grad_enabled():
-        hidden: torch.Tensor = HiddenLayers.apply(*given)  # type: ignore[no-untyped-call]
+        first, second, _ = layers
+        weights = (first.weight, first.bias, second.weight, second.bias)
+        hidden: torch.Tensor = HiddenLayers.apply(  # type: ignore[no-untyped-call]
+            layers, observation.contiguous(), *weights
+        )
         return hidden
-    return _forward(*given)[1].float()
+    return hidden_layers(layers, observation)[1].float()
 
 
-def _forward(
-    observation: torch.Tensor,
-    rows: torch.Tensor,
-    table: torch.Tensor,
-    bias: torch.Tensor,
-    weight: torch.Tensor,
-    second_bias: torch.Tensor,
-    bfloat16: bool,
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Both hidden layers [batch, width]: in float32, and in what products are in."""
-    first = torch.empty(len(observation), len(bias))
-    given = (observation, rows, table.detach(), bias.detach(), first)
+def hidden_layers(layers: Joinable, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Both hidden layers [batch, width], without their history.
+
+    The first is float32; where products are in bfloat16 the second is too.
+    """
+    layer, second, bfloat16 = layers
+    first = torch.empty(len(observation), len(layer.bias))
+    given = (observation, layer.rows, layer.weight.detach(), layer.bias.detach(), first)
     first_layer(*(tensor.numpy() for tensor in given))
+    weight, bias = second.weight.detach(), second.bias.detach()
     if not bfloat16:
-        return first, torch.addmm(second_bias, first, weight.T).relu_()
-    products = (one.bfloat16() for one in (second_bias, first, weight.T))
+        return first, torch.addmm(bias, first, weight.T).relu_()
+    products = (one.bfloat16() for one in (bias, first, weight.T))
     return first, torch.addmm(*products).relu_()
 
 
+def gradients_of(
+    layers: Joinable,
+    observation: torch.Tensor,
+    first: torch.Tensor,
+    behind: torch.Tensor,
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """The gradients of both layers' weights and biases: table, bias, second weight, second bias.
+
+    Args:
+        layers: the hidden layers.
+        observation: [batch, numbers].
+        first: [batch, width] float32, as `hidden_layers` gave it.
+        behind: [batch, width], the gradient before the second ReLU, in what products are in.
+    """
+    layer, second, _ = layers
+    form = behind.dtype
+    of_weight = (behind.T @ first.to(form)).float()
+    ahead = (behind @ second.weight.detach().to(form)).float()
+    of_table, of_bias = torch.zeros_like(layer.weight), torch.zeros_like(layer.bias)
+    given = (observation, layer.rows, first, ahead, of_table, of_bias)
+    first_layer_gradient(*(tensor.detach().numpy() for tensor in given))
+    return of_table, of_bias, of_weight, behind.sum(0, dtype=torch.float32)
+
+
 class HiddenLayers(torch.autograd.Function):
-    """`_forward` with its gradient, for all weights."""
+    """`hidden_layers` with its gradient, for all weights."""
 
     @staticmethod
     def forward(
-        ctx: Any,
-        observation: torch.Tensor,
-        rows: torch.Tensor,
-        table: torch.Tensor,
-        bias: torch.Tensor,
-        weight: torch.Tensor,
-        second_bias: torch.Tensor,
-        bfloat16: bool,
+        ctx: Any, layers: Joinable, observation: torch.Tensor, *_: torch.Tensor
     ) -> torch.Tensor:
         """[batch, width] float32.
 
         Args:
             ctx: keeps what the gradient needs.
+            layers: whose weights the rest are, for autograd to know of them.
             observation: [batch, numbers].
-            rows: [numbers] int64, the row of the table that each number names.
-            table: [rows + 1, width]; the last row is none.
-            bias: [width].
-            weight: [width, width], of the second layer.
-            second_bias: [width].
-            bfloat16: whether the products of the second layer are in bfloat16.
         """
-        layers = _forward(observation, rows, table, bias, weight, second_bias, bfloat16)
-        ctx.save_for_backward(observation, rows, *layers, weight)
-        ctx.size = len(table)
-        return layers[1].float()
+        first, second = hidden_layers(layers, observation)
+        ctx.save_for_backward(observation, first, second)
+        ctx.layers = layers
+        return second.float()
 
     @staticmethod
     def backward(ctx: Any, grad: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         """The gradients of the four weights, from that of the result [batch, width]."""
-        observation, rows, first, second, weight = ctx.saved_tensors
-        form, width = second.dtype, first.shape[1]
-        behind = torch.ops.aten.threshold_backward(grad.to(form), second, 0)
-        of_weight = (behind.T @ first.to(form)).float()
-        ahead = (behind @ weight.to(form)).float()
-        of_table, of_bias = torch.zeros(ctx.size, width), torch.zeros(width)
-        given = (observation, rows, first, ahead, of_table, of_bias)
-        first_layer_gradient(*(tensor.numpy() for tensor in given))
-        of_second_bias = behind.sum(0, dtype=torch.float32)
-        return None, None, of_table, of_bias, of_weight, of_second_bias, None
+        observation, first, second = ctx.saved_tensors
+        behind = torch.ops.aten.threshold_backward(grad.to(second.dtype), second, 0)
+        return None, None, *gradients_of(ctx.layers, observation, first, behind)

@@ -1,0 +1,260 @@
+"""Draws, rollouts and gradients that are written out, against autograd, TorchRL and plain loops."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.objectives.value.functional import vec_generalized_advantage_estimate
+
+from pursuit.simulator import Simulator
+from pursuit.task import make_task
+from scripted_agents import RandomAgent
+from train.algorithms.a2c import A2C
+from train.algorithms.advantages import advantages
+from train.algorithms.ppo import PPO, ppo_loss
+from train.environments.simulator_env import SimulatorEnv
+from train.environments.team_env import TeamEnv
+from train.networks.actor_critic import ActorCritic
+from train.networks.joined_actor_critic import (
+    JoinedActorCritic,
+    Learned,
+    Weighing,
+    joined_actor_critic,
+)
+from train.networks.layers import Hidden
+from train.networks.policy import Seat
+from train.settings.algorithms import A2CSettings, PPOSettings
+
+TASK = make_task("maze", maze="3x3", num_goals=2, max_steps=12)
+
+
+def make_env(games: int, seed: int = 0, **seat: Any) -> SimulatorEnv:
+    simulator = Simulator(TASK, games, seed, auto_restart=False)
+    return SimulatorEnv(simulator, Seat(TASK, "runner", **seat), [None])
+
+
+def made(env: SimulatorEnv, **hidden: Any) -> tuple[ActorCritic, JoinedActorCritic]:
+    """A network with weights that are not near 0, and its joined form."""
+    torch.manual_seed(0)
+    network = ActorCritic(env.player.features, 4, Hidden(24, **hidden))
+    with torch.no_grad():
+        for weight in network.parameters():
+            weight.add_(torch.randn_like(weight) * 0.3)
+        network.policy_trunk.first.weight[-1] = 0.0  # type: ignore[index, union-attr]
+    joined = joined_actor_critic(network, "cpu")
+    assert joined is not None
+    return network, joined
+
+
+def some_frames(env: SimulatorEnv, batch: int) -> Learned:
+    env.reset()
+    seen = torch.from_numpy(env.observe())
+    return Learned(
+        seen[torch.randint(len(seen), (batch,))],
+        torch.randint(4, (batch,)),
+        torch.randn(batch) * 0.5 - 1.4,
+        torch.randn(batch) * 3.0 + 1.0,
+        torch.randn(batch),
+    )
+
+
+@pytest.mark.parametrize("stack", [1, 2])
+def test_the_gradients_and_figures_are_those_of_ppos_loss(stack: int) -> None:
+    env = make_env(300, frame_stack=stack)
+    network, joined = made(env)
+    frames = some_frames(env, 512)
+    settings = PPOSettings(num_games=512, minibatch_size=512, clip=0.3, value_coef=0.7)
+    minibatch = TensorDict(
+        {
+            "prepared": network.policy_trunk.prepare(frames.observation),
+            "action": frames.action,
+            "action_log_prob": frames.log_prob,
+            "advantage": frames.advantage[:, None],
+            "value_target": frames.target[:, None],
+        },
+        batch_size=[512],
+    )
+    loss, expected = ppo_loss(network, minibatch, settings, 0.05)
+    gradients = torch.autograd.grad(loss, list(network.parameters()))
+    found = joined.set_gradients(frames, Weighing(0.3, 0.7, 0.05))
+    assert 0.2 < expected["clip_fraction"] < 0.8
+    for name, value in expected.items():
+        torch.testing.assert_close(found[name], value, rtol=1e-4, atol=1e-5)
+    for weight, gradient in zip(network.parameters(), gradients, strict=True):
+        assert weight.grad is not None and gradient.abs().max() > 1e-3
+        torch.testing.assert_close(weight.grad, gradient, rtol=1e-3, atol=1e-5)
+
+
+def test_in_bfloat16_they_point_the_same_way() -> None:
+    env = make_env(300)
+    network, joined = made(env)
+    frames = some_frames(env, 512)
+    joined.set_gradients(frames, Weighing(0.3, 0.7, 0.05))
+    exact = torch.cat([weight.grad.flatten() for weight in network.parameters()])  # type: ignore[union-attr]
+    _, rough = made(env, bfloat16=True)
+    rough.set_gradients(frames, Weighing(0.3, 0.7, 0.05))
+    layer, below, _ = rough.layers
+    assert rough.layers.bfloat16
+    weights = (layer.weight, layer.bias, below.weight, below.bias)
+    heads = (rough.policy, rough.value_head)
+    found = [w.grad for w in (*weights, *(w for head in heads for w in head.parameters()))]
+    near = torch.cat([one.flatten() for one in found])  # type: ignore[union-attr]
+    assert torch.nn.functional.cosine_similarity(near, exact, dim=0) > 0.999
+    assert not torch.equal(near, exact)
+
+
+@pytest.mark.parametrize("standardize", [True, False])
+def test_a2c_takes_the_step_of_torchrls_loss(standardize: bool) -> None:
+    settings = A2CSettings(64, 0.9, standardize_advantages=standardize, entropy_coef=0.02)
+    learners = []
+    for plain in (False, True):
+        env = make_env(64)
+        network, _ = made(env)
+        learner = A2C(settings, env, network)
+        if plain:  # from the same frames, by TorchRL's loss
+            frames = learners[0][1]
+            content = {
+                "prepared": network.policy_trunk.prepare(frames.observation),
+                "action": frames.action,
+                "action_log_prob": frames.log_prob,
+                "advantage": frames.advantage[:, None].clone(),
+                "value_target": frames.target[:, None],
+            }
+            given = TensorDict(content, batch_size=[len(frames)])
+            learner.joined = None
+            learner.collect = lambda given=given: given  # type: ignore[misc, assignment]
+            figures = learner.iterate(0.5)
+        else:
+            frames = learner.collect_joined()
+            learner.collect_joined = lambda frames=frames: frames  # type: ignore[method-assign, misc]
+            figures = learner.iterate(0.5)
+        learners.append((learner, frames, figures))
+    (one, _, told), (other, _, expected) = learners
+    assert told == pytest.approx(expected, rel=1e-4, abs=1e-5)
+    for a, b in zip(one.network.parameters(), other.network.parameters(), strict=True):
+        assert a.grad is not None and b.grad is not None
+        torch.testing.assert_close(a.grad, b.grad, rtol=1e-3, atol=1e-5)
+
+
+def test_actions_are_drawn_from_the_softmax_of_the_logits() -> None:
+    env = make_env(1)
+    network, joined = made(env)
+    env.reset()
+    seen = torch.from_numpy(env.observe()).expand(40_000, -1).contiguous()
+    drawn = joined.draw(seen)
+    logits, value = network(seen[:1])
+    share = torch.bincount(drawn.action, minlength=4) / 40_000
+    torch.testing.assert_close(share, logits[0].softmax(-1), atol=0.012, rtol=0)
+    assert (logits[0].softmax(-1) > 0.02).sum() >= 3
+    torch.testing.assert_close(drawn.log_prob, logits[0].log_softmax(-1)[drawn.action])
+    torch.testing.assert_close(drawn.value, value[0].expand(40_000))
+    torch.testing.assert_close(joined.value(seen), drawn.value)
+
+
+def test_advantages_are_those_of_torchrl() -> None:
+    draw = np.random.default_rng(3)
+    steps, games = 17, 40
+    reward, cut_value = draw.normal(size=(2, steps, games)).astype(np.float32)
+    value = draw.normal(size=(steps + 1, games)).astype(np.float32)
+    ended, cut = draw.random((steps, games)) < 0.15, draw.random((steps, games)) < 0.15
+    out = np.empty_like(reward)
+    gamma, fade = 0.93, 0.8
+    advantages(reward, value, cut_value, ended, cut, np.array([gamma, gamma * fade]), out)
+    following = np.where(cut, cut_value, value[1:])
+    done = ended | cut
+    columns = [value[:-1], following, reward, done, ended]
+    theirs, _ = vec_generalized_advantage_estimate(
+        gamma, fade, *(torch.from_numpy(column.T[..., None].copy()) for column in columns)
+    )
+    np.testing.assert_allclose(out, theirs[..., 0].T, rtol=1e-4, atol=1e-5)
+
+
+def test_rollouts_are_what_the_games_do_and_never_cross_an_episode() -> None:
+    games, steps, gamma, fade = 16, 30, 0.9, 0.8
+    env = make_env(games)
+    network, _ = made(env)
+    settings = PPOSettings(
+        num_games=games, rollout_steps=steps, minibatch_size=64, gamma=gamma, gae_lambda=fade
+    )
+    learner = PPO(settings, env, network)
+    again = make_env(games)
+    now = again.reset()
+    for _ in range(2):  # the second goes on where the first ended
+        frames = learner.collect_joined()
+        columns = (frames.observation, frames.action, frames.advantage, frames.target)
+        seen, actions, found, target = (c.unflatten(0, (steps, games)) for c in columns)
+        kept, rewards, ends, following, values = [], [], [], [], []
+        for step in range(steps):
+            kept.append(now["observation"].clone())
+            values.append(network(kept[-1])[1].detach().squeeze(-1).numpy())
+            stepped, now = again.step_and_maybe_reset(now.set("action", actions[step]))
+            after = stepped["next"]
+            rewards.append(after["reward"].squeeze(-1).numpy())
+            following.append(network(after["observation"])[1].detach().squeeze(-1).numpy())
+            ends.append((after["terminated"].numpy().ravel(), after["done"].numpy().ravel()))
+        assert torch.equal(seen, torch.stack(kept))
+        assert any(t.any() for t, _ in ends) and any((d & ~t).any() for t, d in ends)
+        ahead = np.zeros(games)
+        for step in reversed(range(steps)):
+            terminated, done = ends[step]
+            error = rewards[step] + gamma * ~terminated * following[step] - values[step]
+            ahead = error + gamma * fade * ~done * ahead
+            np.testing.assert_allclose(found[step], ahead, rtol=1e-3, atol=1e-4)
+            np.testing.assert_allclose(target[step], ahead + values[step], rtol=1e-3, atol=1e-4)
+    assert learner.frames == 2 * games * steps
+
+
+def test_levels_hear_of_the_advantages_of_every_game() -> None:
+    env = make_env(8)
+    network, _ = made(env)
+    learner = PPO(PPOSettings(num_games=8, rollout_steps=16, minibatch_size=64), env, network)
+    heard: list[Any] = []
+    env.hook.wants_advantages = True
+    env.hook.note_advantages = lambda *noted: heard.append(noted)  # type: ignore[method-assign]
+    frames = learner.collect_joined()
+    ((noted, done),) = heard
+    assert noted.shape == done.shape == (8, 16) and done.any()
+    np.testing.assert_array_equal(noted.T.ravel(), frames.advantage.numpy())
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"activation": "tanh"},
+        {"pairs": True},
+        {"recurrent": "gru"},
+        {"shared": False},
+        {"masks": True},
+        {"observation": "planes"},
+        {"team": True},
+        {"kl_target": 0.01},
+        {"critic": False},
+    ],
+    ids=lambda other: next(iter(other)),
+)
+def test_what_is_not_written_out_learns_as_before(other: dict[str, Any]) -> None:
+    hidden = {k: v for k, v in other.items() if k in ("activation", "pairs", "recurrent")}
+    rest = {k: v for k, v in other.items() if k in ("kl_target", "critic")}
+    seat: dict[str, Any] = {"mask_bumps": True} if "masks" in other else {}
+    env: Any = make_env(16, **seat)
+    if "observation" in other:
+        env = make_env(16, encoding=other["observation"])
+    if "team" in other:
+        task = make_task("chase", maze="4x4", num_chasers=2, max_steps=12)
+        simulator = Simulator(task, 8, 0, auto_restart=False)
+        env = TeamEnv(simulator, Seat(task, "chaser"), [None, None, RandomAgent()])
+    torch.manual_seed(0)
+    shared = other.get("shared", True)
+    network = ActorCritic(env.player.features, 4, Hidden(16, **hidden), shared)
+    settings = PPOSettings(num_games=16, rollout_steps=8, minibatch_size=64, **rest)
+    learner = PPO(settings, env, network)
+    assert learner.joined is None
+    before = [weight.detach().clone() for weight in network.parameters()]
+    assert math.isfinite(learner.iterate(0.0)["loss_objective"])
+    assert any(not torch.equal(a, b) for a, b in zip(before, network.parameters(), strict=True))
+    learner.close()
