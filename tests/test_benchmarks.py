@@ -11,7 +11,8 @@ FILES = sorted((Path(__file__).parent / "benchmarks").glob("bench_*.py"))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_a_benchmark_imports_and_has_a_main(path: Path) -> None:
+def test_a_benchmark_imports_and_has_a_main(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(path.parent))  # as where it is run
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

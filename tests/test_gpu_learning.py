@@ -38,6 +38,12 @@ from train.teaching.plan import Plan
 from train.teaching.teacher import Judge, Teacher
 
 
+@pytest.fixture(autouse=True)
+def general(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On the CPU as well nothing is written out: the sums are taken in the same order then."""
+    monkeypatch.setattr("train.algorithms.rollouts.plays_joined", lambda env: False)
+
+
 def parts(quick: str, cases: Any, resumed: tuple[str, ...]) -> Any:
     """One case that is quick enough for every day, saved half-way; the others, all of them without
     an interruption and some of them with one, are slow."""

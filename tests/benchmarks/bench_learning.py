@@ -1,6 +1,10 @@
 """Speed of learning: forms of the first layer, frames per second and time to a gap against SB3.
 
 python tests/benchmarks/bench_learning.py [--parts layers speed products gap] [--seconds 10]
+python tests/benchmarks/bench_learning.py --against 400a755 [--turns 7] [--only a2c] [--seconds 1]
+
+`--against` measures this version and another one, as `bench_simulator.py` does: seconds of the
+processor for a million frames, on one thread.
 """
 
 from __future__ import annotations
@@ -17,6 +21,7 @@ from time import perf_counter, process_time
 from typing import Any
 
 import torch
+from in_turns import compare
 
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
@@ -280,13 +285,59 @@ def products(seconds: float) -> None:
         )
 
 
+# Runs under either version, so it keeps to what both know.
+MEASURE = """
+import json, sys, tempfile, warnings
+from pathlib import Path
+from time import process_time
+import torch
+from train.experiments.kinds import start
+from train.runs.by_name import settings_of
+from train.runs.folder import RUN
+warnings.simplefilter("ignore")
+torch.set_num_threads(1)
+RUNNER = {"task": "maze", "num_goals": 3, "curriculum": "none"}
+CHASER = {"task": "chase", "role": "chaser", "curriculum": "none"}
+cases = {}
+for algorithm in ("ppo", "a2c", "dqn"):
+    for maze in ("5x5", "9x9", "15x15"):
+        cases[f"{algorithm}, runner, {maze}"] = {**RUNNER, "maze": maze, "algorithm": algorithm}
+for maze in ("5x5", "7x7"):
+    cases[f"ppo, chaser, {maze}"] = {**CHASER, "maze": maze}
+cases["ppo, runner, 5x5, float32"] = {**RUNNER, "maze": "5x5", "precision": "float32"}
+cases["ppo, runner, 5x5, width 256"] = {**RUNNER, "maze": "5x5", "width": 256}
+cases["ppo, runner, 9x9, 2 frames"] = {**RUNNER, "maze": "9x9", "frame_stack": 2}
+print(json.dumps(list(cases)), flush=True)
+made = {}
+for line in sys.stdin:
+    name, seconds = json.loads(line)
+    if name not in made:
+        settings = settings_of(frames=10**12, threads=1, **cases[name])
+        made[name] = start(RUN, settings, Path(tempfile.mkdtemp()) / "run").trainee
+        while made[name].learner.frames < 40_000:  # past DQN's warm-up
+            made[name].learner.iterate(0.0)
+    learner = made[name].learner
+    frames, began = learner.frames, process_time()
+    while process_time() - began < seconds or learner.frames == frames:
+        learner.iterate(0.0)
+    print(json.dumps((process_time() - began) / (learner.frames - frames) * 1e6), flush=True)
+"""
+
+
 def main() -> None:
     """Print the parts asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--parts", nargs="+", default=["layers", "speed", "products", "gap"])
     parser.add_argument("--seconds", type=float, default=10.0, help="time of each measurement")
     parser.add_argument("--limit", type=float, default=120.0, help="longest budget tried")
+    parser.add_argument("--against", help="another version: a folder, or a git revision")
+    parser.add_argument("--turns", type=int, default=7, help="of both versions")
+    parser.add_argument("--only", default="", help="cases with this in their names")
     given = parser.parse_args()
+    if given.against:
+        what = "s of the processor for a million frames"
+        compare(MEASURE, given.against, given.seconds, given.turns, given.only, what)
+        return
     warnings.simplefilter("ignore")
     torch.set_num_threads(os.cpu_count() or 1)
     if "layers" in given.parts:

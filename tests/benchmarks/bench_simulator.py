@@ -11,20 +11,13 @@ machine may be another one a minute later.
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import subprocess
-import sys
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import gymnasium
 import numpy as np
+from in_turns import compare
 
 from pursuit.maze_generation import generate_maze
 from pursuit.simulator import Simulator
@@ -132,7 +125,6 @@ def sights(seconds: float, turns: int = 5) -> None:
 
 # -- two versions in turns -------------------------------------------------------------------------
 
-ROOT = Path(__file__).parents[2]
 # Runs under either version, so it keeps to what both know.
 MEASURE = """
 import json, sys
@@ -212,57 +204,6 @@ for line in sys.stdin:
 """
 
 
-@contextmanager
-def checkout(version: str) -> Iterator[Path]:
-    """The folder of another version: a folder as it is, or a revision in a worktree for now."""
-    if Path(version).is_dir():
-        yield Path(version).resolve()
-        return
-    with tempfile.TemporaryDirectory() as parent:
-        folder = Path(parent) / "worktree"
-        git = ["git", "-C", str(ROOT), "worktree"]
-        subprocess.run([*git, "add", "--detach", "-q", str(folder), version], check=True)
-        try:
-            yield folder
-        finally:
-            subprocess.run([*git, "remove", "--force", str(folder)], check=True)
-
-
-@contextmanager
-def measuring(folder: Path) -> Iterator[Callable[[object], Any]]:
-    """Asks a process of the version in `folder`: (case, seconds) -> ns a game step; first None."""
-    environment = {**os.environ, "PYTHONPATH": str(folder)}
-    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    command = [sys.executable, "-c", MEASURE]
-    with subprocess.Popen(command, cwd=folder, env=environment, **pipes) as process:
-
-        def ask(case: object) -> Any:
-            if case is not None:
-                process.stdin.write(json.dumps(case) + "\n")
-                process.stdin.flush()
-            return json.loads(process.stdout.readline())
-
-        yield ask
-        process.stdin.close()
-
-
-def compare(version: str, seconds: float, turns: int, only: str) -> None:
-    """Print the least time of a step now and then, and the median over turns of now / then."""
-    with checkout(version) as folder, measuring(ROOT) as now, measuring(folder) as then:
-        names = now(None)
-        then(None)
-        print(f"ns a game step, the least of {turns} turns; the median of their ratios")
-        print(f"{'':<36}{'now':>12}{version[-24:]:>26}{'ratio':>8}")
-        for name in names:
-            if only not in name:
-                continue
-            for version_of in (now, then):
-                version_of((name, 0.01))  # compiles
-            found = np.array([(now((name, seconds)), then((name, seconds))) for _ in range(turns)])
-            least, ratio = found.min(axis=0), np.median(found[:, 0] / found[:, 1])
-            print(f"{name:<36}{least[0]:>12.1f}{least[1]:>26.1f}{ratio:>8.2f}", flush=True)
-
-
 def main() -> None:
     """Print everything."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -273,7 +214,7 @@ def main() -> None:
     given = parser.parse_args()
     seconds = given.seconds
     if given.against:
-        compare(given.against, seconds, given.turns, given.only)
+        compare(MEASURE, given.against, seconds, given.turns, given.only)
         return
     chase = make_task("chase", maze="7x7")
     ours = {
