@@ -47,45 +47,50 @@ def joined(layers: Joinable, observation: torch.Tensor) -> torch.Tensor:
             layers, observation.contiguous(), *weights
         )
         return hidden
-    return hidden_layers(layers, observation)[1].float()
+    return hidden_layers(layers, observation).second.float()
 
 
-def hidden_layers(layers: Joinable, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Both hidden layers [batch, width], without their history.
+class Passed(NamedTuple):
+    """What a pass gave, [batch, width] each; all but the first in what products are in.
 
-    The first is float32; where products are in bfloat16 the second is too.
+    Attributes:
+        first: float32, the first hidden layer.
+        given: the same, as the second layer took it.
+        second: the second hidden layer.
     """
+
+    first: torch.Tensor
+    given: torch.Tensor
+    second: torch.Tensor
+
+
+def hidden_layers(layers: Joinable, observation: torch.Tensor) -> Passed:
+    """Both hidden layers of observations [batch, numbers], without their history."""
     layer, second, bfloat16 = layers
     first = torch.empty(len(observation), len(layer.bias))
     given = (observation, layer.rows, layer.weight.detach(), layer.bias.detach(), first)
     first_layer(*(tensor.numpy() for tensor in given))
-    weight, bias = second.weight.detach(), second.bias.detach()
-    if not bfloat16:
-        return first, torch.addmm(bias, first, weight.T).relu_()
-    products = (one.bfloat16() for one in (bias, first, weight.T))
-    return first, torch.addmm(*products).relu_()
+    form = torch.bfloat16 if bfloat16 else torch.float32
+    rounded, bias, weight = (one.to(form) for one in (first, second.bias, second.weight.T))
+    return Passed(first, rounded, torch.addmm(bias.detach(), rounded, weight.detach()).relu_())
 
 
 def gradients_of(
-    layers: Joinable,
-    observation: torch.Tensor,
-    first: torch.Tensor,
-    behind: torch.Tensor,
+    layers: Joinable, observation: torch.Tensor, passed: Passed, behind: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
     """The gradients of both layers' weights and biases: table, bias, second weight, second bias.
 
     Args:
         layers: the hidden layers.
         observation: [batch, numbers].
-        first: [batch, width] float32, as `hidden_layers` gave it.
+        passed: what `hidden_layers` gave.
         behind: [batch, width], the gradient before the second ReLU, in what products are in.
     """
     layer, second, _ = layers
-    form = behind.dtype
-    of_weight = (behind.T @ first.to(form)).float()
-    ahead = (behind @ second.weight.detach().to(form)).float()
+    of_weight = (behind.T @ passed.given).float()
+    ahead = (behind @ second.weight.detach().to(behind.dtype)).float()
     of_table, of_bias = torch.zeros_like(layer.weight), torch.zeros_like(layer.bias)
-    given = (observation, layer.rows, first, ahead, of_table, of_bias)
+    given = (observation, layer.rows, passed.first, ahead, of_table, of_bias)
     first_layer_gradient(*(tensor.detach().numpy() for tensor in given))
     return of_table, of_bias, of_weight, behind.sum(0, dtype=torch.float32)
 
@@ -104,14 +109,15 @@ class HiddenLayers(torch.autograd.Function):
             layers: whose weights the rest are, for autograd to know of them.
             observation: [batch, numbers].
         """
-        first, second = hidden_layers(layers, observation)
-        ctx.save_for_backward(observation, first, second)
+        passed = hidden_layers(layers, observation)
+        ctx.save_for_backward(observation, *passed)
         ctx.layers = layers
-        return second.float()
+        return passed.second.float()
 
     @staticmethod
     def backward(ctx: Any, grad: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         """The gradients of the four weights, from that of the result [batch, width]."""
-        observation, first, second = ctx.saved_tensors
-        behind = torch.ops.aten.threshold_backward(grad.to(second.dtype), second, 0)
-        return None, None, *gradients_of(ctx.layers, observation, first, behind)
+        observation, *kept = ctx.saved_tensors
+        passed = Passed(*kept)
+        behind = torch.ops.aten.threshold_backward(grad.to(passed.second.dtype), passed.second, 0)
+        return None, None, *gradients_of(ctx.layers, observation, passed, behind)

@@ -103,7 +103,7 @@ class JoinedActorCritic:
     @torch.no_grad()
     def draw(self, observation: torch.Tensor) -> Drawn:
         """Actions by torch's generator, of observations [batch, numbers]."""
-        hidden = hidden_layers(self.layers, observation)[1].float()
+        hidden = hidden_layers(self.layers, observation).second.float()
         weight, bias = self._heads()
         batch = len(observation)
         outputs = torch.empty(batch, len(bias))
@@ -116,7 +116,7 @@ class JoinedActorCritic:
     @torch.no_grad()
     def value(self, observation: torch.Tensor) -> torch.Tensor:
         """[batch] of observations [batch, numbers]."""
-        hidden = hidden_layers(self.layers, observation)[1].float()
+        hidden = hidden_layers(self.layers, observation).second.float()
         return torch.addmv(
             self.value_head.bias.expand(len(hidden)), hidden, self.value_head.weight[0]
         )
@@ -133,8 +133,8 @@ class JoinedActorCritic:
             Means over the frames for the log, those of `ppo_loss`; and "log_prob_gain", that of
             log-probabilities times advantages.
         """
-        first, second = hidden_layers(self.layers, frames.observation)
-        hidden = second.float()
+        passed = hidden_layers(self.layers, frames.observation)
+        hidden = passed.second.float()
         weight, bias = self._heads()
         slopes, sums = torch.empty(len(hidden), len(bias)), torch.zeros(6, dtype=torch.float64)
         coefficients = torch.tensor(weighing, dtype=torch.float64)
@@ -147,7 +147,9 @@ class JoinedActorCritic:
         self.policy.bias.grad, self.value_head.bias.grad = of_bias[:-1], of_bias[-1:]
         layer, below, _ = self.layers
         weights = (layer.weight, layer.bias, below.weight, below.bias)
-        found = gradients_of(self.layers, frames.observation, first, behind.to(second.dtype))
+        found = gradients_of(
+            self.layers, frames.observation, passed, behind.to(passed.second.dtype)
+        )
         for one, gradient in zip(weights, found, strict=True):
             one.grad = gradient
         means = (sums / len(hidden)).float()
