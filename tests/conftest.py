@@ -50,6 +50,12 @@ def find_browser() -> str | None:
     return named or next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
+@pytest.fixture
+def nothing_written_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """PPO and A2C learn on the CPU as on a GPU, with sums in the same order, bit for bit."""
+    monkeypatch.setattr("train.algorithms.rollouts.plays_joined", lambda env: False)
+
+
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
     """A headless Chromium, driven by Playwright; skips where there is none."""

@@ -55,6 +55,8 @@ CASES = {
         {**CHASE, "num_evaders": 2, "observation": "planes"}, opponent="greedy"
     ),
     "bfloat16": Case({**CHASE, "precision": "bfloat16"}),
+    "a penalty": Case({**CHASE, "kl_target": 0.01}),
+    "no critic": Case({**CHASE, "critic": False}),
     "a2c": Case({**CHASE, "algorithm": "a2c"}),
     "dqn": Case({**CHASE, **DQN}),
     "dqn, opponent-epsilon": Case({**CHASE, **DQN, "curriculum": "opponent-epsilon"}),
@@ -74,13 +76,14 @@ CASES = {
 }
 
 
-def trainee_of(name: str, device: str, state: Any = None) -> SingleAgent:
-    """The learner of a case with its games, and whoever teaches."""
+def trainee_of(name: str, device: str, state: Any = None, graphs: Any = None) -> SingleAgent:
+    """The learner of a case with its games, and whoever teaches; `graphs` captures."""
     flat = {**LEARNER, **CASES[name].settings}
     if flat.get("algorithm") in ("a2c", "dqn"):
         flat = {key: flat[key] for key in flat if key not in ("minibatch_size", "epochs")}
     settings = settings_of(**flat, frames=10**6, seed=5, device=device)
     parts: Any = parts_of(settings)
+    parts = replace(parts, build=replace(parts.build, graphs=graphs))
     if CASES[name].opponent is not None:
         parts.world.opponents["evader"] = evader(parts, CASES[name].opponent == "greedy")
     torch.manual_seed(3)
@@ -136,15 +139,17 @@ def through_a_file(trainee: Any, folder: Path) -> dict[str, Any]:
     return load_checkpoint(folder)
 
 
-def learn(name: str, device: str, paused: bool = False) -> dict[str, np.ndarray]:
+def learn(
+    name: str, device: str, paused: bool = False, graphs: Any = None
+) -> dict[str, np.ndarray]:
     """What is seen after all iterations of a case."""
-    trainee, iterations = trainee_of(name, device), CASES[name].iterations
+    trainee, iterations = trainee_of(name, device, None, graphs), CASES[name].iterations
     half = iterations // 2
     go_on(trainee, range(half), iterations)
     if paused:
         with TemporaryDirectory() as folder:
             saved = through_a_file(trainee, Path(folder))
-        trainee = trainee_of(name, device, saved["trainee"])
+        trainee = trainee_of(name, device, saved["trainee"], graphs)
         set_random_states(saved)
     go_on(trainee, range(half, iterations), iterations)
     seen = {f"{name}: {key}": value for key, value in seen_of(trainee).items()}

@@ -54,8 +54,10 @@ CASES = {
 }
 
 
-def trainee_of(name: str, device: str, folder: Path, state: Any = None) -> SelfPlay:
-    """Both sides of a case."""
+def trainee_of(
+    name: str, device: str, folder: Path, state: Any = None, graphs: Any = None
+) -> SelfPlay:
+    """Both sides of a case; `graphs` captures."""
     case = CASES[name]
     task = TaskSettings(maze="3x3", rewards="zero_sum", max_steps=10, **case.task)
     settings = SelfPlaySettings(
@@ -67,8 +69,11 @@ def trainee_of(name: str, device: str, folder: Path, state: Any = None) -> SelfP
         device=device,
         **case.changes,
     )
+    parts = self_play_parts(settings)
+    for role, side in parts.sides.items():
+        parts.sides[role] = replace(side, build=replace(side.build, graphs=graphs))
     torch.manual_seed(3)
-    trainee = SelfPlay(settings, self_play_parts(settings), folder, state)
+    trainee = SelfPlay(settings, parts, folder, state)
     for side in trainee.sides.values():
         assert isinstance(side.env, DeviceEnv) == (device != "cpu")
     return trainee
@@ -81,15 +86,18 @@ def go_on(trainee: SelfPlay, iterations: range, of: int) -> None:
         trainee.iterate(clock)
 
 
-def learn(name: str, device: str, paused: bool = False) -> dict[str, np.ndarray]:
+def learn(
+    name: str, device: str, paused: bool = False, graphs: Any = None
+) -> dict[str, np.ndarray]:
     """What is seen after all iterations of a case."""
     with TemporaryDirectory() as here:
         folder, iterations = Path(here), CASES[name].iterations
-        trainee, half = trainee_of(name, device, folder), iterations // 2
+        trainee = trainee_of(name, device, folder, None, graphs)
+        half = iterations // 2
         go_on(trainee, range(half), iterations)
         if paused:
             saved = through_a_file(trainee, folder)
-            trainee = trainee_of(name, device, folder, saved["trainee"])
+            trainee = trainee_of(name, device, folder, saved["trainee"], graphs)
             set_random_states(saved)
         go_on(trainee, range(half, iterations), iterations)
         seen = arrays_in(trainee.state_dict(), name)

@@ -125,13 +125,32 @@ def test_steps_and_starts_of_every_task_compile_to_ptx(compiles: Any, name: str)
 
 @pytest.mark.slow
 def test_every_agent_that_plays_on_a_gpu_compiles_to_ptx(compiles: Any) -> None:
-    task = make_task("chase", maze="3x3")
-    table = TablePolicy(task.mazes[0], np.full((9, 9, 4), 0.25))
+    check_agents_compile(compiles, "3x3")
+
+
+@pytest.mark.slow
+def test_agents_that_search_by_landmarks_compile_to_ptx(
+    compiles: Any, without_tables: Callable[[], None]
+) -> None:
+    without_tables()
+    task = check_agents_compile(compiles, "5x5")
+    assert not lay_out(task.mazes).tables.size
+    step = call_of_step(task)
+    compiles(task, step, auto_restart=False)
+    start = Call(rules.start_games, step.given, "chosen", STEP_WORK)
+    compiles(task, start, chosen=np.ones(4, dtype=bool))
+
+
+def check_agents_compile(compiles: Any, maze: str) -> Task:
+    task = make_task("chase", maze=maze)
+    cells = task.max_cells
+    table = TablePolicy(task.mazes[0], np.full((cells, cells, 4), 0.25))
     for seat, policy in ((0, AStarChaser()), (1, AStarEvader(0.1)), (1, RandomAgent()), (1, table)):
         call = policy.on_device(task, seat, lay_out(task.mazes))
         compiles(task, call, of_seat=True, seat=seat)
-    task = make_task("maze", maze="3x3")
+    task = make_task("maze", maze=maze)
     compiles(task, NearestGoalRunner().on_device(task, 0, lay_out(task.mazes)), of_seat=True)
+    return task
 
 
 @pytest.mark.slow

@@ -37,11 +37,7 @@ from train.teaching.axis import Axis
 from train.teaching.plan import Plan
 from train.teaching.teacher import Judge, Teacher
 
-
-@pytest.fixture(autouse=True)
-def general(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On the CPU as well nothing is written out: the sums are taken in the same order then."""
-    monkeypatch.setattr("train.algorithms.rollouts.plays_joined", lambda env: False)
+pytestmark = pytest.mark.usefixtures("nothing_written_out")
 
 
 def parts(quick: str, cases: Any, resumed: tuple[str, ...]) -> Any:

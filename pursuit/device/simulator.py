@@ -55,6 +55,8 @@ class DeviceSimulator:
         seeds: [num_games] int64, room for what `give_seeds` is to give whom.
         drawn: [num_games] int32, which of several policies plays in each game, where there are
             several (`Launch(chosen=True)`).
+        held: rows that there is room for on the GPU for settings; with more they lie elsewhere.
+        waits: whether steps and resets wait for a number: where starts can be rare.
         task, num_games, num_agents, first_game, auto_restart, last_seed: as in `Simulator`.
         stream: the number of a CUDA stream (torch: `torch.cuda.current_stream().cuda_stream`);
             assign it to have all that follows run there. 0 is the default stream.
@@ -92,7 +94,8 @@ class DeviceSimulator:
         self._encodings: dict[Any, tuple[Any, Any, Any, list[Launch]]] = {}
         self._stream, self._found = 0, np.zeros(3, dtype=bool)
         self._given: tuple[Any, dict[str, Any]] = (None, {})
-        self._distances = self._finds_distances()
+        self.held = 0
+        self.waits = self._finds_distances()
 
     # -- the arrays under their names --------------------------------------------------------------
 
@@ -177,15 +180,29 @@ class DeviceSimulator:
             if policy is not None:
                 self._launch_of(seat, policy)(actions=given, seat=seat)
 
+    def hold_settings(self, settings: Settings) -> None:
+        """Copy settings that are to be given to the GPU, in the place of those before them."""
+        self.waits = self.waits or settings.distances
+        if settings is self._given[0]:
+            return
+        rows, held = settings.num_games, self._given[1]
+        room = max(self.held, 1 << (rows - 1).bit_length())
+        more, none = (0, room - rows), (0, 0)
+        numbers, shares = settings.numbers, settings.shares
+        arrays = {"numbers": np.pad(numbers, (none, more)), "shares": np.pad(shares, (more, none))}
+        for name, array in arrays.items():
+            if room > self.held:
+                held[name] = cuda.to_device(array)
+            else:
+                held[name].copy_to_device(array)
+        self._given, self.held = (settings, held), room
+
     def give_settings(self, settings: Settings) -> None:
         """Have the next episodes begin with settings: of each game the row in `self.rows`, if >= 0.
 
-        It waits for nothing. They are copied to the GPU when they are first given.
+        It waits for nothing where these are held.
         """
-        if settings is not self._given[0]:
-            arrays = {"numbers": settings.numbers, "shares": settings.shares}
-            self._given = settings, {key: cuda.to_device(value) for key, value in arrays.items()}
-        self._distances = self._distances or settings.distances
+        self.hold_settings(settings)
         self._take_settings(rows=self.rows, **self._given[1])
 
     def give_seeds(self) -> None:
@@ -277,7 +294,7 @@ class DeviceSimulator:
 
     def _place_rare_starts(self) -> None:
         """Choose the starts that no try found, where the settings make such starts possible."""
-        if self._distances and self._noted(layout.NO_PLACEMENT):
+        if self.waits and self._noted(layout.NO_PLACEMENT):
             with self._on_host() as host:
                 host._check(layout.NO_PLACEMENT)
 
@@ -299,7 +316,7 @@ class DeviceSimulator:
             for here, there in arrays:
                 there.copy_to_device(here)
             cuda.synchronize()
-            self._distances = self._finds_distances()
+            self.waits = self._finds_distances()
 
     @property
     def mirror(self) -> Any:

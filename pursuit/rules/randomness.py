@@ -6,6 +6,7 @@ order of the streams of a game is drawn in `layout`.
 
 from __future__ import annotations
 
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -70,7 +71,7 @@ def draw_action(
     # Without a branch, which would have to be guessed. `at_random` is all ones where the first 32
     # bits are below epsilon * 2**32, else 0; signed: the processor converts no unsigned words.
     word = next_word(streams, stream)
-    at_random = (np.int64(word >> np.uint64(32)) - np.int64(np.ceil(epsilon * 2.0**32))) >> 63
+    at_random = (np.int64(word >> np.uint64(32)) - np.int64(ceil(epsilon * 2.0**32))) >> 63
     mask = greedy ^ ((greedy ^ every) & at_random)
     packed = PACKED_MASKS[np.uint64(mask + 32 * np.int64(stay_action))]
     chosen = ((word & np.uint64(0xFFFFFFFF)) * (packed >> np.uint64(56))) >> np.uint64(32)

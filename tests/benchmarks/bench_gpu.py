@@ -2,7 +2,8 @@
 
 Needs an NVIDIA GPU, a CUDA build of torch and `pip install pursuit[gpu]`; it prints the card's
 name, steps a second of the simulator on the GPU and on one core of the CPU, and frames a second of
-PPO. Nobody has run it yet: no figure of a GPU is known.
+PPO and gradient steps a second of DQN, with CUDA graphs and without. Nobody has run it yet: no
+figure of a GPU is known.
 """
 
 from __future__ import annotations
@@ -19,11 +20,13 @@ from pursuit.simulator import Simulator
 from pursuit.single_agent import fill_seats
 from pursuit.task import make_task
 from scripted_agents import AStarChaser, AStarEvader
-from train.algorithms import ppo
+from train.algorithms import dqn, ppo
+from train.algorithms.graphs import CudaGraphs
 from train.algorithms.learner import Build
 from train.environments.device_env import DeviceEnv
 from train.networks.policy import Seat
 from train.settings.algorithms import PPOSettings
+from train.settings.off_policy import DQNSettings
 
 GAMES = (4096, 65536, 1048576)
 ROUNDS = 5
@@ -59,18 +62,43 @@ def simulator_rate(games: int, device: str, encoding: str | None, steps: int = 1
     return best_rate(run, games * steps, (lambda: None) if on_cpu else cuda.synchronize)
 
 
-def training_rate(games: int, width: int) -> float:
-    """Frames a second of PPO in a duel, collecting and learning."""
+def duel_of(games: int) -> Any:
+    """Training games of a chaser."""
     task = make_task("chase", maze="7x7")
     seat = Seat(task, "chaser_0", "index")
     opponents: Any = {"chaser": AStarChaser(), "evader": AStarEvader(0.2)}
     _, policies = fill_seats(task, "chaser_0", opponents)
     simulator: Any = Simulator(task, games, auto_restart=False, device="cuda")
+    return DeviceEnv(simulator, seat, policies)
+
+
+def build_of(graphs: bool) -> Build:
+    """On the GPU, in bfloat16, with graphs or without."""
+    return Build("cuda", bfloat16=True, graphs=CudaGraphs("cuda") if graphs else None)
+
+
+def training_rate(games: int, width: int, graphs: bool) -> tuple[float, str]:
+    """Frames a second of PPO in a duel, collecting and learning; and what was not captured."""
     settings = PPOSettings(num_games=games, width=width, minibatch_size=4 * games)
-    env: Any = DeviceEnv(simulator, seat, policies)
-    learner = ppo.build(settings, env, Build("cuda", bfloat16=True))
-    return best_rate(
+    learner = ppo.build(settings, duel_of(games), build_of(graphs))
+    for _ in range(2):  # the second captures
+        learner.iterate(0.0)
+    rate = best_rate(
         lambda: void(learner.iterate(0.0)), games * settings.rollout_steps, torch.cuda.synchronize
+    )
+    works = [learner.repeated, getattr(learner.collector, "repeated", None)]
+    return rate, "; ".join(str(work.refused) for work in works if work and work.refused)
+
+
+def off_policy_rate(games: int, graphs: bool) -> float:
+    """Gradient steps a second of DQN in a duel, with the rollouts that belong to them."""
+    sizes: Any = {"num_games": games, "learning_starts": games, "batch_size": 1024}
+    settings = DQNSettings(**sizes, gradient_steps=64, prioritized=True, buffer_size=64 * games)
+    learner = dqn.build(settings, duel_of(games), build_of(graphs))
+    for _ in range(4):
+        learner.iterate(0.0)
+    return best_rate(
+        lambda: void(learner.iterate(0.0)), settings.gradient_steps, torch.cuda.synchronize
     )
 
 
@@ -92,7 +120,14 @@ def main(batches: tuple[int, ...]) -> None:
     print("\nframes a second of PPO, bfloat16")
     for games in batches[:2]:
         for width in (128, 256):
-            print(f"{games:9,} games, {width}x{width} {training_rate(games, width) / 1e6:10.3f} M")
+            for graphs in (False, True):
+                rate, refused = training_rate(games, width, graphs)
+                how = f"CUDA graphs {refused}" if graphs else "no graphs"
+                print(f"{games:9,} games, {width}x{width}, {rate / 1e6:10.3f} M, {how}")
+    print("\ngradient steps a second of DQN, bfloat16, batches of 1,024, with its rollouts")
+    for graphs in (False, True):
+        rate = off_policy_rate(batches[0], graphs)
+        print(f"{batches[0]:9,} games, {rate:10.0f}, {'CUDA graphs' if graphs else 'no graphs'}")
 
 
 if __name__ == "__main__":

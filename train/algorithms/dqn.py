@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 import torch
 
 from curricula import linear
 from pursuit.masks import ACTION_MASK
+from train.algorithms.graphs import Graphs, Inputs, Repeated
 from train.algorithms.learner import Build, Games
 from train.algorithms.off_policy import NEXT_MASK, OffPolicyLearner, Rollouts
 from train.algorithms.recurrent_dqn import Recording, sequence_loss
@@ -105,6 +106,7 @@ class DQN(OffPolicyLearner):
         target: a second network of the same form.
         device: where both live.
         seed: of the draws from the replay buffer.
+        graphs: who captures gradient steps; None where nobody does.
     """
 
     network: QNetwork
@@ -117,6 +119,7 @@ class DQN(OffPolicyLearner):
         target: QNetwork,
         device: str,
         seed: int,
+        graphs: Graphs | None = None,
     ) -> None:
         self.explorer = EpsilonGreedy(network, device)
         self.recording: Recording | None = None
@@ -129,6 +132,10 @@ class DQN(OffPolicyLearner):
         super().__init__(settings, env, network, collector, device, seed, per_row)
         self.settings, self.target = settings, target
         self.target.load_state_dict(network.state_dict())
+        self._given, self.repeated = Inputs(), None
+        if graphs is not None and self.recording is None:
+            work = (self._step, self.descended, self._depends)
+            self.repeated = Repeated("learning", *work, graphs)
 
     def explore(self, progress: float) -> dict[str, float]:
         """Anneal epsilon."""
@@ -146,6 +153,16 @@ class DQN(OffPolicyLearner):
         if self.updates % settings.target_update_interval == 0:
             self.target.load_state_dict(self.network.state_dict())
         self.updates += 1
+        if self.repeated is not None:
+            self._given.take({**batch, "rate": self.rate_now()})
+            self.rate = self._given.columns["rate"]
+            found = self.repeated()
+            self.count_change()
+            # The next replay overwrites what this one found.
+            return found["error"], {
+                "loss": found["loss"].clone(),
+                "td_error": found["error"].mean(),
+            }
         networks = (self.network, self.target, batch)
         if self.recording is None:
             loss, error = dqn_loss(*networks, settings.gamma, settings.double)
@@ -153,6 +170,17 @@ class DQN(OffPolicyLearner):
             loss, error = sequence_loss(*networks, settings)
         self.descend(loss)
         return error, {"loss": loss.detach(), "td_error": error.mean()}
+
+    def _step(self) -> dict[str, torch.Tensor]:
+        """A gradient step on what is given, to be captured."""
+        how = (self._given.columns, self.settings.gamma, self.settings.double)
+        loss, error = dqn_loss(self.network, self.target, *how)
+        self.descend(loss)
+        return {"loss": loss.detach(), "error": error}
+
+    def _depends(self) -> Hashable:
+        others = (*self._given.columns.values(), *self.target.parameters())
+        return tuple(one.data_ptr() for one in others)
 
     def remember(self, rollout: Any) -> None:
         """Put its transitions into the buffer, or with a memory a sequence for every game."""
@@ -201,4 +229,4 @@ def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:
 def build(settings: DQNSettings, env: Games, how: Build) -> DQN:
     """The learner over its games."""
     network, target = (network_of(settings, env.player, how) for _ in range(2))
-    return DQN(settings, env, network, target, how.device, how.seed)
+    return DQN(settings, env, network, target, how.device, how.seed, how.graphs)

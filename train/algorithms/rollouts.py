@@ -11,9 +11,12 @@ from torchrl.collectors import Collector
 from torchrl.objectives.value import GAE
 
 from pursuit.masks import ACTION_MASK
+from train.algorithms.device_rollouts import DeviceRollouts
+from train.algorithms.graphs import Graphs
 from train.algorithms.joined_rollouts import JoinedRollouts, plays_joined
 from train.algorithms.learner import Build, Games, NetworkLearner, has_masks, prepared
 from train.algorithms.sequences import Act, Sequences
+from train.environments.device_env import DeviceEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.joined_actor_critic import Learned, joined_actor_critic
@@ -100,6 +103,7 @@ class RolloutLearner(NetworkLearner):
         gae_lambda: of the advantages; 1 makes them discounted returns less the value.
         critic: False takes every value as 0.
         keep_all: keep the parameters of the distributions that actions are drawn from.
+        graphs: who captures rollouts of games that lie on a GPU; None where nobody does.
 
     Attributes:
         joined: the network with draws and gradients written out, where it has that form; it is
@@ -117,6 +121,7 @@ class RolloutLearner(NetworkLearner):
         gae_lambda: float,
         critic: bool = True,
         keep_all: bool = False,
+        graphs: Graphs | None = None,
     ) -> None:
         super().__init__(settings, env, network, device)
         self.critic, self.steps = critic, settings.rollout_steps
@@ -136,6 +141,9 @@ class RolloutLearner(NetworkLearner):
             sizes = (sum(network.sizes), steps, device)
             act, value = remembering(network, keep_all), lambda *now: network.step(*now)[1]
             self.collector = Sequences(env, act, *sizes, value if critic else None)
+        elif graphs is not None and isinstance(env, DeviceEnv):
+            policy = SamplingPolicy(network, keep_all)
+            self.collector = DeviceRollouts(env, policy, settings.rollout_steps, graphs)
         else:
             self.collector = Collector(
                 env,

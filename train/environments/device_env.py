@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from torchrl.envs import EnvBase
 
 from pursuit.own_observations import is_ours
 from pursuit.rules import layout
-from train.environments.device_hooks import DeviceHook
+from train.environments.device_hooks import DeviceHook, Notes
 from train.environments.device_policies import DevicePolicy, shared, tensors_at
 from train.environments.hooks import EpisodeHook
 from train.environments.lockstep import FLAGS
@@ -84,6 +85,7 @@ class DeviceEnv(EnvBase):
         self._steps = clocks[:, layout.STEPS].unsqueeze(1)
         self._actions = shared(simulator, simulator.actions)
         self._chosen = shared(simulator, simulator.chosen)
+        self._shown: torch.Tensor | None = None
         self._sums = torch.zeros(2, 2, dtype=torch.float64, device=self.device)
         self._specify()
 
@@ -113,13 +115,15 @@ class DeviceEnv(EnvBase):
 
     def _seen(self) -> dict[str, torch.Tensor]:
         """What the learner observes: a fresh tensor."""
-        seen = self.simulator.observe(self.encoding, self.seat)
-        return {"observation": shared(self.simulator, seen).clone()}
+        seen = self.simulator.observe(self.encoding, self.seat)  # always the same array
+        if self._shown is None:
+            self._shown = shared(self.simulator, seen)
+        return {"observation": self._shown.clone()}
 
     def _batch(self, content: dict[str, torch.Tensor]) -> TensorDictBase:
         return TensorDict(content, batch_size=self.batch_size, device=self.device)
 
-    def _play(self, actions: torch.Tensor) -> TensorDictBase:
+    def _play(self, actions: torch.Tensor) -> dict[str, torch.Tensor]:
         """One step with the learner's actions [num_games]: all after it."""
         self._in_stream()
         self.simulator.act(self._by_kernels)
@@ -137,7 +141,7 @@ class DeviceEnv(EnvBase):
         self._far.ended(done.squeeze(1))
         rewards = self._rewards * self.scale
         flags = dict(zip(FLAGS, (terminated, truncated, done), strict=True))
-        return self._batch({**self._seen(), "reward": rewards, **flags})
+        return {**self._seen(), "reward": rewards, **flags}
 
     def _restart(self, games: torch.Tensor) -> None:
         """Begin new episodes in the games of the mask [num_games]."""
@@ -174,16 +178,62 @@ class DeviceEnv(EnvBase):
         return self._batch(self._seen())
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        return self._play(tensordict["action"])
+        return self._batch(self._play(tensordict["action"]))
 
     def step_and_maybe_reset(
         self, tensordict: TensorDictBase
     ) -> tuple[TensorDictBase, TensorDictBase]:
         """What `EnvBase.step_and_maybe_reset` does; the games that are over begin anew."""
-        after = self._play(tensordict["action"])
-        self._restart(after["done"].flatten())
+        after, seen = self.step_tensors(tensordict["action"])
         flags = {name: torch.zeros_like(after["done"]) for name in FLAGS}
-        return tensordict.set("next", after), self._batch({**self._seen(), **flags})
+        return tensordict.set("next", self._batch(after)), self._batch({**seen, **flags})
+
+    def step_tensors(
+        self, actions: torch.Tensor
+    ) -> tuple[dict[str, torch.Tensor], dict[str, torch.Tensor]]:
+        """The same without TensorDicts: all after the step, and what is seen by whoever plays on.
+
+        Args:
+            actions: [num_games].
+        """
+        after = self._play(actions)
+        self._restart(after["done"].flatten())
+        return after, self._seen()
+
+    # -- for whoever captures steps ----------------------------------------------------------------
+
+    @property
+    def notes(self) -> Notes:
+        """What happened and was not told to the hook yet."""
+        return self._far.notes
+
+    @notes.setter
+    def notes(self, notes: Notes) -> None:
+        self._far.notes = notes
+
+    def why_not_captured(self) -> str | None:
+        """Why steps cannot be captured now; None where they can."""
+        if self._far.waits:
+            return f"{type(self.hook).__name__} must know in every step how many games end"
+        if self.simulator.waits:
+            return "starts at some distance can be rare, which every step waits for"
+        return None
+
+    def changed(self) -> list[torch.Tensor]:
+        """All memory that a step changes, but what only matters within one."""
+        return [*self._memory, self._sums, *self._far.changed()]
+
+    @cached_property
+    def _memory(self) -> list[torch.Tensor]:
+        games = self.simulator
+        arrays = (*games.memory, games.actions, games.chosen, games.rows, games.seeds, games.drawn)
+        tensors = [shared(games, array) for array in arrays if array.size]
+        # Torch has few operations on uint64.
+        return [one.view(torch.int64) if one.dtype == torch.uint64 else one for one in tensors]
+
+    def depends(self) -> Hashable:
+        """What else the launches of a step depend on."""
+        return self._far.depends(), tuple(policy.depends() for policy in self._others)
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:

@@ -7,6 +7,7 @@ the hook is told after the rollout. So it settles and hears what it does of game
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,11 @@ NOTED = {
 """The layers of `layout.Memory` that are noted of a game, beside its flags."""
 
 
+Notes = list[tuple[bool, tuple[torch.Tensor, ...]]]
+"""What was noted, in its order: whether episodes began, and of all games whether they did so (or
+ended), their flags and their layers of NOTED."""
+
+
 class DeviceHook:
     """Stands between a hook and a `DeviceSimulator`.
 
@@ -37,6 +43,9 @@ class DeviceHook:
 
     Raises:
         ValueError: a hook that does not foretell.
+
+    Attributes:
+        notes: of what happened, and was not told yet.
     """
 
     def __init__(self, simulator: Any, hook: EpisodeHook) -> None:
@@ -60,9 +69,7 @@ class DeviceHook:
             if name != "goals" or simulator.task.num_goals
         }
         self._flags = shared(simulator, memory.flags)
-        self._ended: list[tuple[torch.Tensor, ...]] = []
-        self._begun: list[tuple[torch.Tensor, ...]] = []
-        self._order: list[bool] = []  # of what was noted: whether an episode began
+        self.notes: Notes = []
 
     def begin_rollout(self, steps: int) -> None:
         """Ask what is settled of all episodes that could begin in so many steps."""
@@ -76,14 +83,32 @@ class DeviceHook:
         self._tell()
 
     def _take(self, foretold: Foretold) -> None:
-        device, found = self._next.device, {}
-        for name in self._room:
+        found = {}
+        for name, room in self._room.items():
             given = getattr(foretold, name)
             if given is not None:
-                queue = torch.from_numpy(np.ascontiguousarray(given))
-                found[name] = queue.to(device).to(self._room[name].dtype)
+                queue, kept = torch.from_numpy(np.ascontiguousarray(given)), self._queues.get(name)
+                if kept is None or len(kept) != len(queue):
+                    kept = torch.empty(len(queue), dtype=room.dtype, device=room.device)
+                found[name] = kept.copy_(queue)  # in its place, where a graph looks for it
         self._foretold, self._queues = foretold, found
         self._next.zero_()
+        if foretold.settings is not None:
+            self.simulator.hold_settings(foretold.settings)
+
+    @property
+    def waits(self) -> bool:
+        """Whether it asks in every step."""
+        return not (self.idle or self.hook.in_order)
+
+    def changed(self) -> list[torch.Tensor]:
+        """All that a step changes here."""
+        return [self._next]
+
+    def depends(self) -> Hashable:
+        """What its launches depend on, beside what lies in the memory of the games."""
+        queues = [(name, queue.data_ptr()) for name, queue in self._queues.items()]
+        return tuple(queues), self.simulator.held
 
     def settle(self, games: torch.Tensor) -> None:
         """Give the games of the mask [num_games], which are to begin anew, what is settled."""
@@ -108,24 +133,26 @@ class DeviceHook:
     def ended(self, games: torch.Tensor) -> None:
         """Note how the episodes of the games of the mask [num_games] have just ended."""
         if not self.idle:
-            self._note(self._ended, games)
+            self._note(False, games)
 
     def begun(self, games: torch.Tensor) -> None:
         """Note how episodes have just begun."""
         if not self.idle:
-            self._note(self._begun, games)
+            self._note(True, games)
 
-    def _note(self, notes: list[tuple[torch.Tensor, ...]], games: torch.Tensor) -> None:
+    def _note(self, begun: bool, games: torch.Tensor) -> None:
         live = (live.clone() for live in self._live.values())
-        notes.append((games.clone(), self._flags.T.clone(), *live))
-        self._order.append(notes is self._begun)
+        self.notes.append((begun, (games.clone(), self._flags.T.clone(), *live)))
         if not self._ahead:
             self._tell()
 
     def _tell(self) -> None:
         """Tell the hook all that was noted, in its order; it waits for the GPU."""
-        ended, begun = (iter(self._rows_of(notes)) for notes in (self._ended, self._begun))
-        for begins in self._order:
+        ended, begun = (
+            iter(self._rows_of([note for of, note in self.notes if of == begins]))
+            for begins in (False, True)
+        )
+        for begins, _ in self.notes:
             games, rows = next(begun if begins else ended)
             if not len(games):
                 continue
@@ -138,7 +165,7 @@ class DeviceHook:
                 mask = np.zeros(self.simulator.num_games, dtype=bool)
                 mask[games] = True
                 self.hook.episode_ended(mask)
-        self._ended, self._begun, self._order = [], [], []
+        self.notes = []
 
     def _rows_of(self, notes: list[tuple[torch.Tensor, ...]]) -> list[tuple[Any, dict[Any, Any]]]:
         """Of each note the numbers of its games, and their rows: by (array, layers)."""

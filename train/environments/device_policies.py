@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from copy import deepcopy
 from typing import Any, Protocol
 
@@ -43,6 +43,9 @@ class DevicePolicy(Protocol):
 
     def play(self) -> None:
         """Write its actions into its column of `DeviceSimulator.actions`; wait for nothing."""
+
+    def depends(self) -> Hashable:
+        """What its launches depend on, beside what lies in memory that stays where it is."""
 
 
 def check_network(policy: Any, task: Task, seat: int) -> None:
@@ -92,6 +95,7 @@ class DeviceNetwork:
         self._draw = simulator.launch(Call(draw_uniform, {"stream": stream}, "numbers"))
         self._numbers = simulator.array(np.zeros(simulator.num_games))
         self._draws = shared(simulator, self._numbers)
+        self._shown: torch.Tensor | None = None
 
     def begin_rollout(self) -> None:
         """Nothing: its weights are always those that it has now."""
@@ -99,8 +103,10 @@ class DeviceNetwork:
     @torch.no_grad()
     def actions(self, draws: torch.Tensor) -> torch.Tensor:
         """[games] int64, by draws [games] in [0, 1), which a greedy one ignores."""
-        seen = shared(self._simulator, self._simulator.observe(self._encoding, self._seat))
-        logits: torch.Tensor = self._network.logits(seen)
+        seen = self._simulator.observe(self._encoding, self._seat)  # always the same array
+        if self._shown is None:
+            self._shown = shared(self._simulator, seen)
+        logits: torch.Tensor = self._network.logits(self._shown)
         if self.greedy:
             return logits.argmax(dim=-1)
         cumulative = logits.double().softmax(dim=-1).cumsum(dim=-1)
@@ -112,6 +118,10 @@ class DeviceNetwork:
         if not self.greedy:
             self._draw(numbers=self._numbers)
         self._column.copy_(self.actions(self._draws))
+
+    def depends(self) -> Hashable:
+        """As `DevicePolicy`: where its weights lie."""
+        return tuple(weight.data_ptr() for weight in self._network.parameters())
 
 
 def network_at(network: Any, device: str) -> Any:

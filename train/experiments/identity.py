@@ -129,6 +129,7 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
                 del plain[name]
     if plain.get("processes") == 1:
         del plain["processes"]  # and those of the one process that there was
+    plain.pop("graphs", None)  # they compute the same
     if plain["hyper"].get("recurrent") is None:
         for name in ("recurrent", "burn_in"):
             plain["hyper"].pop(name, None)

@@ -10,6 +10,9 @@ import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
+import torch
+
+from train.algorithms.graphs import CudaGraphs
 from train.algorithms.registry import Algorithm, Build, entry
 from train.evaluation.suite_contest import SuiteContest
 from train.networks.policy import NO_WALLS
@@ -106,15 +109,26 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
     algorithm.check_player(settings.hyper, seat)
     algorithm.check_memory(settings.hyper, seat)
     check_memory(settings.hyper, seat)
-    device = tensor_device(settings.device)
-    bfloat16 = uses_bfloat16(settings.precision, device)
-    build = Build(device, bfloat16, settings.first_layer, settings.seed)
+    build = build_of(settings)
     hyper: Any = settings.hyper
     if settings.processes > 1:  # the games of both are those of one process
         share = {name: getattr(hyper, name) // settings.processes for name in SHARED_OUT}
         hyper = replace(hyper, **share)
     where = (settings.device, settings.processes, rank)
     return Parts(world, plan, seat, algorithm, hyper, build, *where)
+
+
+def build_of(settings: TrainSettings[Any]) -> Build:
+    """How a learner is to be built on this machine."""
+    device = tensor_device(settings.device)
+    captured = settings.graphs == "auto" and device != "cpu" and torch.cuda.is_available()
+    return Build(
+        device,
+        uses_bfloat16(settings.precision, device),
+        settings.first_layer,
+        settings.seed,
+        CudaGraphs(device) if captured else None,
+    )
 
 
 def check_mazes(settings: TrainSettings[Any], algorithm: Algorithm, world: World) -> None:

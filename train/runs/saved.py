@@ -20,7 +20,7 @@ from train.settings.curricula import curriculum_form
 from train.settings.run import TrainSettings
 from train.settings.task import task_form
 
-ADDED = {"clock": "wall", "processes": 1}
+ADDED = {"clock": "wall", "processes": 1, "graphs": "off"}
 """Settings that came after folders had been written without them, and what they were there."""
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 import numpy as np
@@ -64,6 +64,9 @@ class DevicePool:
         self._kept: dict[int, tuple[Policy, Any]] = {}  # by identity: who is no table, as it plays
         self._table_at = torch.zeros(1, dtype=torch.int32, device=self._device)
         self._draws_alone = torch.zeros(1, dtype=torch.bool, device=self._device)
+        self._changes = (
+            0  # of which kernels a step launches, and of where that lies which they read
+        )
 
     def begin_rollout(self) -> None:
         """As `DevicePolicy`: the members, their tables, and who plays in which game."""
@@ -72,16 +75,22 @@ class DevicePool:
         places = pool.tables.places(policies, self._task)
         self._take_tables(places)
         self._drawn.copy_(torch.from_numpy(pool.opponents))
-        self._table_at = torch.from_numpy(places.astype(np.int32)).to(self._device)
+        if len(self._table_at) != len(places):
+            self._table_at = torch.zeros(len(places), dtype=torch.int32, device=self._device)
+            self._draws_alone = torch.zeros(len(places), dtype=torch.bool, device=self._device)
+            self._changes += 1
+        self._table_at.copy_(torch.from_numpy(places))
         # Scripted agents draw for themselves, and greedy networks not at all.
         alone = [isinstance(p, NetworkPolicy) and not p.greedy for p in policies]
-        self._draws_alone = torch.tensor(alone, device=self._device)
+        self._draws_alone.copy_(torch.tensor(alone))
         here = {*np.unique(pool.opponents).tolist(), *np.flatnonzero(self._shares()).tolist()}
         names = {id(policy) for policy in policies}
         self._kept = {name: kept for name, kept in self._kept.items() if name in names}
-        self._others = [
+        others = [
             (place, self._player(policies[place])) for place in sorted(here) if places[place] < 0
         ]
+        self._changes += others != self._others
+        self._others = others
 
     def _take_tables(self, places: NDArray[np.int64]) -> None:
         """Copy tables that are new or have changed to the GPU."""
@@ -91,6 +100,7 @@ class DevicePool:
         changed, found = tables.take_changed(), tables.cumulative
         if self._cumulative is None or self._cumulative.shape != found.shape:
             self._cumulative = self._simulator.array(found)
+            self._changes += 1
             return
         for place in changed:
             self._cumulative[place].copy_to_device(found[place])
@@ -125,3 +135,8 @@ class DevicePool:
                 self._column.copy_(torch.where(drawn == place, found, self._column))
             else:
                 player(actions=actions, seat=seat, drawn=self._simulator.drawn, member=place)
+
+    def depends(self) -> Hashable:
+        """As `DevicePolicy`."""
+        networks = [one for _, one in self._others if isinstance(one, DeviceNetwork)]
+        return self._changes, tuple(network.depends() for network in networks)

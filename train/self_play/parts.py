@@ -22,18 +22,17 @@ from scripted_agents.environments import (
     own_roles,
     scripted_policy,
 )
-from train.algorithms.registry import Build, entry
+from train.algorithms.registry import entry
 from train.environments.device_env import why_not_on_device
 from train.environments.device_policies import check_plays
 from train.networks.policy import Seat
 from train.runs.by_name import check_names, picked, typed
 from train.runs.forms import RESTORE
 from train.runs.opponents import check_fits, load_opponent
-from train.runs.parts import setting_of
+from train.runs.parts import build_of, setting_of
 from train.runs.saved import read_own, read_part
 from train.runs.sizes import check_memory
 from train.runs.tasks import check_one_maze, task_of
-from train.runs.threads import tensor_device, uses_bfloat16
 from train.self_play.side import SideParts
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import check
@@ -103,14 +102,14 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     seats = seats_of(settings, task)
     for role in settings.learning:
         own = side_settings(settings, role)
-        seat, device = seats[role], tensor_device(own.device)
+        seat = seats[role]
         check_memory(own.hyper, seat)
         entry(own.algorithm).check_memory(own.hyper, seat)
         sides[role] = SideParts(
             seat,
             entry(own.algorithm),
             own.hyper,
-            Build(device, uses_bfloat16(own.precision, device), own.first_layer, own.seed),
+            build_of(own),
             isinstance(own.hyper, PPOSettings) and own.hyper.central_critic,
             discount,
             # Discounted steps, up to 1 / (1 - gamma) of them, would drown the policy in value loss.
@@ -217,6 +216,7 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
             "threads",
             "device",
             "precision",
+            "graphs",
         )
     }
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
