@@ -272,9 +272,9 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
     and leaves a quarter and more of the starts unsolved at 0.97 and 0.99.
 
     A2C's advantages have a standard deviation of about 0.2 in a maze at first, 0.07 later. To make
-    it 1 is to make the bonus for entropy 5 to 15 times as weak beside them: policies were then
-    certain of their moves before they had tried them all, and some moves were never tried again.
-    See docs/speed.md.
+    it 1 is to make the bonus for entropy 5 to 15 times as weak beside them: some policies were then
+    certain of their moves before they solved anything, and stayed with what they had. See
+    docs/speed.md.
     """
     hyper = hyperparameter_form(algorithm)()
     if algorithm not in HYPERPARAMETERS:  # a user's own, whose defaults are as they are meant
