@@ -206,6 +206,18 @@ def test_runners_look_as_far_ahead_as_their_learner_can() -> None:
         assert settings_of(algorithm=algorithm, frames=1).hyper.gamma == 0.95
 
 
+def test_a2c_keeps_its_entropy_bonus_in_mazes_alone() -> None:
+    """Beside standardised advantages the bonus is too weak there; elsewhere all is as it was."""
+    for maze in ("3x3", "5x5", "9x9"):
+        runner = settings_of(algorithm="a2c", task="maze", maze=maze, frames=1).hyper
+        assert (runner.standardize_advantages, runner.entropy_coef) == (False, 0.04)
+    for flat in ({"task": "chase"}, {"task": "chase", "role": "evader"}, {"task": "reacher"}):
+        other = settings_of(algorithm="a2c", frames=1, **flat).hyper
+        assert other.standardize_advantages and other.entropy_coef <= 0.01
+    ppo = settings_of(algorithm="ppo", task="maze", maze="5x5", frames=1).hyper
+    assert ppo.entropy_coef == 0.01
+
+
 def test_the_learners_are_made_of_their_settings() -> None:
     for algorithm in SMALL:
         chosen = settings_of(**{**EASY, **SMALL[algorithm]}, algorithm=algorithm, frames=100)
