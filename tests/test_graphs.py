@@ -20,6 +20,7 @@ import pytest
 import torch
 from device_graphs import REPLAYED, WARNED
 from graph_recorder import Recorder, Refused
+from numba import cuda
 from test_gpu import simulated
 
 from pursuit.simulator import Simulator
@@ -397,6 +398,24 @@ def test_a_capture_that_breaks_off_says_what_was_first_and_mends_the_generator(
         graphs.capture(broken)
     assert told(error.value) == "ValueError: not allowed"
     assert card.noted[-1] == "generator is new" and torch.is_autocast_cache_enabled()
+
+
+@pytest.mark.skipif(
+    not (torch.cuda.is_available() and cuda.is_available()), reason="no GPU for torch and Numba"
+)
+@pytest.mark.parametrize("name", ["ppo", "bfloat16", "opponent-epsilon", "a network", "dqn"])
+def test_on_a_card_work_is_captured_and_learns_the_same(name: str) -> None:
+    """Nobody has run this yet."""
+    weights = []
+    for graphs in (None, CudaGraphs("cuda")):
+        trainee: Any = device_learning.trainee_of(name, "cuda", None, graphs)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", message=".*goes on without CUDA graphs")
+            device_learning.go_on(trainee, range(6), 6)
+        assert graphs is None or trainee.learner.repeated.replays >= 4
+        weights.append([one.detach().cpu() for one in trainee.learner.network.parameters()])
+        trainee.close()
+    torch.testing.assert_close(*weights, rtol=1e-2, atol=1e-3)
 
 
 # -- the setting -----------------------------------------------------------------------------------
