@@ -6,9 +6,11 @@ No GPU is needed: `graph_recorder` captures as a CUDA graph does, on the CPU.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from copy import deepcopy
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import device_graphs
@@ -18,13 +20,14 @@ import pytest
 import torch
 from device_graphs import REPLAYED, WARNED
 from graph_recorder import Recorder, Refused
+from numba import cuda
 from test_gpu import simulated
 
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents import AStarEvader
 from train.algorithms import dqn, ppo
-from train.algorithms.graphs import MOST_NEW, CudaGraphs, Inputs, Repeated, same
+from train.algorithms.graphs import MOST_NEW, PROTOTYPE, CudaGraphs, Inputs, Repeated, same, told
 from train.algorithms.learner import Build
 from train.environments.simulator_env import SimulatorEnv
 from train.networks.policy import Seat
@@ -302,6 +305,118 @@ def test_capturing_changes_nothing() -> None:
     assert torch.equal(found["x"], weights * 2.0) and (weights > 1.0).any()
     with pytest.raises(Refused):
         Recorder().capture(lambda: weights.tolist())
+
+
+# -- torch's own graphs, with stand-ins for the card -----------------------------------------------
+
+
+class Card:
+    """Stands in for what `CudaGraphs` calls of torch.cuda, and notes it."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, broken: bool = False) -> None:
+        self.noted: list[str] = []
+        self.mode, self.broken, self.capturing = 0, broken, False
+        self.cached: bool | None = None
+        for name in ("current_stream", "stream", "graph", "CUDAGraph", "default_generators"):
+            monkeypatch.setattr(torch.cuda, name, getattr(self, name))
+        monkeypatch.setattr(torch.cuda, "Stream", lambda device: self.current_stream("side"))
+        monkeypatch.setattr(torch.cuda, "get_sync_debug_mode", lambda: self.mode)
+        monkeypatch.setattr(torch.cuda, "set_sync_debug_mode", self.set_mode)
+        monkeypatch.setattr(torch.cuda, "current_device", lambda: 0)
+        monkeypatch.setattr(torch, "rand", self.rand)
+
+    def set_mode(self, mode: Any) -> None:
+        self.mode = mode
+        warnings.warn(f"{PROTOTYPE} feature and does not yet detect all", stacklevel=1)
+
+    def current_stream(self, name: Any) -> Any:
+        wait = lambda other: self.noted.append(f"{name} waits")  # noqa: E731
+        return SimpleNamespace(wait_stream=wait, name=name)
+
+    @contextmanager
+    def stream(self, stream: Any) -> Iterator[None]:
+        self.noted.append(f"in {stream.name}")
+        yield
+        self.noted.append(f"out of {stream.name}")
+
+    def CUDAGraph(self) -> Any:
+        return SimpleNamespace(replay=lambda: self.noted.append("replay"))
+
+    @contextmanager
+    def graph(self, graph: Any, stream: Any) -> Iterator[None]:
+        self.cached = torch.is_autocast_cache_enabled()
+        self.capturing = True
+        try:
+            yield
+        finally:
+            if self.broken:
+                raise RuntimeError("capture_end: operation failed due to a previous error")
+            self.capturing = False
+
+    def rand(self, count: int, device: Any) -> Any:
+        if self.capturing:
+            raise RuntimeError("Offset increment outside graph capture encountered unexpectedly.")
+        return None
+
+    @property
+    def default_generators(self) -> Any:
+        mend = lambda state: self.noted.append(f"generator is {state}")  # noqa: E731
+        return [SimpleNamespace(clone_state=lambda: "new", graphsafe_set_state=mend)]
+
+
+def test_a_card_is_asked_beforehand_what_would_wait_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    card, graphs = Card(monkeypatch), CudaGraphs("cuda")
+
+    def waits() -> int:
+        assert card.mode == "warn"
+        warnings.warn("called a synchronizing CUDA operation (Triggered ...)", stacklevel=1)
+        warnings.warn("something else", stacklevel=1)
+        return 3
+
+    with pytest.warns(UserWarning) as told:
+        found, reason = graphs.run(waits)
+    assert [str(one.message) for one in told] == ["something else"]
+    assert found == 3 and str(reason).startswith("it waits for the GPU (") and card.mode == 0
+    assert card.noted[0] == "side waits" and card.noted[-1].endswith("waits")
+    assert graphs.run(lambda: 4) == (4, None)
+
+
+def test_a_capture_that_breaks_off_says_what_was_first_and_mends_the_generator(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    card = Card(monkeypatch)
+    replay, found = CudaGraphs("cuda").capture(lambda: "static")
+    replay()
+    assert found == "static" and card.noted == ["in side", "out of side", "replay"]
+    assert card.cached is False and torch.is_autocast_cache_enabled()
+
+    def broken() -> None:
+        raise ValueError("not allowed")
+
+    card = Card(monkeypatch, broken=True)
+    graphs = CudaGraphs("cuda")
+    with pytest.raises(RuntimeError, match="capture_end") as error:
+        graphs.capture(broken)
+    assert told(error.value) == "ValueError: not allowed"
+    assert card.noted[-1] == "generator is new" and torch.is_autocast_cache_enabled()
+
+
+@pytest.mark.skipif(
+    not (torch.cuda.is_available() and cuda.is_available()), reason="no GPU for torch and Numba"
+)
+@pytest.mark.parametrize("name", ["ppo", "bfloat16", "opponent-epsilon", "a network", "dqn"])
+def test_on_a_card_work_is_captured_and_learns_the_same(name: str) -> None:
+    """Nobody has run this yet."""
+    weights = []
+    for graphs in (None, CudaGraphs("cuda")):
+        trainee: Any = device_learning.trainee_of(name, "cuda", None, graphs)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", message=".*goes on without CUDA graphs")
+            device_learning.go_on(trainee, range(6), 6)
+        assert graphs is None or trainee.learner.repeated.replays >= 4
+        weights.append([one.detach().cpu() for one in trainee.learner.network.parameters()])
+        trainee.close()
+    torch.testing.assert_close(*weights, rtol=1e-2, atol=1e-3)
 
 
 # -- the setting -----------------------------------------------------------------------------------

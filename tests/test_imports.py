@@ -15,7 +15,7 @@ PACKAGES = ["pursuit", "scripted_agents", "curricula", "train"]
 OPTIONAL = {"pygame", "imageio", "imageio_ffmpeg", "ray", "stable_baselines3", "supersuit"}
 SLOW = {"matplotlib", "polars", "openskill", "networkx", "tyro"}
 """Needed by few, and a wait for everybody: may be imported where they are used."""
-WITH_THEM = {"pursuit.device.simulator", "pursuit.stable_baselines"}
+WITH_THEM = {"pursuit.device.checks", "pursuit.device.simulator", "pursuit.stable_baselines"}
 """Our own files that import such a one at their top."""
 TABLES = {"train/commands/main.py"}
 """Files that may import whatever they choose from: the table of commands."""

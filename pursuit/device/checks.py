@@ -1,7 +1,9 @@
-"""Checks: what is asked of a GPU, refused where it cannot be had."""
+"""Checks: what is asked of a GPU, refused where it cannot be had; and what it is kept from."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 from typing import Any
 
@@ -54,3 +56,13 @@ def check_task(task: Task) -> None:
                     f"rewards of the {role}: step={pay.step} and distance={pay.distance} are "
                     f"rounded otherwise on a GPU at distance {away}; change the last digit of one"
                 )
+
+
+@contextmanager
+def nothing_freed() -> Iterator[None]:
+    """Meanwhile Numba frees no memory of a GPU, which would break off what is captured there."""
+    if not cuda.is_available():
+        yield
+        return
+    with cuda.defer_cleanup():
+        yield

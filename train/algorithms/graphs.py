@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from contextlib import ExitStack
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -92,18 +91,14 @@ class CudaGraphs:
 
     def capture(self, function: Function) -> tuple[Callable[[], None], Any]:
         """As `Graphs`."""
-        from numba import cuda  # slow, and needed by nobody without a GPU
+        from pursuit.device.checks import nothing_freed
 
-        graph, cached = torch.cuda.CUDAGraph(), torch.is_autocast_cache_enabled()
+        graph, side, cached = torch.cuda.CUDAGraph(), self._side, torch.is_autocast_cache_enabled()
         # Weights that were cast before would be those of that time in every replay.
         torch.set_autocast_cache_enabled(False)
         try:
-            with ExitStack() as around:
-                if cuda.is_available():  # Numba must not free memory now
-                    around.enter_context(cuda.defer_cleanup())
-                # Where a capture breaks off, torch leaves its stream the current one.
-                around.enter_context(torch.cuda.stream(self._side))
-                around.enter_context(torch.cuda.graph(graph, stream=self._side))
+            # Where a capture breaks off, torch leaves its stream the current one.
+            with nothing_freed(), torch.cuda.stream(side), torch.cuda.graph(graph, stream=side):
                 found = function()
         except Exception:
             self._mend_generator()
