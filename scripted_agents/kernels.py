@@ -39,6 +39,7 @@ from pursuit.rules.layout import (
     stream_of,
     world_of,
 )
+from pursuit.rules.lookups import away_from_nearest, take, towards_nearest
 from pursuit.rules.randomness import draw_action
 from pursuit.rules.step import legal_moves
 
@@ -188,37 +189,6 @@ def cell_of_only(kind: int, games: Games, game: int, teams: Teams) -> int:
     if kind == RUNNER:
         return np.int64(games.goal[game, number])
     return np.int64(games.position[game, number]) if games.active[game, number] else np.int64(-1)
-
-
-@inlined
-def towards_nearest(world: World, maze: int, own: int, cells: Any, count: int, greedy: Any) -> int:
-    """The greedy moves towards all of `cells[:count]` that are nearest; 0 where there is none.
-
-    Without a branch, of which every agent would have to be guessed anew.
-    """
-    row, mask, nearest = pair_index(world, maze, own, 0), np.int64(0), np.int64(FAR)
-    for i in range(count):
-        pair = np.uint64(row + np.int64(cells[np.uint64(i)]))
-        distance, moves = np.int64(world.tables[pair]), np.int64(greedy[pair])
-        farther, as_near = -np.int64(distance > nearest), -np.int64(distance >= nearest)
-        mask = (mask & as_near) | (moves & ~farther)
-        nearest = min(nearest, distance)
-    return mask
-
-
-@inlined
-def away_from_nearest(
-    world: World, maze: int, own: int, cells: Any, count: int, greedy: Any
-) -> int:
-    """The greedy moves away from the first of `cells[:count]` that is nearest; 0 without any."""
-    row, nearest = pair_index(world, maze, own, 0), np.int64(2**62)
-    for i in range(count):
-        distance = np.int64(world.tables[np.uint64(row + np.int64(cells[np.uint64(i)]))])
-        nearest = min(nearest, (distance << 32) | i)
-    if count == 0:
-        return 0
-    threat = np.int64(cells[np.uint64(nearest & 0xFFFFFFFF)])
-    return np.int64(greedy[np.uint64(row + threat)])
 
 
 @inlined
@@ -382,14 +352,8 @@ def entry_for(kind: int, by_landmarks: bool) -> Any:
                         mask = moves_down(world, maze, field, own)
                 every = legal_moves(world, maze, own)
                 epsilon = epsilon_of[row, seat]
-                actions[row, np.uint64(columns[np.uint64(i)])] = draw_action(
-                    every if mask == 0 else mask,
-                    every,
-                    default if np.isnan(epsilon) else epsilon,
-                    stay_action,
-                    streams[row],
-                    stream_of(seat),
-                )
+                column, share = np.uint64(columns[np.uint64(i)]), epsilon_of[row, seat]
+                take(actions, row, column, mask, every, share, default, stay_action, streams, seat)
             forget(field, tail)
 
     return choose_actions

@@ -12,10 +12,11 @@ from pursuit.device.calls import Call
 from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.maze_arrays import MazeArrays, lay_out
 from pursuit.policy import GameView
+from pursuit.rules import layout
 from pursuit.rules.distances import NUM_LANDMARKS, fill_landmarks
 from pursuit.rules.layout import Games
 from pursuit.task import Task
-from scripted_agents import kernels
+from scripted_agents import kernels, known_kernels
 
 NO_LANDMARKS = np.zeros((1, NUM_LANDMARKS), dtype=np.uint16)
 KEPT_LANDMARKS = 4
@@ -54,7 +55,7 @@ class Scripted:
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game; random numbers from the seat's stream."""
         actions = np.empty((view.num_games, 1), dtype=np.int32)
-        self._fill(view, _numbers((view.seat,)), _numbers((0,)), actions)
+        self._fill(view, (view.seat,), (0,), actions)
         return actions[:, 0]
 
     def act_together(
@@ -64,13 +65,13 @@ class Scripted:
 
         In one pass over the games, and with one look at whom they all seek.
         """
-        self._fill(view, _numbers(seats), _numbers(seats), actions)
+        self._fill(view, tuple(seats), tuple(seats), actions)
 
     def _fill(
         self,
         view: GameView,
-        seats: NDArray[np.int64],
-        columns: NDArray[np.int64],
+        seats: tuple[int, ...],
+        columns: tuple[int, ...],
         actions: NDArray[np.int32],
     ) -> None:
         """Write into these columns of `actions` what the agents in `seats` do."""
@@ -80,12 +81,16 @@ class Scripted:
             self._scratch = _scratch_for(room)
         landmarks = landmarks_of(view.mazes, self.kind)
         entries = kernels.LARGE_ENTRIES if landmarks is not NO_LANDMARKS else kernels.ENTRIES
-        entries[self.kind](
+        entry = entries[self.kind]
+        if seats == columns and is_known_team(self.kind, view, seats):
+            num_sought = task.num_evaders if self.kind == kernels.CHASER else task.num_chasers
+            entry = known_kernels.team_entry_for(self.kind, len(seats), num_sought)
+        entry(
             *view.games,
             view.streams,
             view.epsilon,
-            seats,
-            columns,
+            _numbers(seats),
+            _numbers(columns),
             (task.num_chasers, task.num_evaders, task.num_runners, task.num_goals),
             *view.mazes,
             self._greedy_table(view.mazes, task.stay_action),
@@ -182,6 +187,32 @@ class Scripted:
         return self._greedy[key][1]
 
 
+def is_known_team(kind: int, view: GameView, seats: tuple[int, ...]) -> bool:
+    """Whether agents of a kind are decided for by a kernel for exactly so many of them.
+
+    Chasers and evaders in neighbouring seats are, few against few, where all mazes have tables. A
+    duel is not: the kernel for any number is as quick there.
+    """
+    task, first = view.task, seats[0]
+    if kind not in (kernels.CHASER, kernels.EVADER) or seats != tuple(
+        range(first, first + len(seats))
+    ):
+        return False
+    num_sought = task.num_evaders if kind == kernels.CHASER else task.num_chasers
+    pairs, most = len(seats) * num_sought, max(len(seats), num_sought)
+    if pairs <= 1 or most > known_kernels.MOST_KNOWN or not all_have_tables(view.mazes):
+        return False
+    in_rows = layout.named(
+        known_kernels.in_rows, view.games.position, view.games.active, view.epsilon
+    )
+    return bool(in_rows)
+
+
+def all_have_tables(mazes: MazeArrays) -> bool:
+    """Whether no maze is too large for a table of distances."""
+    return bool(mazes.mazes[layout.TABLE].min() >= 0)
+
+
 NUM_MOVES = 32 * 16
 """How many pairs of greedy moves (of 5 actions) and of all moves (4) there are."""
 
@@ -232,7 +263,7 @@ def landmarks_of(mazes: MazeArrays, kind: int) -> NDArray[np.uint16]:
 
     Of the last few mazes, as `distances.fill_landmarks` fills them; one row of zeros for others.
     """
-    if kind not in (kernels.CHASER, kernels.RUNNER) or (mazes.world.table >= 0).all():
+    if kind not in (kernels.CHASER, kernels.RUNNER) or all_have_tables(mazes):
         return NO_LANDMARKS
     key, size = id(mazes.neighbors), len(mazes.neighbors)
     if key not in _LANDMARKS or _LANDMARKS[key][0] is not mazes.neighbors:

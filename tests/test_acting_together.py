@@ -25,7 +25,9 @@ from scripted_agents import (
     SearchingChaser,
     TourRunner,
     WaryEvader,
+    known_kernels,
 )
+from scripted_agents.scripted import is_known_team
 
 CHASER, EVADER = AStarChaser(0.2), AStarEvader(0.3, alert_distance=4)
 RUNNER = NearestGoalRunner(0.1)
@@ -153,6 +155,46 @@ def test_teams_choose_from_the_moves_of_the_definition(
             else:
                 expected = plain.towards(own, prey if role == "chaser" else goals)
             assert chosen[seat] in expected, (task.agent_names[seat], own, cells)
+
+
+@pytest.mark.parametrize("team_size", [2, 4])  # who is captured is looked at in 2v2, not in 4v4
+def test_teams_with_few_or_nobody_left_to_chase(team_size: int) -> None:
+    task = Task(**team(team_size, team_size, "7x7"))
+    games, others = (Simulator(task, 40, seed=2, auto_restart=False) for _ in range(2))
+    free = np.random.default_rng(2).random((40, team_size)) < 0.3
+    assert not free.any(axis=1).all()
+    for simulator in (games, others):
+        simulator.active[:, team_size:] = free
+    policies = [ROLES[role] for role in task.seat_roles]
+    together, alone = np.zeros((2, 40, task.num_agents), dtype=np.int32)
+    games.act(policies, together)
+    one_by_one(policies, alone, others)
+    np.testing.assert_array_equal(together, alone)
+
+
+def test_how_many_are_known_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A team by the kernel for exactly so many, and by the one for any number."""
+    case = Case(team(3, 2, "7x7"))
+    (games, policies), (others, _) = begun(case), begun(case)
+    assert is_known_team(CHASER.kind, games.view(0), (0, 1, 2))
+    shape = (case.games, games.num_agents)
+    known, general = np.zeros((2, *shape), dtype=np.int32)
+    for _ in range(case.steps):
+        games.act(policies, known)
+        with monkeypatch.context() as patch:
+            patch.setattr(known_kernels, "MOST_KNOWN", 0)
+            others.act(policies, general)
+        np.testing.assert_array_equal(known, general)
+        games.step(known)
+        others.step(general)
+    np.testing.assert_array_equal(games.streams, others.streams)
+
+
+@pytest.mark.parametrize("seats", [(0, 2), (1, 0), (0, 0)])
+def test_seats_that_are_no_neighbours_are_no_known_team(seats: tuple[int, ...]) -> None:
+    games = Simulator(Task(**team(3, 2)), 5)
+    assert not is_known_team(CHASER.kind, games.view(seats[0]), seats)
+    assert not is_known_team(RUNNER.kind, games.view(0), (0, 1))
 
 
 class Northward:

@@ -128,7 +128,13 @@ def test_kernels_call_kernels_of_their_own_file_and_of_the_rules_only() -> None:
             if module.name == "pursuit.stable_baselines":
                 continue  # loads torch, and has no kernels
             names = vars(importlib.import_module(module.name))
-            for kernel in (*names.values(), *names.get("ENTRIES", {}).values()):
+            made = [
+                make(kind, 2, 2)
+                for make in [names.get("team_entry_for")]
+                if make
+                for kind in (0, 1)
+            ]
+            for kernel in (*names.values(), *names.get("ENTRIES", {}).values(), *made):
                 if not isinstance(kernel, Dispatcher):
                     continue
                 own = kernel.py_func.__module__

@@ -324,7 +324,7 @@ def step_as_any_task(simulator: Simulator, actions: NDArray[np.int32]) -> None:
     st.booleans(),
     st.integers(0, 3),
 )
-def test_a_duel_and_a_runner_alone_follow_the_general_rules_bit_for_bit(
+def test_rules_compiled_for_known_teams_follow_the_general_rules_bit_for_bit(
     maze: Maze,
     seed: int,
     order: str,
@@ -334,8 +334,11 @@ def test_a_duel_and_a_runner_alone_follow_the_general_rules_bit_for_bit(
     restart: bool,
     num_goals: int,
 ) -> None:
-    assume(maze.num_cells >= num_goals + 2 and (maze.is_connected or not num_goals))
+    assume(maze.num_cells >= num_goals + 4 and (maze.is_connected or not num_goals))
     teams: dict[str, int] = {"num_chasers": 1, "num_evaders": 1}
+    if not num_goals and seed % 3:  # 2v2 and 3v1
+        chasers = 1 + seed % 3
+        teams = {"num_chasers": chasers, "num_evaders": 4 - chasers}
     if num_goals:
         teams = {"num_runners": 1, "num_goals": num_goals}
     task = Task(

@@ -3,6 +3,7 @@
 layout        constants, names and shapes of everything
 randomness    streams of random numbers
 distances     tables and searches
+lookups       what an agent does about the nearest of some cells, by tables
 starts        where an episode begins
 step          one step of one game: the rules themselves
 batches       the compiled entries over thousands of games

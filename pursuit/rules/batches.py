@@ -8,6 +8,7 @@ used; in one function together they would take each other's registers.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,10 @@ from pursuit.rules.starts import (
     start,
 )
 from pursuit.rules.step import step
+
+MOST_KNOWN = 8
+"""Chasers, and evaders, of the largest teams that the compiler is told of: larger ones gain little.
+"""
 
 
 @inlined
@@ -145,6 +150,7 @@ def step_each(
         outcome.truncated[game] = end == TRUNCATED
 
 
+@cache
 def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
     """The compiled entry for these teams; what is -1 is read from the numbers of the rules."""
 
@@ -195,15 +201,15 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
 
 
 step_any = entry_for(-1, -1, -1, -1)
-step_duels = entry_for(1, 1, 0, 0)
 step_lone_runners = entry_for(0, 0, 1, -1)
 
 
 def step_games_of(teams: Teams) -> Any:
-    """The fastest entry that moves games of these teams."""
-    if teams == Teams(1, 1, 0, 0):
-        return step_duels
-    return step_lone_runners if teams[:3] == (0, 0, 1) else step_any
+    """The fastest entry that moves games of these teams, compiled when it is first called."""
+    if teams[:3] == (0, 0, 1):
+        return step_lone_runners
+    small = 0 < teams.chasers <= MOST_KNOWN and 0 < teams.evaders <= MOST_KNOWN
+    return entry_for(*teams) if small and teams[2:] == (0, 0) else step_any
 
 
 @compiled

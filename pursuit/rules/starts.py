@@ -29,6 +29,7 @@ from pursuit.rules.layout import (
     Search,
     World,
     agents_of,
+    bit_of,
     chasers_of,
     evaders_of,
     goals_of,
@@ -111,14 +112,33 @@ def is_taken(games: Games, game: int, cell: int, rules: Rules, num_goals: int) -
 
 @inlined
 def draw_free_cell(
-    games: Games, game: int, streams: Any, rules: Rules, world: World, num_goals: int
+    games: Games, game: int, streams: Any, rules: Rules, world: World, num_goals: int, taken: Any
 ) -> int:
-    """A uniformly random cell without an agent and without one of the first goals."""
+    """A uniformly random cell without an agent and without one of the first goals.
+
+    The bits of their cells are in `taken`: only where there are more cells than bits, or one is
+    met, they are asked by themselves.
+    """
     size = world.num_cells[games.maze[game]]
     cell = next_below(streams, STARTS_STREAM, size)
-    while is_taken(games, game, cell, rules, num_goals):
+    while taken & bit_of(cell) != 0 and (
+        size <= 64 or is_taken(games, game, cell, rules, num_goals)
+    ):
         cell = next_below(streams, STARTS_STREAM, size)
     return cell
+
+
+@inlined
+def cells_taken(games: Games, game: int, rules: Rules, num_goals: int) -> Any:
+    """The bits of the cells of agents that have one, and of the first goals."""
+    taken = np.uint64(0)
+    for agent in agents_of(rules.teams):
+        cell = games.position[game, agent]
+        taken |= bit_of(cell) if cell >= 0 else np.uint64(0)
+    for goal in range(num_goals):
+        cell = games.goal[game, goal]
+        taken |= bit_of(cell) if cell >= 0 else np.uint64(0)
+    return taken
 
 
 @inlined
@@ -161,10 +181,12 @@ def place_others(
     games: Games, game: int, streams: Any, rules: Rules, world: World, marked_goals: int
 ) -> None:
     """Put every agent that has no cell yet on its own uniformly random one, off marked goals."""
+    taken = cells_taken(games, game, rules, marked_goals)
     for agent in agents_of(rules.teams):
         if games.position[game, agent] < 0:
-            cell = draw_free_cell(games, game, streams, rules, world, marked_goals)
+            cell = draw_free_cell(games, game, streams, rules, world, marked_goals, taken)
             games.position[game, agent] = cell
+            taken |= bit_of(cell)
 
 
 @inlined
@@ -214,7 +236,8 @@ def place_goals(
     around_marks = coming.goals_around_marks[game] > 0
     while placed < goals_wanted(game, coming, rules):
         if radius < 0:
-            cell = draw_free_cell(games, game, streams, rules, world, placed)
+            taken = cells_taken(games, game, rules, placed)
+            cell = draw_free_cell(games, game, streams, rules, world, placed, taken)
         else:
             count = list_free_cells(games, game, rules, world, search, placed, radius, around_marks)
             while count == 0:

@@ -24,6 +24,7 @@ from pursuit.rules.layout import (
     CAPTURED,
     COLLECTED,
     GOING_ON,
+    STAY,
     TERMINATED,
     TRUNCATED,
     WAS_CAPTURED,
@@ -34,6 +35,7 @@ from pursuit.rules.layout import (
     Rules,
     Teams,
     World,
+    agents_of,
     bit_of,
     chasers_of,
     collectors_of,
@@ -58,52 +60,30 @@ def step(
     steps = games.steps[game] + 1
     for number in chasers_of(teams):
         chaser = np.uint64(number)
-        plan.after[chaser] = destination(games, game, chaser, actions, world, first_cell)
+        plan.after[chaser] = destination(
+            games, game, chaser, actions[game, chaser], world, first_cell
+        )
     for number in evaders_of(teams):
         evader = np.uint64(number)
-        cell = destination(games, game, evader, actions, world, first_cell)
-        plan.after[evader] = cell if games.active[game, evader] else games.position[game, evader]
+        # A captured one stays: without a branch, as nobody can guess who is captured.
+        action = STAY + (np.int64(actions[game, evader]) - STAY) * is_free(games, game, evader)
+        plan.after[evader] = destination(games, game, evader, action, world, first_cell)
     for runner in runners_of(teams):
-        plan.after[runner] = destination(games, game, runner, actions, world, first_cell)
-    captures, captors = decide_captures(games, game, rules, plan)
+        plan.after[runner] = destination(
+            games, game, runner, actions[game, runner], world, first_cell
+        )
+    captures = decide_captures(games, game, rules, plan)
     collected, goals_left = decide_goals(games, game, teams, plan)
-    end = ended(games, game, rules, plan, collected > 0 and goals_left == 0, steps)
+    all_collected = collected > 0 and goals_left == 0
+    end = ended(games, game, rules, captures, all_collected, steps)
 
-    for number in chasers_of(teams):
-        chaser = np.uint64(number)
-        event, earned = 0, np.float32(0.0)
-        if captors & bit_of(chaser) != 0:
-            event, earned = captures_of(games, game, chaser, rules, plan, captures)
-        if pays_step(rules.chaser, event, end):
-            earned = np.float32(rules.chaser.step)
-            if rules.chaser.distance != 0.0:
-                away = nearest_evader(games, game, chaser, teams, world, first_cell, plan)
-                earned = np.float32(rules.chaser.step + rules.chaser.distance * away)
-        write(games, game, chaser, event, earned, plan, outcome)
-    for number in evaders_of(teams):
-        evader = np.uint64(number)
-        event, earned, active = 0, np.float32(0.0), games.active[game, evader] != 0
-        if captures > 0 and plan.captors[evader] > 0:
-            event, earned = WAS_CAPTURED, np.float32(rules.evader.capture)
-        else:
-            if collected > 0 and active:
-                event, earned = goals_taken_by(games, game, evader, teams, rules.evader, plan)
-            due = active & pays_step(rules.evader, event, end)
-            earned = np.float32(rules.evader.step) if due else earned
-            if rules.evader.distance != 0.0 and due:
-                away = nearest_chaser(evader, teams, world, first_cell, plan)
-                earned = np.float32(rules.evader.step + rules.evader.distance * away)
-        write(games, game, evader, event, earned, plan, outcome)
-    for runner in runners_of(teams):
-        event, earned = 0, np.float32(0.0)
-        if collected > 0:
-            event, earned = goals_taken_by(games, game, runner, teams, rules.runner, plan)
-        if pays_step(rules.runner, event, end):
-            earned = np.float32(rules.runner.step)
-            if rules.runner.distance != 0.0:
-                away = nearest_goal(games, game, runner, teams, world, first_cell, plan)
-                earned = np.float32(rules.runner.step + rules.runner.distance * away)
-        write(games, game, runner, event, earned, plan, outcome)
+    pay_ordinary_steps(games, game, rules, world, first_cell, plan, outcome)
+    if captures > 0 or collected > 0:
+        pay_events(games, game, rules, plan, outcome, captures, collected, end)
+    for number in agents_of(teams):
+        agent = np.uint64(number)
+        games.position[game, agent] = plan.after[agent]
+        outcome.returns[game, agent] += outcome.rewards[game, agent]
     for i in range(captures):
         games.active[game, np.uint64(plan.captured[i])] = 0
     if collected > 0:
@@ -114,28 +94,17 @@ def step(
     return end
 
 
-@inlined
-def write(
-    games: Games, game: int, agent: int, event: int, earned: float, plan: Plan, outcome: Outcome
-) -> None:
-    """Write where an agent stands, what the step brought it and what it is paid."""
-    games.position[game, agent] = plan.after[agent]
-    games.event[game, agent] = event
-    outcome.rewards[game, agent] = earned
-    outcome.returns[game, agent] += earned
-
-
 # -- decisions -------------------------------------------------------------------------------------
 
 
 @inlined
 def destination(
-    games: Games, game: int, agent: int, actions: Any, world: World, first_cell: int
+    games: Games, game: int, agent: int, action: int, world: World, first_cell: int
 ) -> int:
     """The cell that an agent's action leads to."""
     # Unsigned indices: a signed one, loaded from memory, is first asked whether it is negative.
     cell = np.uint64(first_cell + games.position[game, agent])
-    return world.neighbors[cell, np.uint64(actions[game, agent])]
+    return world.neighbors[cell, np.uint64(action)]
 
 
 @inlined
@@ -148,41 +117,42 @@ def meet(games: Games, game: int, chaser: int, evader: int, rules: Rules, plan: 
 
 
 @inlined
-def decide_captures(games: Games, game: int, rules: Rules, plan: Plan) -> tuple[int, Any]:
-    """Count the captors of every evader and list who is captured; how many are, and who captures.
+def decide_captures(games: Games, game: int, rules: Rules, plan: Plan) -> int:
+    """Count the captors of every evader and list who is captured; how many are.
 
-    Captors are told by the bits of their numbers: whose bit is not set, captures nobody. Where the
-    chasers move first, whoever they reach moves no more. Whether an evader may meet anybody is told
-    by the bits of cells, and only then is every chaser asked.
+    Where the chasers move first, whoever they reach moves no more. Whether an evader may meet
+    anybody is told by the bits of cells; those are listed, and only for them is every chaser asked.
     """
-    captures, came_from, came_to, who = 0, np.uint64(0), np.uint64(0), np.uint64(0)
+    came_from, came_to = np.uint64(0), np.uint64(0)
     for number in chasers_of(rules.teams):
         chaser = np.uint64(number)
         came_from |= bit_of(games.position[game, chaser])
         came_to |= bit_of(plan.after[chaser])
+    asked = captures = 0
     for number in evaders_of(rules.teams):
         evader = np.uint64(number)
-        captors, before, after = 0, games.position[game, evader], plan.after[evader]
-        reached = came_to & bit_of(before)
+        before, after = games.position[game, evader], plan.after[evader]
+        passed = came_to & bit_of(before)
+        if not rules.chasers_first:
+            passed = np.uint64(0) if came_from & bit_of(after) == 0 else passed
+        near = (passed | (came_to & bit_of(after))) != 0
+        plan.captors[evader] = 0
+        plan.captured[asked] = evader
+        asked += near * is_free(games, game, evader)
+    for i in range(asked):
+        evader = np.uint64(plan.captured[i])
+        captors, before = 0, games.position[game, evader]
         if rules.chasers_first:
-            passed = reached
-        else:
-            passed = np.uint64(0) if came_from & bit_of(after) == 0 else reached
-        if games.active[game, evader] != 0 and (passed | (came_to & bit_of(after))) != 0:
-            if rules.chasers_first:
-                for number in chasers_of(rules.teams):
-                    chaser = np.uint64(number)
-                    if plan.after[chaser] == before:
-                        plan.after[evader] = before
             for number in chasers_of(rules.teams):
                 chaser = np.uint64(number)
-                met = meet(games, game, chaser, evader, rules, plan)
-                captors += met
-                who |= bit_of(chaser) if met else np.uint64(0)
+                if plan.after[chaser] == before:
+                    plan.after[evader] = before
+        for number in chasers_of(rules.teams):
+            captors += meet(games, game, np.uint64(number), evader, rules, plan)
         plan.captors[evader] = captors
         plan.captured[captures] = evader
         captures += captors > 0
-    return captures, who
+    return captures
 
 
 @inlined
@@ -210,19 +180,92 @@ def may_collect(games: Games, game: int, agent: int, teams: Teams, plan: Plan) -
 
 @inlined
 def ended(
-    games: Games, game: int, rules: Rules, plan: Plan, all_collected: bool, steps: int
+    games: Games, game: int, rules: Rules, captures: int, all_collected: bool, steps: int
 ) -> int:
     """TERMINATED when no evader is left, or no goal; else TRUNCATED when time is up."""
-    free = 0
-    for number in evaders_of(rules.teams):
-        evader = np.uint64(number)
-        free += (games.active[game, evader] != 0) & (plan.captors[evader] == 0)
+    free = -captures
+    for evader in evaders_of(rules.teams):
+        free += is_free(games, game, np.uint64(evader))
     if all_collected or (rules.teams.evaders > 0 and free == 0):
         return TERMINATED
     return TRUNCATED if steps >= rules.max_steps else GOING_ON
 
 
+@inlined
+def is_free(games: Games, game: int, evader: int) -> int:
+    """1 where an evader was free before the step, 0 where it had been captured."""
+    return np.int64(games.active[game, evader] != 0)
+
+
 # -- rewards ---------------------------------------------------------------------------------------
+
+
+@inlined
+def pay_ordinary_steps(
+    games: Games,
+    game: int,
+    rules: Rules,
+    world: World,
+    first_cell: int,
+    plan: Plan,
+    outcome: Outcome,
+) -> None:
+    """Pay everybody as if nothing had happened: the step reward, and nothing to the captured."""
+    teams = rules.teams
+    for number in chasers_of(teams):
+        chaser = np.uint64(number)
+        earned = np.float32(rules.chaser.step)
+        if rules.chaser.distance != 0.0:
+            away = nearest_evader(games, game, chaser, teams, world, first_cell, plan)
+            earned = np.float32(rules.chaser.step + rules.chaser.distance * away)
+        games.event[game, chaser] = 0
+        outcome.rewards[game, chaser] = earned
+    for number in evaders_of(teams):
+        evader = np.uint64(number)
+        earned = np.float32(rules.evader.step)
+        if rules.evader.distance != 0.0:
+            away = nearest_chaser(evader, teams, world, first_cell, plan)
+            earned = np.float32(rules.evader.step + rules.evader.distance * away)
+        games.event[game, evader] = 0
+        free = is_free(games, game, evader) != 0
+        outcome.rewards[game, evader] = earned if free else np.float32(0.0)
+    for runner in runners_of(teams):
+        earned = np.float32(rules.runner.step)
+        if rules.runner.distance != 0.0:
+            away = nearest_goal(games, game, runner, teams, world, first_cell, plan)
+            earned = np.float32(rules.runner.step + rules.runner.distance * away)
+        games.event[game, runner] = 0
+        outcome.rewards[game, runner] = earned
+
+
+@inlined
+def pay_events(
+    games: Games,
+    game: int,
+    rules: Rules,
+    plan: Plan,
+    outcome: Outcome,
+    captures: int,
+    collected: int,
+    end: int,
+) -> None:
+    """Pay those to whom something happened, in place of the step reward."""
+    teams = rules.teams
+    if captures > 0:
+        pay_captures(games, game, rules, plan, outcome, captures, end)
+    if collected > 0:
+        for number in evaders_of(teams):
+            evader = np.uint64(number)
+            if games.active[game, evader] != 0 and plan.captors[evader] == 0:
+                event, earned = goals_taken_by(games, game, evader, teams, rules.evader, plan)
+                games.event[game, evader] = event
+                if not pays_step(rules.evader, event, end):
+                    outcome.rewards[game, evader] = earned
+        for runner in runners_of(teams):
+            event, earned = goals_taken_by(games, game, runner, teams, rules.runner, plan)
+            games.event[game, runner] = event
+            if not pays_step(rules.runner, event, end):
+                outcome.rewards[game, runner] = earned
 
 
 @inlined
@@ -232,17 +275,23 @@ def pays_step(pay: Pay, event: int, end: int) -> bool:
 
 
 @inlined
-def captures_of(
-    games: Games, game: int, chaser: int, rules: Rules, plan: Plan, captures: int
-) -> tuple[int, float]:
-    """The event and the reward of a chaser: captors of one evader share it equally."""
-    event, earned = 0, np.float32(0.0)
+def pay_captures(
+    games: Games, game: int, rules: Rules, plan: Plan, outcome: Outcome, captures: int, end: int
+) -> None:
+    """The events and the rewards of captures: captors of one evader share it equally."""
+    paid = not pays_step(rules.chaser, CAPTURED, end)
     for i in range(captures):
         evader = np.uint64(plan.captured[i])
-        if meet(games, game, chaser, evader, rules, plan):
-            event = CAPTURED
-            earned = np.float32(earned + rules.chaser.capture / plan.captors[evader])
-    return event, earned
+        share = rules.chaser.capture / plan.captors[evader]
+        for number in chasers_of(rules.teams):
+            chaser = np.uint64(number)
+            met = meet(games, game, chaser, evader, rules, plan)
+            event, earned = games.event[game, chaser], outcome.rewards[game, chaser]
+            more = np.float32(share + (earned if event != 0 else np.float32(0.0)))
+            games.event[game, chaser] = event | (CAPTURED * met)
+            outcome.rewards[game, chaser] = more if met & paid else earned
+        games.event[game, evader] = WAS_CAPTURED
+        outcome.rewards[game, evader] = np.float32(rules.evader.capture)
 
 
 @inlined

@@ -1,0 +1,66 @@
+"""Look-ups: what an agent does about the nearest of some cells, where a maze has a table.
+
+`greedy` is laid out as the distance tables: a bit mask of moves at every [own cell, other cell].
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pursuit.compiled import inlined
+from pursuit.rules.distances import FAR, pair_index
+from pursuit.rules.layout import World, stream_of
+from pursuit.rules.randomness import draw_action
+
+
+@inlined
+def towards_nearest(world: World, maze: Any, own: Any, cells: Any, count: int, greedy: Any) -> int:
+    """The greedy moves towards all of `cells[:count]` that are nearest; 0 where there is none.
+
+    Without a branch, of which every agent would have to be guessed anew.
+    """
+    row, mask, nearest = pair_index(world, maze, own, 0), np.int64(0), np.int64(FAR)
+    for i in range(count):
+        pair = np.uint64(row + np.int64(cells[np.uint64(i)]))
+        distance, moves = np.int64(world.tables[pair]), np.int64(greedy[pair])
+        farther, as_near = -np.int64(distance > nearest), -np.int64(distance >= nearest)
+        mask = (mask & as_near) | (moves & ~farther)
+        nearest = min(nearest, distance)
+    return mask
+
+
+@inlined
+def away_from_nearest(
+    world: World, maze: Any, own: Any, cells: Any, count: int, greedy: Any
+) -> int:
+    """The greedy moves away from the first of `cells[:count]` that is nearest; 0 without any."""
+    row, nearest = pair_index(world, maze, own, 0), np.int64(2**62)
+    for i in range(count):
+        distance = np.int64(world.tables[np.uint64(row + np.int64(cells[np.uint64(i)]))])
+        nearest = min(nearest, (distance << 32) | i)
+    if count == 0:
+        return 0
+    threat = np.int64(cells[np.uint64(nearest & 0xFFFFFFFF)])
+    return np.int64(greedy[np.uint64(row + threat)])
+
+
+@inlined
+def take(
+    actions: Any,
+    game: Any,
+    column: Any,
+    mask: int,
+    every: int,
+    epsilon: float,
+    default: float,
+    stay_action: bool,
+    streams: Any,
+    seat: Any,
+) -> None:
+    """Write the action of a seat, drawn from its greedy moves, or else from every move."""
+    share = default if np.isnan(epsilon) else epsilon
+    greedy = every if mask == 0 else mask
+    stream = np.uint64(stream_of(seat))
+    actions[game, column] = draw_action(greedy, every, share, stay_action, streams[game], stream)
