@@ -278,8 +278,9 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
 
     Runners are judged by the length of the tour, and the tour that is best by discounted rewards is
     longer: on 5x5 with 3 goals 0.49 % at 0.95, none at 0.99. PPO learns with 0.99, and with higher
-    ones where there are more goals. REINFORCE does not: on 3x3 with 2 goals, 100 k frames and 3 seeds, it ends within 4 % of the optimum at 0.95
-    and leaves a quarter and more of the starts unsolved at 0.97 and 0.99.
+    ones where there are more goals. REINFORCE does not: on 3x3 with 2 goals, 100 k frames and 3
+    seeds, it ends within 4 % of the optimum at 0.95 and leaves a quarter and more of the starts
+    unsolved at 0.97 and 0.99.
 
     A2C's advantages have a standard deviation of about 0.2 in a maze at first, 0.07 later. To make
     it 1 is to make the bonus for entropy 5 to 15 times as weak beside them: some policies were then
