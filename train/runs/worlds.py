@@ -111,13 +111,7 @@ class GridWorld:
         role = self.agent.split("_")[0]
         random_start, many = given.start == "random", len(task.mazes) > 1
         return Setting(
-            given.task,
-            role,
-            task.max_cells,
-            random_start,
-            task.is_duel,
-            many_mazes=many,
-            goals=task.num_goals,
+            given.task, role, task.max_cells, random_start, task.is_duel, many_mazes=many
         )
 
     @property
