@@ -351,7 +351,6 @@ def entry_for(kind: int, by_landmarks: bool) -> Any:
                         head, tail = spread_field(world, maze, field, owner, own, FAR, head, tail)
                         mask = moves_down(world, maze, field, own)
                 every = legal_moves(world, maze, own)
-                epsilon = epsilon_of[row, seat]
                 column, share = np.uint64(columns[np.uint64(i)]), epsilon_of[row, seat]
                 take(actions, row, column, mask, every, share, default, stay_action, streams, seat)
             forget(field, tail)

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from pursuit.compiled import compiled, inlined
+from pursuit.rules.batches import MOST_KNOWN
 from pursuit.rules.layout import CHASER, EVADER, Games, world_of
 from pursuit.rules.lookups import away_from_nearest, take, towards_nearest
 from pursuit.rules.step import legal_moves
 
-MOST_KNOWN = 8
-"""Agents of a team, and of those whom it seeks, of whose numbers the compiler is told at most."""
+__all__ = ["MOST_KNOWN", "in_rows", "team_entry_for"]
+
 MOST_PADDED = 2
 """Of more evaders than these, chasers look at those only who are left."""
 

@@ -31,6 +31,18 @@ def heads(hidden: Any, weight: Any, bias: Any, place: Any, out: Any) -> None:
         out[place, output] = total
 
 
+@merged_sums
+def powers(logits: Any, place: Any, room: Any) -> tuple[Any, Any]:
+    """e to the power of each logit less the largest, into `room`; that largest, and their sum."""
+    most, whole = logits[place, 0], 0.0
+    for output in range(1, room.shape[0]):
+        most = max(most, logits[place, output])
+    for output in range(room.shape[0]):
+        room[output] = math.exp(logits[place, output] - most)
+        whole += room[output]
+    return most, whole
+
+
 @summing
 def draw_actions(
     hidden: Any,
@@ -57,13 +69,7 @@ def draw_actions(
     actions = weight.shape[0] - 1
     for place in range(hidden.shape[0]):
         heads(hidden, weight, bias, place, logits)
-        most = logits[place, 0]
-        for output in range(1, actions):
-            most = max(most, logits[place, output])
-        whole = 0.0
-        for output in range(actions):
-            room[output] = math.exp(logits[place, output] - most)
-            whole += room[output]
+        most, whole = powers(logits, place, room)
         left, drawn = chance[place] * whole, actions - 1
         for output in range(actions):
             left -= room[output]
@@ -117,13 +123,7 @@ def clipped_loss(
         scale = 1.0 / max(math.sqrt(square / (batch - 1)), 1e-6)
     for place in range(batch):
         heads(hidden, weight, bias, place, slopes)
-        most = slopes[place, 0]
-        for output in range(1, actions):
-            most = max(most, slopes[place, output])
-        whole = 0.0
-        for output in range(actions):
-            room[output] = math.exp(slopes[place, output] - most)
-            whole += room[output]
+        most, whole = powers(slopes, place, room)
         below, entropy = most + math.log(whole), 0.0
         for output in range(actions):
             room[output] /= whole
