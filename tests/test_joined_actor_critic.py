@@ -19,7 +19,7 @@ from train.algorithms.advantages import advantages
 from train.algorithms.ppo import PPO, ppo_loss
 from train.environments.simulator_env import SimulatorEnv
 from train.environments.team_env import TeamEnv
-from train.networks.actor_critic import ActorCritic
+from train.networks.actor_critic import ActorCritic, CentralActorCritic
 from train.networks.joined_actor_critic import (
     JoinedActorCritic,
     Learned,
@@ -174,39 +174,52 @@ def test_advantages_are_those_of_torchrl() -> None:
     np.testing.assert_allclose(out, theirs[..., 0].T, rtol=1e-4, atol=1e-5)
 
 
-def test_rollouts_are_what_the_games_do_and_never_cross_an_episode() -> None:
+def evaders(games: int) -> TeamEnv:
+    """Teams of two that learn, of which one is often caught before the other."""
+    task = make_task("chase", maze="4x4", num_chasers=2, num_evaders=2, max_steps=12)
+    simulator = Simulator(task, games, 0, auto_restart=False)
+    return TeamEnv(simulator, Seat(task, "evader"), [RandomAgent(), RandomAgent(), None, None])
+
+
+@pytest.mark.parametrize("team", [False, True], ids=["alone", "team"])
+def test_rollouts_are_what_the_games_do_and_never_cross_an_episode(team: bool) -> None:
     games, steps, gamma, fade = 16, 30, 0.9, 0.8
-    env = make_env(games)
-    network, _ = made(env)
+    env, again = (evaders(games) if team else make_env(games) for _ in range(2))
+    torch.manual_seed(0)
+    network = ActorCritic(env.player.features, env.player.num_actions, Hidden(24))
     settings = PPOSettings(
         num_games=games, rollout_steps=steps, minibatch_size=64, gamma=gamma, gae_lambda=fade
     )
     learner = PPO(settings, env, network)
-    again = make_env(games)
     now = again.reset()
     for _ in range(2):  # the second goes on where the first ended
         frames = learner.collect_joined()
-        columns = (frames.observation, frames.action, frames.advantage, frames.target)
-        seen, actions, found, target = (c.unflatten(0, (steps, games)) for c in columns)
-        kept, rewards, ends, following, values = [], [], [], [], []
+        played = learner.collector._action  # of all, where frames are of those that count
+        kept, counts, rewards, ends, following, values = [], [], [], [], [], []
         for step in range(steps):
             kept.append(now["observation"].clone())
+            counts.append(~now["idle"].squeeze(-1) if team else torch.ones(games, dtype=torch.bool))
             values.append(network(kept[-1])[1].detach().squeeze(-1).numpy())
-            stepped, now = again.step_and_maybe_reset(now.set("action", actions[step]))
+            stepped, now = again.step_and_maybe_reset(now.set("action", played[step]))
             after = stepped["next"]
             rewards.append(after["reward"].squeeze(-1).numpy())
             following.append(network(after["observation"])[1].detach().squeeze(-1).numpy())
             ends.append((after["terminated"].numpy().ravel(), after["done"].numpy().ravel()))
-        assert torch.equal(seen, torch.stack(kept))
+        counted = torch.stack(counts)
+        assert counted.all() != team
+        assert torch.equal(frames.observation, torch.stack(kept)[counted])
+        assert torch.equal(frames.action, played[counted])
         assert any(t.any() for t, _ in ends) and any((d & ~t).any() for t, d in ends)
-        ahead = np.zeros(games)
+        expected = np.zeros(played.shape)
+        ahead = np.zeros(played.shape[1])
         for step in reversed(range(steps)):
             terminated, done = ends[step]
             error = rewards[step] + gamma * ~terminated * following[step] - values[step]
-            ahead = error + gamma * fade * ~done * ahead
-            np.testing.assert_allclose(found[step], ahead, rtol=1e-3, atol=1e-4)
-            np.testing.assert_allclose(target[step], ahead + values[step], rtol=1e-3, atol=1e-4)
-    assert learner.frames == 2 * games * steps
+            expected[step] = ahead = error + gamma * fade * ~done * ahead
+        target = (expected + np.stack(values))[counted.numpy()]
+        np.testing.assert_allclose(frames.advantage, expected[counted.numpy()], 1e-3, 1e-4)
+        np.testing.assert_allclose(frames.target, target, rtol=1e-3, atol=1e-4)
+    assert learner.frames == 2 * played.numel()
 
 
 def test_levels_hear_of_the_advantages_of_every_game() -> None:
@@ -231,7 +244,7 @@ def test_levels_hear_of_the_advantages_of_every_game() -> None:
         {"shared": False},
         {"masks": True},
         {"observation": "planes"},
-        {"team": True},
+        {"central": True},
         {"kl_target": 0.01},
         {"critic": False},
     ],
@@ -244,13 +257,15 @@ def test_what_is_not_written_out_learns_as_before(other: dict[str, Any]) -> None
     env: Any = make_env(16, **seat)
     if "observation" in other:
         env = make_env(16, encoding=other["observation"])
-    if "team" in other:
-        task = make_task("chase", maze="4x4", num_chasers=2, max_steps=12)
-        simulator = Simulator(task, 8, 0, auto_restart=False)
-        env = TeamEnv(simulator, Seat(task, "chaser"), [None, None, RandomAgent()])
     torch.manual_seed(0)
     shared = other.get("shared", True)
     network = ActorCritic(env.player.features, 4, Hidden(16, **hidden), shared)
+    if "central" in other:
+        task = make_task("chase", maze="4x4", num_chasers=2, max_steps=12)
+        simulator = Simulator(task, 8, 0, auto_restart=False)
+        seats = [None, None, RandomAgent()]
+        env = TeamEnv(simulator, Seat(task, "chaser"), seats, central=True)
+        network = CentralActorCritic(env.player.features, 4, 2, Hidden(16))
     settings = PPOSettings(num_games=16, rollout_steps=8, minibatch_size=64, **rest)
     learner = PPO(settings, env, network)
     assert learner.joined is None

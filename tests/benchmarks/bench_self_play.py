@@ -1,7 +1,15 @@
-"""The exact game, exploitability and pools: `python tests/benchmarks/bench_self_play.py`."""
+"""The exact game, exploitability, pools, and speed of learning against another version.
+
+python tests/benchmarks/bench_self_play.py
+python tests/benchmarks/bench_self_play.py --against 400a755 [--turns 7] [--only 2v2] [--seconds 1]
+
+`--against` measures this version and another one in turns: seconds of the processor for a million
+frames of both sides, on one thread.
+"""
 
 from __future__ import annotations
 
+import argparse
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +17,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import torch
+from in_turns import compare
 
 from pursuit.maze import load_maze
 from scripted_agents import cop_number, solve_chase, solve_in_turns
@@ -92,8 +101,52 @@ def pools(folder: Path) -> None:
     print(f"the same with a pool of 16: {many / 1e3:.1f} k frames/s, {100 * many / one:.0f} %")
 
 
+# Runs under either version, so it keeps to what both know.
+MEASURE = """
+import json, sys, tempfile, warnings
+from dataclasses import replace
+from pathlib import Path
+from time import process_time
+import torch
+from train.experiments.kinds import start
+from train.runs.folder import SELF_PLAY
+from train.settings.self_play import SelfPlaySettings, self_play_ppo
+from train.settings.task import TaskSettings
+warnings.simplefilter("ignore")
+torch.set_num_threads(1)
+cases = {"1v1, 5x5": (1, 1), "2v1, 5x5": (2, 1), "2v2, 5x5": (2, 2), "4v4, 5x5": (4, 4)}
+print(json.dumps(list(cases)), flush=True)
+made = {}
+for line in sys.stdin:
+    name, seconds = json.loads(line)
+    if name not in made:
+        chasers, evaders = cases[name]
+        teams = {"num_chasers": chasers, "num_evaders": evaders}
+        task = TaskSettings(maze="5x5", **teams)
+        hyper = replace(self_play_ppo(), num_games=1024, minibatch_size=4096)
+        settings = SelfPlaySettings(task=task, hyper=hyper, frames=1)
+        made[name] = start(SELF_PLAY, settings, Path(tempfile.mkdtemp()) / "run").trainee
+    game = made[name]
+    frames, began = game.frames, process_time()
+    while process_time() - began < seconds or game.frames == frames:
+        for side in game.sides.values():
+            side.learner.iterate(0.0)
+    print(json.dumps((process_time() - began) / (game.frames - frames) * 1e6), flush=True)
+"""
+
+
 def main() -> None:
-    """Run all of it."""
+    """Run all of it, or the comparison."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--against", help="another version: a folder, or a git revision")
+    parser.add_argument("--seconds", type=float, default=1.0, help="time of each measurement")
+    parser.add_argument("--turns", type=int, default=7, help="of both versions")
+    parser.add_argument("--only", default="", help="cases with this in their names")
+    given = parser.parse_args()
+    if given.against:
+        what = "s of the processor for a million frames"
+        compare(MEASURE, given.against, given.seconds, given.turns, given.only, what)
+        return
     torch.set_num_threads(1)
     exact_game()
     with TemporaryDirectory() as folder:

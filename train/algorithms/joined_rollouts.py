@@ -13,13 +13,14 @@ from train.networks.joined_actor_critic import JoinedActorCritic, Learned
 
 
 def plays_joined(env: Any) -> bool:
-    """Whether games are of the kind that is collected from here: of one seat of the learner's each,
-    on the CPU, without masks."""
-    return isinstance(env, LockstepEnv) and env.members == 1 and not has_masks(env)
+    """Whether games are of the kind that is collected from here: on the CPU, without masks."""
+    return isinstance(env, LockstepEnv) and not has_masks(env)
 
 
 class JoinedRollouts:
     """Plays on from where the last rollout ended, for ever.
+
+    Teams are rows of their own; what a member records that waits for the others is left out.
 
     Args:
         env: the games, such as `plays_joined`.
@@ -27,6 +28,9 @@ class JoinedRollouts:
         steps: of every game in a rollout.
         gamma: discount of a step.
         gae_lambda: of the advantages.
+
+    Attributes:
+        played: frames of a rollout, those of who waits among them.
     """
 
     def __init__(
@@ -40,14 +44,15 @@ class JoinedRollouts:
         self.env, self.network, self.steps = env, network, steps
         self.discounts = torch.tensor([gamma, gamma * gae_lambda], dtype=torch.float64)
         self._now: Any = None
-        seen, games = env.observation_spec["observation"], env.num_games
-        shape = (steps, games)
+        seen, (rows,) = env.observation_spec["observation"], env.batch_size
+        shape, self.played = (steps, rows), steps * rows
         self._observation = torch.empty(steps, *seen.shape, dtype=seen.dtype)
         self._action = torch.empty(shape, dtype=torch.int64)
         self._log_prob, self._reward = torch.empty(2, *shape)
-        self._value = torch.empty(steps + 1, games)
+        self._value = torch.empty(steps + 1, rows)
         self._cut_value = torch.empty(shape)
         self._ended, self._cut = torch.empty(2, *shape, dtype=torch.bool)
+        self._counts = torch.ones(shape, dtype=torch.bool)
 
     @torch.no_grad()
     def rollout(self) -> Learned:
@@ -66,12 +71,17 @@ class JoinedRollouts:
             self.env.hook.note_advantages(advantage.T.numpy(), done)
         target = advantage + self._value[:-1]
         columns = (self._action, self._log_prob, advantage, target)
-        return Learned(self._observation.flatten(0, 1), *(column.flatten() for column in columns))
+        found = (self._observation.flatten(0, 1), *(column.flatten() for column in columns))
+        if self._counts.all():
+            return Learned(*found)
+        return Learned(*found).at(self._counts.flatten().nonzero().squeeze(-1))
 
     def _play(self, step: int) -> None:
         observation = self._now["observation"]
         drawn = self.network.draw(observation)
         self._observation[step] = observation
+        if self.env.members > 1:
+            self._counts[step] = ~self._now["idle"].squeeze(-1)
         self._action[step], self._log_prob[step], self._value[step] = drawn
         after, self._now = self.env.step_tensors(drawn.action)
         self._reward[step] = after["reward"].squeeze(-1)

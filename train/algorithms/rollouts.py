@@ -166,10 +166,10 @@ class RolloutLearner(NetworkLearner):
         return isinstance(self.collector, Sequences)
 
     def collect_joined(self) -> Learned:
-        """One rollout of a `joined` network: its frames in a row."""
+        """One rollout of a `joined` network: its frames in a row, less those of who was idle."""
         with prepared(self.env, self.steps):
             frames: Learned = self.collector.rollout()
-        self.frames += len(frames)
+        self.frames += self.collector.played
         return frames
 
     def collect(self) -> TensorDict:
