@@ -207,6 +207,11 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
         (["train", "--learning-rate", "0"], ["learning_rate"]),
         (["train", "--gamma", "1.1"], ["gamma"]),
         (["train", "--minibatch-size", "99999999"], ["minibatch_size"]),
+        (["train", "--minibatch-size", "1"], ["minibatch_size=1", "at least 2 frames"]),
+        (
+            ["train", "--algorithm", "a2c", "--num-games", "1", "--rollout-steps", "1"],
+            ["standardize_advantages=True", "raise num_games"],
+        ),
         (["train", "--width", "wide"], ["--width 'wide': a whole number is needed"]),
         (["train", "--frames", "abc"], ["--frames 'abc': a whole number is needed"]),
         (["train", "--seconds", "x"], ["--seconds 'x': a number is needed"]),

@@ -85,6 +85,11 @@ class PPOSettings(RolloutSettings):
             f"rollout_steps = {frames} frames; lower it",
         )
         check(
+            self.minibatch_size > 1,
+            f"minibatch_size={self.minibatch_size}: advantages are standardised in each minibatch, "
+            "which takes at least 2 frames; raise it",
+        )
+        check(
             self.critic or not self.central_critic,
             "central_critic=True with critic=False; leave one of them out",
         )
@@ -106,6 +111,14 @@ class A2CSettings(RolloutSettings):
     """Learn a value; without, returns end with the rollout and nothing is subtracted from them."""
     standardize_advantages: bool = True
     """Scale the advantages of each rollout to mean 0 and standard deviation 1."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(
+            self.num_games * self.rollout_steps > 1 or not self.standardize_advantages,
+            "standardize_advantages=True with a rollout of 1 frame, which has no standard "
+            "deviation; raise num_games or rollout_steps",
+        )
 
 
 @dataclass(frozen=True)
