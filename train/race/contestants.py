@@ -134,6 +134,7 @@ class StableBaselines:
 
     def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
         from stable_baselines3 import PPO
+        from stable_baselines3.common.logger import Logger
 
         from pursuit.stable_baselines import StableBaselinesVecEnv
 
@@ -157,6 +158,8 @@ class StableBaselines:
             seed=seed,
             device="cpu",
         )
+        # Else each rollout makes a folder for logs.
+        self.model.set_logger(Logger(folder=None, output_formats=[]))
 
     @property
     def frames(self) -> int:
