@@ -179,10 +179,29 @@ def test_the_weights_of_prioritised_replay_are_annealed_over_the_run() -> None:
     assert found == pytest.approx([0.4, 0.7, 1.0])  # Schaul et al. (2016)
 
 
+def test_reinforces_discount_is_annealed_by_how_far_it_looks_ahead() -> None:
+    settings = ReinforceSettings(16, 0.9, gamma_end=0.999)
+    assert [settings.gamma_at(time) for time in (0.0, 0.5, 1.0)] == pytest.approx(
+        [0.9, 0.99, 0.999]
+    )
+    assert (
+        ReinforceSettings(16, 0.95).gamma_at(0.3) == ReinforceSettings(16, 0.95).last_gamma == 0.95
+    )
+    env = make_env(16)
+    learner = Reinforce(settings, env, make_network(env), "cpu")
+    play, given = learner.play, []
+    learner.play = lambda gamma: given.append(gamma) or play(gamma)  # type: ignore[method-assign, func-returns-value]
+    for time in (0.0, 0.5, 1.0):
+        learner.iterate(time)
+    assert given == pytest.approx([0.9, 0.99, 0.999])
+    with pytest.raises(ValueError, match=r"gamma=1\.0, gamma_end=0\.99; between two discounts"):
+        ReinforceSettings(gamma=1.0, gamma_end=0.99)
+
+
 def test_reinforce_learns_from_whole_episodes_and_their_returns() -> None:
     env = make_env(64)
     learner = Reinforce(ReinforceSettings(64, 0.9), env, make_network(env), "cpu")
-    frames = learner.play()
+    frames = learner.play(0.9)
     lengths = np.concatenate(env.finished_lengths)
     assert len(lengths) == 64 and len(frames) == lengths.sum()
     assert (lengths == 12).any() and (lengths < 12).any()

@@ -209,7 +209,17 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
         (["train", "--minibatch-size", "99999999"], ["minibatch_size"]),
         (["train", "--minibatch-size", "1"], ["minibatch_size=1", "at least 2 frames"]),
         (
-            ["train", "--algorithm", "a2c", "--num-games", "1", "--rollout-steps", "1"],
+            [
+                "train",
+                "--algorithm",
+                "a2c",
+                "--role",
+                "evader",
+                "--num-games",
+                "1",
+                "--rollout-steps",
+                "1",
+            ],
             ["standardize_advantages=True", "raise num_games"],
         ),
         (["train", "--width", "wide"], ["--width 'wide': a whole number is needed"]),

@@ -66,7 +66,7 @@ def test_results_claim_no_optimum_that_is_none() -> None:
     assert found["certified_gap"] == pytest.approx(expected) and expected > 0.0
     results |= {"frames": 1, "seconds": 1.0, "interrupted": False}
     assert "proven" in summary(results) and "discounted" in score_table(results)
-    assert objective_floor(contest, 0.95) is None
+    assert objective_floor(contest, 0.95) == (None, None)
     sides = [side.name for side in sides_of(contest, RandomAgent())]
     assert sides == ["chaser_0 with full sight", "evader_0"]
 

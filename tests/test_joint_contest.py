@@ -89,17 +89,22 @@ def test_other_references_stay_as_they_are() -> None:
 def test_the_floor_of_a_whole_game_is_what_the_best_by_the_rewards_loses() -> None:
     for contest, discount in ((RACE, 0.8), (HEIST, 0.8)):
         floor = objective_floor(contest, discount)
-        assert floor is not None and floor > -1e-9
         name = contest.task.agent_names[contest.task.seat(contest.agent)]
         plan = solve_joint(contest.task, [name], contest.opponents, None, discount, "return").policy
         score = contest.score("best by the rewards", plan)
-        reference = contest.reference([*contest.baselines(), score], score)
-        assert reference is not None and reference.kind == "exact"
-        assert reference.distance == pytest.approx(floor, abs=0.06 if contest.pays else 0.03)
-    # The farther it looks ahead, the nearer it is to what it is judged by.
-    near, far = (objective_floor(HEIST, discount) for discount in (0.5, 0.999))
-    assert near is not None and far is not None and far <= near and far < 1e-3
-    assert objective_floor(HEIST, 1.0) is None
+        scores = {each.name: each for each in contest.baselines()}
+        paid = return_regret(score, scores["optimal return"])
+        assert floor.paid is not None and floor.paid > -1e-9
+        assert paid == pytest.approx(floor.paid, abs=0.06)
+        assert (floor.gap is None) == (contest is HEIST)
+        if floor.gap is not None:
+            gap = optimality_gap(score, scores["optimal"])
+            assert gap == pytest.approx(floor.gap, abs=0.03)
+    # The farther it looks ahead, the nearer it is to what it is paid in the end.
+    for contest in (RACE, HEIST):
+        near, far = (objective_floor(contest, discount).paid for discount in (0.5, 0.999))
+        assert near is not None and far is not None and far <= near and far < 1e-3
+    assert objective_floor(HEIST, 1.0) == (None, None)
 
 
 def score(name: str, steps: float, paid: float | None = None) -> Score:

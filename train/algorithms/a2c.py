@@ -114,7 +114,7 @@ class Reinforce(NetworkLearner):
         """Play the episodes and take one gradient step on all their frames."""
         settings = self.settings
         self.set_learning_rate(progress)
-        frames = self.play()
+        frames = self.play(settings.gamma_at(progress))
         frames["prepared"] = self.network.policy_trunk.prepare(frames["observation"])
         hidden, value_hidden, frames = self.network.through(frames)
         frames["policy_hidden"], frames["value_hidden"] = hidden, value_hidden
@@ -143,16 +143,19 @@ class Reinforce(NetworkLearner):
         self.env.resume = False
 
     @torch.no_grad()
-    def play(self) -> TensorDict:
+    def play(self, gamma: float) -> TensorDict:
         """One episode in every game; the frames of all of them in a row, or of a network that
         remembers a sequence for each.
+
+        Args:
+            gamma: discount of a step.
 
         Returns:
             "observation", what was drawn ("action", or "drawn" before tanh), "value" [frames, 1]
             and "value_target" [frames, 1], the discounted return from that frame on; "action_mask"
             [frames, actions] where masked.
         """
-        env, gamma = self.env, self.settings.gamma
+        env = self.env
         now, masks = env.reset(), has_masks(env)
         running = torch.arange(env.num_games)
         steps: list[tuple[torch.Tensor, ...]] = []

@@ -116,10 +116,10 @@ def evaluate(arguments: Sequence[str]) -> None:
         print_scores(scores, certificate_of(contest), pays_of(contest))
     if isinstance(contest, ArmContest):
         print_bounds(contest)
-    floor = objective_floor(contest, settings.hyper.gamma)
+    floor = objective_floor(contest, settings.hyper.last_gamma)
     held = evaluation_of(scores, settings.evaluate, floor, certificate_of(contest), contest)
     print_reference(held["reference"], contest)
-    print_floor(held["evaluation"], settings.hyper.gamma)
+    print_floor(held["evaluation"], settings.hyper.last_gamma)
     if replays is not None:
         shown = load_policy(given.run, greedy=settings.evaluate == "greedy")
         games = {f"episode {number + 1}": number for number in range(given.replay_episodes)}

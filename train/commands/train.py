@@ -182,5 +182,5 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
             f"{evaluation['optimal_return']:.3f}: {evaluation['return_regret']:.3f} below it"
         )
     print_reference(content.get("reference", {}), judged)
-    print_floor(evaluation, trainee.parts.hyper.gamma)
+    print_floor(evaluation, trainee.parts.hyper.last_gamma)
     print(f"results, curve, replay, methods and {REPORT}: {run.folder}")

@@ -7,7 +7,7 @@ captures and goals only, and for one agent among teams or rivals while the whole
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,37 +29,50 @@ TIE = 1e-9
 """Relative difference below which two actions count as equally good."""
 
 
-def objective_floor(contest: Any, discount: float) -> float | None:
-    """The `optimality_gap` of the best policy by the rewards of the task with this discount.
+class Floor(NamedTuple):
+    """What the best policy by the rewards loses; None where it is not known.
+
+    Attributes:
+        gap: its `optimality_gap`, a ratio less 1: negative for evaders.
+        paid: by how much less it is paid in an episode than could be, where rivals collect goals.
+    """
+
+    gap: float | None = None
+    paid: float | None = None
+
+
+UNKNOWN = Floor()
+
+
+def objective_floor(contest: Any, discount: float) -> Floor:
+    """What the best policy by the rewards of the task with this discount loses.
 
     Exact, over all starts. Of policies that are equally good by the rewards the one that is best in
     steps counts, so no policy that is best by the rewards has a smaller gap; of a whole game (a
-    team's, a race, a heist) one of them counts.
+    team's, a race, a heist) one of them counts. In a race both floors are known: who is paid for
+    goals has no reason to end the game soon, so that of steps is large with any discount.
 
-    Returns:
-        A ratio less 1, as `optimality_gap`: negative for evaders. Where evaders collect goals, by
-        how much less is paid in an episode than could be. None where it is not known: games too
-        large to be solved, masks, rewards by distance or by a user's function, several
-        mazes, starts at marks, more goals than can be enumerated, rewards by which it does not pay
-        to hurry (an evader: to live on), limited sight, no discount in a whole game, or a contest
-        of another world.
+    Nothing is known of games too large to be solved, masks, rewards by distance or by a user's
+    function, several mazes, starts at marks, more goals than can be enumerated, rewards by which it
+    does not pay to hurry (an evader: to live on), limited sight, no discount in a whole game, or a
+    contest of another world.
     """
     if not isinstance(contest, GameContest) or contest.is_limited:
-        return None
+        return UNKNOWN
     task = contest.task
     paid = task.role_rewards[contest.role]
     if len(task.mazes) > 1 or task.start != "random":
-        return None
+        return UNKNOWN
     if paid.distance != 0.0 or task.reward_function is not None:
-        return None
+        return UNKNOWN
     if (task.num_agents, task.num_runners) == (1, 1):
-        return _tour(task, paid, discount)
+        return Floor(_tour(task, paid, discount))
     if contest.is_exact and not contest.mask_bumps and task.max_cells <= MAX_CELLS:
-        return _duel(contest, paid, discount)
+        return Floor(_duel(contest, paid, discount))
     if contest.is_exact or contest.mask_bumps or discount >= 1.0:
-        return None
+        return UNKNOWN
     if joint_work(task) > MAX_FLOOR_WORK:
-        return None
+        return UNKNOWN
     return _whole_game(contest, discount)
 
 
@@ -104,21 +117,23 @@ def _duel(contest: GameContest, paid: Rewards, discount: float) -> float | None:
     return mean_over_starts(steps, maze, least) / mean_over_starts(best.values, maze, least) - 1.0
 
 
-def _whole_game(contest: GameContest, discount: float) -> float | None:
-    """Against fixed opponents, by two whole games: the best by the objective, and what it gets.
+def _whole_game(contest: GameContest, discount: float) -> Floor:
+    """Against fixed opponents, by whole games: the best by the objective, and what it gets.
 
     The learner does not see how many steps are left, so its best policy is that of the game without
     an end; it is judged in the game that is cut.
     """
-    best = contest.best_of_returns if contest.pays else contest.best_of_steps
+    steps, paid = contest.best_of_steps, contest.best_of_returns
+    best = paid or steps
     if best is None:
-        return None
+        return UNKNOWN
     task, name = contest.task, best.agents[0]
     plan = solve_joint(task, [name], contest.opponents, None, discount, "return").policy
     found = evaluate_joint(task, {**contest.opponents, name: plan}, task.max_steps, agents=[name])
-    if contest.pays:
-        return best.mean_over_starts - found.returns[name]
-    return found.steps[name] / best.mean_over_starts - 1.0
+    return Floor(
+        None if steps is None else found.steps[name] / steps.mean_over_starts - 1.0,
+        None if paid is None else paid.mean_over_starts - found.returns[name],
+    )
 
 
 def _after_each(

@@ -134,8 +134,9 @@ def summary(results: Mapping[str, Any]) -> str:
         told += f"; {Reference(**held).line()}"
     floor, paid = found.get("objective_floor"), found.get("return_floor")
     if floor is not None or paid is not None:
-        missing = f"{paid:.4f} paid less" if floor is None else f"{100 * floor:+.2f} %"
-        told += f" (floor of the objective: {missing})"
+        known = [] if floor is None else [f"{100 * floor:+.2f} %"]
+        known += [] if paid is None else [f"{paid:.4f} paid less"]
+        told += f" (floor of the objective: {', '.join(known)})"
     told += f". {results['frames']:,} frames in {results['seconds']:.1f} s"
     told += " of the processor" if results.get("clock") == "processor" else ""
     return paragraph(told + (", interrupted." if results["interrupted"] else "."))

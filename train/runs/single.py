@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from train.evaluation.contest import GameContest
-from train.evaluation.floor import objective_floor
+from train.evaluation.floor import UNKNOWN, Floor, objective_floor
 from train.evaluation.hidden_contest import Certificate
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK
 from train.evaluation.scores import (
@@ -145,7 +145,7 @@ class SingleAgent:
         if self.parts.algorithm.learns_distribution:
             scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
         build, plan = self.parts.build, self.parts.plan
-        floor = objective_floor(contest, self.parts.hyper.gamma)
+        floor = objective_floor(contest, self.parts.hyper.last_gamma)
         certificate = contest.certificate() if isinstance(contest, GameContest) else None
         return {
             **contest.describe(),
@@ -184,7 +184,7 @@ class SingleAgent:
 def evaluation_of(
     scores: list[Score],
     evaluated: str,
-    floor: float | None = None,
+    floor: Floor = UNKNOWN,
     certificate: Certificate | None = None,
     contest: Any = None,
 ) -> dict[str, Any]:
@@ -213,7 +213,6 @@ def evaluation_of(
             "optimal_return": best.mean_return,
             "return_regret": return_regret(learned, best),
         }
-    pays = isinstance(contest, GameContest) and contest.pays
     held = None if contest is None else contest.reference(scores, learned)
     return {
         "evaluation": {
@@ -226,8 +225,8 @@ def evaluation_of(
             "optimality_gap": optimality_gap(learned, optimum),
             "unsolved_share": 1.0 - learned.success_rate,
             "solved_gap": learned.solved_gap,
-            "objective_floor": floor if optimum and not pays else None,
-            **({"return_floor": floor} if best and pays else {}),
+            "objective_floor": floor.gap if optimum else None,
+            **({"return_floor": floor.paid} if best else {}),
             **certified,
             **returned,
         },

@@ -109,9 +109,14 @@ class GridWorld:
         """By task, role and size."""
         given, task = self.settings, self.task
         role = self.agent.split("_")[0]
-        random_start, many = given.start == "random", len(task.mazes) > 1
         return Setting(
-            given.task, role, task.max_cells, random_start, task.is_duel, many_mazes=many
+            given.task,
+            role,
+            task.max_cells,
+            random_start=given.start == "random",
+            duel=task.is_duel,
+            many_mazes=len(task.mazes) > 1,
+            goals=task.num_goals,
         )
 
     @property

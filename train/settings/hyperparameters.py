@@ -52,6 +52,11 @@ class Hyperparameters:
     it puts out. None: it knows what it observes now."""
 
     @property
+    def last_gamma(self) -> float:
+        """The discount at the end of learning."""
+        return self.gamma
+
+    @property
     def central_critic(self) -> bool:
         """Whether a critic is to see what all agents of a role observe."""
         return False
