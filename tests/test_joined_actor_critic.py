@@ -222,6 +222,10 @@ def test_levels_hear_of_the_advantages_of_every_game() -> None:
     np.testing.assert_array_equal(noted.T.ravel(), frames.advantage.numpy())
 
 
+class Own(ActorCritic):
+    """One that could draw and learn otherwise."""
+
+
 @pytest.mark.parametrize(
     "other",
     [
@@ -234,6 +238,7 @@ def test_levels_hear_of_the_advantages_of_every_game() -> None:
         {"team": True},
         {"kl_target": 0.01},
         {"critic": False},
+        {"subclass": True},
     ],
     ids=lambda other: next(iter(other)),
 )
@@ -250,7 +255,8 @@ def test_what_is_not_written_out_learns_as_before(other: dict[str, Any]) -> None
         env = TeamEnv(simulator, Seat(task, "chaser"), [None, None, RandomAgent()])
     torch.manual_seed(0)
     shared = other.get("shared", True)
-    network = ActorCritic(env.player.features, 4, Hidden(16, **hidden), shared)
+    form = Own if "subclass" in other else ActorCritic
+    network = form(env.player.features, 4, Hidden(16, **hidden), shared)
     settings = PPOSettings(num_games=16, rollout_steps=8, minibatch_size=64, **rest)
     learner = PPO(settings, env, network)
     assert learner.joined is None
