@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -149,6 +150,21 @@ def test_a_gradient_step_that_is_replayed_is_the_gradient_step(changes: dict[str
         if graphs is not None:
             assert [one.replays for one in graphs.graphs] == [4 * 5 - 1]
     assert states[0] == states[1]
+
+
+def test_settings_that_change_are_never_those_of_a_capture() -> None:
+    """A variant of PPO may change them from update to update (docs/own_parts.md)."""
+    weights, graphs = [], Recorder()
+    for how in (None, graphs):
+        learner = learner_of(how)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            for number in range(MOST_NEW + 2):
+                learner.settings = replace(learner.settings, clip=0.05 / (number + 1))
+                learner.iterate(0.0)
+        weights.append([one.detach() for one in learner.network.parameters()])
+    assert all(map(torch.equal, *weights)) and graphs.graphs == []
+    assert ["does not stay the same" in str(one.message) for one in told] == [True]
 
 
 def test_a_learner_that_takes_a_state_back_is_captured_anew() -> None:

@@ -235,6 +235,10 @@ def test_levels_hear_of_the_advantages_of_every_game() -> None:
     np.testing.assert_array_equal(noted.T.ravel(), frames.advantage.numpy())
 
 
+class Own(ActorCritic):
+    """One that could draw and learn otherwise."""
+
+
 @pytest.mark.parametrize(
     "other",
     [
@@ -247,6 +251,7 @@ def test_levels_hear_of_the_advantages_of_every_game() -> None:
         {"central": True},
         {"kl_target": 0.01},
         {"critic": False},
+        {"subclass": True},
     ],
     ids=lambda other: next(iter(other)),
 )
@@ -259,7 +264,8 @@ def test_what_is_not_written_out_learns_as_before(other: dict[str, Any]) -> None
         env = make_env(16, encoding=other["observation"])
     torch.manual_seed(0)
     shared = other.get("shared", True)
-    network = ActorCritic(env.player.features, 4, Hidden(16, **hidden), shared)
+    form = Own if "subclass" in other else ActorCritic
+    network = form(env.player.features, 4, Hidden(16, **hidden), shared)
     if "central" in other:
         task = make_task("chase", maze="4x4", num_chasers=2, max_steps=12)
         simulator = Simulator(task, 8, 0, auto_restart=False)

@@ -323,6 +323,22 @@ def test_teams_networks_and_algorithms_of_every_kind(tmp_path: Path, changes: An
                run.trainee.sides.items())  # fmt: skip
 
 
+def test_roles_with_one_trunk_play_and_learn_by_it(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "run", share_networks=True, precision="float32")
+    learners: Any = [run.trainee.sides[role].learner for role in ("evader", "chaser")]
+    trunk = learners[0].network.policy_trunk
+    assert all(one.network.policy_trunk is trunk for one in learners)
+    for learner in learners * 2:
+        before = [weight.clone() for weight in trunk.parameters()]
+        frames = learner.collect_joined()
+        with torch.no_grad():
+            logits, _ = learner.network(frames.observation)
+        drawn = logits.log_softmax(-1).gather(1, frames.action[:, None]).squeeze(1)
+        torch.testing.assert_close(frames.log_prob, drawn, rtol=1e-4, atol=1e-4)
+        learner.iterate(0.0)
+        assert not any(map(torch.equal, before, trunk.parameters()))
+
+
 def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
     first = make_run(tmp_path / "first", evader="astar", frames=8000)
     assert list(first.trainee.sides) == ["chaser"]

@@ -1,9 +1,9 @@
 """Batches: the compiled entries that the `Simulator` calls, to step games and to start them.
 
 They take flat arrays (see `layout.Memory`, `layout.world_of`, `layout.rules_of`); nothing below
-them does. The one general step is compiled for whatever teams there are, for a duel, and for a
-runner alone: there the teams are constants. Each is an entry of its own, compiled when it is first
-used; in one function together they would take each other's registers.
+them does. The one general step is compiled for whatever teams there are, for every small team of
+chasers and evaders, and for a runner alone: there the teams are constants. Each is an entry of its
+own, compiled when it is first used; in one function they would take each other's registers.
 """
 
 from __future__ import annotations

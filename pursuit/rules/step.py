@@ -1,10 +1,10 @@
 """One step of one game, in six verbs: legal moves, step, ended, rewards (start: `starts`; observe:
 `pursuit.observations`).
 
-Everything is decided from what stood before the step; what follows is written last, and what was
-written is never read again. Loops run over `chasers_of(teams)` and the like: where a kernel is
-made for a task whose teams the compiler knows, they dissolve. Where it does not know them, numbers
-are made unsigned: a signed index is asked at every use whether it is negative.
+Everything is decided from what stood before the step; what follows is written last, and of what was
+written only events and rewards are read again. Loops run over `chasers_of(teams)` and the like:
+where a kernel is made for a task whose teams the compiler knows, they dissolve. Where it does not
+know them, numbers are made unsigned: a signed index is asked at every use whether it is negative.
 
                   before            decided                       written
     position      games.position    plan.after                    games.position

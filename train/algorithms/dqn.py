@@ -180,7 +180,7 @@ class DQN(OffPolicyLearner):
 
     def _depends(self) -> Hashable:
         others = (*self._given.columns.values(), *self.target.parameters())
-        return tuple(one.data_ptr() for one in others)
+        return self.settings, tuple(one.data_ptr() for one in others)
 
     def remember(self, rollout: Any) -> None:
         """Put its transitions into the buffer, or with a memory a sequence for every game."""

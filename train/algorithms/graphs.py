@@ -206,7 +206,7 @@ class Repeated:
         if waited is not None:
             self.refuse(waited)
         elif self._new >= MOST_NEW:
-            self.refuse("the memory that it works on does not stay the same")
+            self.refuse("what it works on does not stay the same")
         return found
 
     def _begin(self) -> Any:

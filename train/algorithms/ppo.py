@@ -207,7 +207,9 @@ class PPO(RolloutLearner):
         }
 
     def _depends(self) -> Hashable:
-        return tuple(column.data_ptr() for column in self._given.columns.values())
+        # The settings as well: a variant may change them from update to update.
+        given = self._given.columns.values()
+        return self.settings, tuple(column.data_ptr() for column in given)
 
     def _adapt_kl_weight(self, found: torch.Tensor) -> None:
         """Schulman et al. (2017), section 4, with the thresholds of RLlib."""

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import torch
 
-from train.networks.actor_critic import ActorCritic, CentralActorCritic
+from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import Categorical
 from train.networks.joined import Joinable, gradients_of, hidden_layers, joinable
 from train.networks.joined_head_kernels import below_heads, clipped_loss, draw_actions
@@ -172,10 +172,10 @@ def joined_actor_critic(network: ActorCritic, device: str) -> JoinedActorCritic 
     """The joined form of a network; None where there is none.
 
     It is there for choices of actions, with one trunk for policy and value that is `joinable`,
-    nothing remembered, on the CPU.
+    nothing remembered, on the CPU; and not for subclasses, which may do something else.
     """
     plain = network.form is Categorical and network.policy_memory is None
-    if device != "cpu" or not plain or isinstance(network, CentralActorCritic):
+    if device != "cpu" or not plain or type(network) is not ActorCritic:
         return None
     layers = joinable(network.policy_trunk) if network.shared else None
     return None if layers is None else JoinedActorCritic(network, layers)

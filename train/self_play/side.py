@@ -16,6 +16,7 @@ from train.algorithms.registry import Algorithm, Build
 from train.environments.device_env import DeviceEnv
 from train.environments.hooks import EpisodeHook, Foretold
 from train.environments.team_env import TeamEnv
+from train.networks.joined import joinable
 from train.networks.policy import Seat
 from train.runs.in_play import plain_games, put_games
 from train.self_play.device_pool import DevicePool
@@ -205,4 +206,6 @@ def share_trunk(one: Side, two: Side) -> None:
     if second.network.shared:
         second.network.value_trunk = trunk
     second.network.policy_trunk = trunk
+    if second.joined is not None:
+        second.joined.layers = joinable(trunk)  # which it had found in its own
     second.renew_optimizer()
