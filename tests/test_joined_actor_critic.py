@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
+from torch import nn
 from torchrl.objectives.value.functional import vec_generalized_advantage_estimate
 
 from pursuit.simulator import Simulator
@@ -237,6 +238,50 @@ def test_levels_hear_of_the_advantages_of_every_game() -> None:
 
 class Own(ActorCritic):
     """One that could draw and learn otherwise."""
+
+
+class Careful(PPO):
+    """Learns nothing: a rollout of its own."""
+
+    def collect(self) -> TensorDict:
+        frames = super().collect()
+        frames["advantage"] = torch.zeros_like(frames["advantage"])
+        return frames
+
+
+class Alone(PPO):
+    """An iteration of its own."""
+
+    def iterate(self, progress: float) -> dict[str, float]:
+        loss, parts = ppo_loss(self.network, self.collect(), self.settings, 0.01)
+        self.descend(loss)
+        return {name: float(value) for name, value in parts.items()}
+
+
+def test_learners_that_users_build_on_these_are_called() -> None:
+    settings = PPOSettings(num_games=16, rollout_steps=8, minibatch_size=128, entropy_coef=0.0)
+    figures = []
+    for form in (Careful, Alone):
+        env = make_env(16)
+        torch.manual_seed(0)
+        network = ActorCritic(env.player.features, 4, Hidden(16))
+        learner = form(settings, env, network)
+        assert (learner.joined is None) == (form is Careful)
+        before = network.policy_head.weight.detach().clone()
+        figures.append(learner.iterate(0.0))
+        changed = not torch.equal(before, network.policy_head.weight)
+        assert changed == (form is Alone)
+        learner.close()
+    assert figures[0]["loss_objective"] == 0.0
+    assert figures[1]["kl_approx"] == pytest.approx(0.0, abs=1e-5)  # the draws are the network's
+
+
+def test_a_trunk_with_more_layers_is_not_taken_for_one_that_is_written_out() -> None:
+    env = make_env(16)
+    network = ActorCritic(env.player.features, 4, Hidden(16))
+    assert joined_actor_critic(network, "cpu") is not None
+    network.policy_trunk.rest.extend([nn.Linear(16, 16), nn.ReLU()])
+    assert joined_actor_critic(network, "cpu") is None
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ class A2C(RolloutLearner):
         """Collect one rollout and take one gradient step."""
         self.set_learning_rate(progress)
         entropy_coef = self.annealed(self.settings.entropy_coef, progress)
-        if self.joined is not None:
+        if self.joined is not None and type(self) is A2C:  # another may have another loss
             return self._learn_joined(self.joined, entropy_coef)
         frames = self.collect()
         hidden, value_hidden, frames = self.network.through(frames)

@@ -130,7 +130,8 @@ class RolloutLearner(NetworkLearner):
             self.keys.append(DISTRIBUTION)
         if has_masks(env):
             self.keys.append(ACTION_MASK)
-        plain = critic and not keep_all and plays_joined(env)
+        whole = type(self).collect is RolloutLearner.collect  # not a user's, which is to be called
+        plain = critic and not keep_all and whole and plays_joined(env)
         self.joined = joined_actor_critic(network, device) if plain else None
         self.collector: Any
         if self.joined is not None:
@@ -173,10 +174,12 @@ class RolloutLearner(NetworkLearner):
         return frames
 
     def collect(self) -> TensorDict:
-        """One rollout of any other network: what `ActorCritic.through` takes, and `keys`.
+        """One rollout of any network: what `ActorCritic.through` takes, and `keys`.
 
         It is its frames in a row; of a network that remembers a sequence a row, [games].
         """
+        if self.joined is not None:
+            return self._described(self.collect_joined())
         with prepared(self.env, self.steps):
             rollout = next(self._batches)
         self.frames += rollout.numel()
@@ -200,6 +203,17 @@ class RolloutLearner(NetworkLearner):
         if rollout.get("idle", None) is not None:
             return frames[~rollout["idle"].flatten()]
         return frames
+
+    def _described(self, frames: Learned) -> TensorDict:
+        """The frames of a `joined` network as those of others are."""
+        columns = {
+            "action": frames.action,
+            "action_log_prob": frames.log_prob,
+            "advantage": frames.advantage[:, None],
+            "value_target": frames.target[:, None],
+            "prepared": self.network.policy_trunk.prepare(frames.observation),
+        }
+        return TensorDict(columns, batch_size=[len(frames)])
 
     def _sequences(self, rollout: TensorDictBase) -> TensorDict:
         """A row for every game, with the state that it began with."""

@@ -28,14 +28,14 @@ class Joinable(NamedTuple):
 def joinable(trunk: Trunk) -> Joinable | None:
     """The layers of a trunk of the form that is written out here: rows without pairs, and ReLUs.
 
-    None for any other.
+    None for any other, and for subclasses, which may do something else.
     """
-    first, second = trunk.first, trunk.rest[1]
-    if not isinstance(first, IndexLayer) or first.pairs is not None:
+    first, rest = trunk.first, [*trunk.rest]
+    if type(first) is not IndexLayer or first.pairs is not None or type(trunk) is not Trunk:
         return None
-    if not isinstance(trunk.rest[0], nn.ReLU) or not isinstance(second, nn.Linear):
+    if [type(layer) for layer in rest] != [nn.ReLU, nn.Linear, nn.ReLU]:
         return None
-    return Joinable(first, second, trunk.autocast_bfloat16)
+    return Joinable(first, rest[1], trunk.autocast_bfloat16)
 
 
 def joined(layers: Joinable, observation: torch.Tensor) -> torch.Tensor:
