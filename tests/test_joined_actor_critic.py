@@ -276,6 +276,20 @@ def test_learners_that_users_build_on_these_are_called() -> None:
     assert figures[1]["kl_approx"] == pytest.approx(0.0, abs=1e-5)  # the draws are the network's
 
 
+def test_weights_that_are_frozen_stay_as_they_are() -> None:
+    env = make_env(16)
+    network = ActorCritic(env.player.features, 4, Hidden(16))
+    settings = PPOSettings(num_games=16, rollout_steps=8, minibatch_size=64)
+    learner = PPO(settings, env, network)
+    assert learner.joined is not None
+    learner.iterate(0.0)
+    network.policy_trunk.requires_grad_(False)
+    before = [weight.detach().clone() for weight in network.parameters()]
+    learner.iterate(0.0)
+    for one, was in zip(network.parameters(), before, strict=True):
+        assert torch.equal(one, was) != one.requires_grad
+
+
 def test_a_trunk_with_more_layers_is_not_taken_for_one_that_is_written_out() -> None:
     env = make_env(16)
     network = ActorCritic(env.player.features, 4, Hidden(16))

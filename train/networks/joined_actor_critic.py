@@ -143,15 +143,19 @@ class JoinedActorCritic:
         behind = torch.empty_like(hidden)
         below_heads(*_arrays((hidden, weight, slopes, behind)))
         of_weight, of_bias = slopes.T @ hidden, slopes.sum(0)
-        self.policy.weight.grad, self.value_head.weight.grad = of_weight[:-1], of_weight[-1:]
-        self.policy.bias.grad, self.value_head.bias.grad = of_bias[:-1], of_bias[-1:]
         layer, below, _ = self.layers
+        behind = behind.to(passed.second.dtype)
+        found = gradients_of(self.layers, frames.observation, passed, behind)
+        gradients = {
+            self.policy.weight: of_weight[:-1],
+            self.policy.bias: of_bias[:-1],
+            self.value_head.weight: of_weight[-1:],
+            self.value_head.bias: of_bias[-1:],
+        }
         weights = (layer.weight, layer.bias, below.weight, below.bias)
-        found = gradients_of(
-            self.layers, frames.observation, passed, behind.to(passed.second.dtype)
-        )
-        for one, gradient in zip(weights, found, strict=True):
-            one.grad = gradient
+        gradients |= zip(weights, found, strict=True)
+        for one, gradient in gradients.items():
+            one.grad = gradient if one.requires_grad else None
         means = (sums / len(hidden)).float()
         objective, error, entropy, clipped, change, gain = means.unbind()
         return {
