@@ -82,6 +82,18 @@ def test_teams_are_trained_too_beside_their_optimum(tmp_path: Path) -> None:
         assert evaluation["objective_floor"] is None
 
 
+@pytest.mark.parametrize("task", ["maze", "chase"])
+def test_who_counts_nothing_that_is_ahead_has_results_without_a_floor(
+    task: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run("train", *TINY, "--task", task, "--gamma", "0", "--frames", "256", "--out", tmp_path / task)
+    run("evaluate", tmp_path / task, "--episodes", "50", "--out", tmp_path / "again.json")
+    assert "discount 0" not in capsys.readouterr().out
+    for path in (tmp_path / task / "results.json", tmp_path / "again.json"):
+        evaluation = json.loads(path.read_text())["evaluation"]
+        assert evaluation["optimal_steps"] > 0 and evaluation["objective_floor"] is None
+
+
 def test_a_killed_run_resumes_to_the_same_weights_bit_for_bit(tmp_path: Path) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     run("train", *TINY, "--frames", "6144", "--out", whole)
