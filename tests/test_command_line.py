@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import shlex
 import shutil
 import signal
 import socket
@@ -373,3 +374,30 @@ def test_every_command_has_a_help_that_names_its_options(
             main([command, "--help"])
         assert stopped.value.code == 0
         assert "--" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("command", "work"),
+    [
+        (("race", "ppo"), "race.run_race"),
+        (("sweep", "reacher_by_joints"), "sweep.run_locally"),
+        (("ablate", "opponent-epsilon"), "sweep.run_locally"),
+        (("reproduce", "table-3.1"), "reproduce.carry_out"),
+    ],
+)
+def test_who_interrupts_is_given_a_command_that_a_shell_takes(
+    command: tuple[str, ...],
+    work: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"train.commands.{work}", interrupted)
+    again = [*command, "--out", str(tmp_path / "it's mine; or $HOME")]
+    with pytest.raises(SystemExit):
+        main(again)
+    said = capsys.readouterr().err.partition("Go on with: ")[2]
+    assert shlex.split(said) == ["pursuit", *again]
