@@ -249,6 +249,10 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
         (["train", "--task", "maze", "--opponent", "random"], ["random", "nobody of another role"]),
         (["train", "--no-such-option", "3"], ["no-such-option"]),
         (["train", "--device", "tpu"], ["tpu", "cuda"]),
+        (["train", "--device", "cuda:"], ["unknown device 'cuda:'", "cpu, cuda, or", "cuda:0"]),
+        (["train", "--device", "cuda:x"], ["unknown device 'cuda:x'", "cuda:0"]),
+        (["self-play", "--device", "cuda:-1"], ["unknown device 'cuda:-1'", "cuda:0"]),
+        (["train", "--device", "cuda:300"], ["unknown device 'cuda:300'", "cuda:0"]),
         (["train", "--precision", "float8"], ["float8"]),
         (["train", "--resume", "/nowhere/at/all"], ["/nowhere/at/all"]),
         (["evaluate", "/nowhere/at/all"], ["/nowhere/at/all"]),
@@ -288,6 +292,23 @@ def test_a_folder_that_holds_a_run_or_anything_else_is_left_alone(
         capsys, "train", *TINY, "--frames", 64, "--out", tmp_path / "thesis.txt"
     )
     assert "complete" in error_of(capsys, "train", "--resume", trained)
+
+
+@pytest.mark.filterwarnings("ignore:.*games stay on the CPU")
+@pytest.mark.parametrize("command", ["train", "self-play"])
+def test_a_gpu_that_is_not_here_leaves_no_folder(
+    command: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given = (command, "--maze", "3x3", "--frames", "64", "--out", tmp_path / "run", "--device")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert "finds no GPU here; use --device cpu" in error_of(capsys, *given, "cuda")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+    assert "finds 2 here; use --device cuda:0 to cuda:1" in error_of(capsys, *given, "cuda:2")
+    assert not (tmp_path / "run").exists()
 
 
 class Evil:
