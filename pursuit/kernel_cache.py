@@ -5,6 +5,8 @@ processes that compile one kernel for different arguments then take the same num
 is given the machine code of the other; after a change of the rules a process can find the new index
 and the old file. Here every entry has a file of its own, named by what it was compiled for, which
 it holds as well; it is written before the index, and the index by one process at a time.
+
+Where the disk takes nothing, kernels are kept in memory alone, and it is said once.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -23,6 +26,9 @@ with contextlib.suppress(ImportError):  # Windows: what two processes keep at on
 
 elsewhere: Callable[[], bool] | None = None
 """Waits a moment; whether another process still compiles what this one will ask for. See `load`."""
+
+has_warned = False
+"""Whether this process has said that its disk takes no kernels."""
 
 
 class KernelCacheFile(IndexDataCacheFile):
@@ -37,7 +43,14 @@ class KernelCacheFile(IndexDataCacheFile):
         return found
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep what was compiled for `key`."""
+        """Keep what was compiled for `key`, or warn that the disk does not."""
+        try:
+            self._keep(key, data)
+        except OSError as error:
+            warn_of(self._cache_path, error)
+
+    def _keep(self, key: Any, data: Any) -> None:
+        os.makedirs(self._cache_path, exist_ok=True)
         name = self._data_name(int(hashlib.sha256(repr(key).encode()).hexdigest()[:12], 16))
         with locked(self._cache_path):
             kept = self._load_index()
@@ -80,7 +93,20 @@ def locked(folder: str) -> Iterator[None]:
         os.close(handle)
 
 
+def warn_of(folder: str, error: OSError) -> None:
+    """Say, once in a process, that compiled kernels cannot be kept in a folder, and why."""
+    global has_warned
+    if not has_warned:
+        has_warned = True
+        warnings.warn(
+            f"{folder}: compiled kernels cannot be kept there ({error.strerror or error}), so all "
+            "processes compile them again; make room there, or set NUMBA_CACHE_DIR to a folder",
+            stacklevel=2,
+        )
+
+
 def cache_of(dispatcher: Any, stamp: str) -> KernelCacheFile:
     """The cache of a kernel in place of Numba's, for its source of this stamp."""
     cache = dispatcher._cache
+    cache._impl.locator.ensure_cache_path = lambda: None  # `save` does that, and may fail
     return KernelCacheFile(cache._cache_path, cache._impl.filename_base, stamp)

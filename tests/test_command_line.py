@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import shlex
 import shutil
 import signal
 import socket
@@ -80,6 +81,18 @@ def test_teams_are_trained_too_beside_their_optimum(tmp_path: Path) -> None:
         assert evaluation["exact"] == exact
         assert evaluation["optimal_steps"] > 0 and evaluation["optimality_gap"] is not None
         assert evaluation["objective_floor"] is None
+
+
+@pytest.mark.parametrize("task", ["maze", "chase"])
+def test_who_counts_nothing_that_is_ahead_has_results_without_a_floor(
+    task: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run("train", *TINY, "--task", task, "--gamma", "0", "--frames", "256", "--out", tmp_path / task)
+    run("evaluate", tmp_path / task, "--episodes", "50", "--out", tmp_path / "again.json")
+    assert "discount 0" not in capsys.readouterr().out
+    for path in (tmp_path / task / "results.json", tmp_path / "again.json"):
+        evaluation = json.loads(path.read_text())["evaluation"]
+        assert evaluation["optimal_steps"] > 0 and evaluation["objective_floor"] is None
 
 
 def test_a_killed_run_resumes_to_the_same_weights_bit_for_bit(tmp_path: Path) -> None:
@@ -236,6 +249,10 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
         (["train", "--task", "maze", "--opponent", "random"], ["random", "nobody of another role"]),
         (["train", "--no-such-option", "3"], ["no-such-option"]),
         (["train", "--device", "tpu"], ["tpu", "cuda"]),
+        (["train", "--device", "cuda:"], ["unknown device 'cuda:'", "cpu, cuda, or", "cuda:0"]),
+        (["train", "--device", "cuda:x"], ["unknown device 'cuda:x'", "cuda:0"]),
+        (["self-play", "--device", "cuda:-1"], ["unknown device 'cuda:-1'", "cuda:0"]),
+        (["train", "--device", "cuda:300"], ["unknown device 'cuda:300'", "cuda:0"]),
         (["train", "--precision", "float8"], ["float8"]),
         (["train", "--resume", "/nowhere/at/all"], ["/nowhere/at/all"]),
         (["evaluate", "/nowhere/at/all"], ["/nowhere/at/all"]),
@@ -275,6 +292,23 @@ def test_a_folder_that_holds_a_run_or_anything_else_is_left_alone(
         capsys, "train", *TINY, "--frames", 64, "--out", tmp_path / "thesis.txt"
     )
     assert "complete" in error_of(capsys, "train", "--resume", trained)
+
+
+@pytest.mark.filterwarnings("ignore:.*games stay on the CPU")
+@pytest.mark.parametrize("command", ["train", "self-play"])
+def test_a_gpu_that_is_not_here_leaves_no_folder(
+    command: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given = (command, "--maze", "3x3", "--frames", "64", "--out", tmp_path / "run", "--device")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert "finds no GPU here; use --device cpu" in error_of(capsys, *given, "cuda")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+    assert "finds 2 here; use --device cuda:0 to cuda:1" in error_of(capsys, *given, "cuda:2")
+    assert not (tmp_path / "run").exists()
 
 
 class Evil:
@@ -361,3 +395,30 @@ def test_every_command_has_a_help_that_names_its_options(
             main([command, "--help"])
         assert stopped.value.code == 0
         assert "--" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("command", "work"),
+    [
+        (("race", "ppo"), "race.run_race"),
+        (("sweep", "reacher_by_joints"), "sweep.run_locally"),
+        (("ablate", "opponent-epsilon"), "sweep.run_locally"),
+        (("reproduce", "table-3.1"), "reproduce.carry_out"),
+    ],
+)
+def test_who_interrupts_is_given_a_command_that_a_shell_takes(
+    command: tuple[str, ...],
+    work: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"train.commands.{work}", interrupted)
+    again = [*command, "--out", str(tmp_path / "it's mine; or $HOME")]
+    with pytest.raises(SystemExit):
+        main(again)
+    said = capsys.readouterr().err.partition("Go on with: ")[2]
+    assert shlex.split(said) == ["pursuit", *again]

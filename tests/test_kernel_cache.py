@@ -1,14 +1,18 @@
 """The files of compiled kernels, which several processes read and write at once."""
 
+import errno
+import os
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from pursuit import kernel_cache
-from pursuit.compiled import is_new
+from pursuit.compiled import compiled, is_new
 from pursuit.kernel_cache import KernelCacheFile
 
 WRITER = """
@@ -106,6 +110,46 @@ def test_what_is_compiled_elsewhere_is_waited_for_as_long_as_it_may_come(
     assert file.load("one") == b"code" and asked == 3
     assert file.load("one") == b"code" and asked == 3  # what is there is not waited for
     assert file.load("two") is None and asked == 10
+
+
+@pytest.mark.parametrize("fails", ["open", "replace", "makedirs"])
+def test_where_the_disk_takes_nothing_it_is_said_once_and_nothing_is_left_half_written(
+    file: KernelCacheFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
+) -> None:
+    def full(*_: Any, **__: Any) -> Any:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(kernel_cache, "has_warned", False)
+    file.save("one", b"code of one")
+    with monkeypatch.context() as disk:
+        disk.setattr(os, fails, full)
+        with pytest.warns(UserWarning, match=r"No space left on device.*NUMBA_CACHE_DIR") as told:
+            file.save("two", b"code of two")
+            file.save("three", b"code of three")
+    assert len(told) == 1 and str(tmp_path) in str(told[0].message)
+    assert not list(tmp_path.glob("*.tmp.*"))
+    assert file.load("one") == b"code of one" and file.load("two") is None
+    file.save("two", b"code of two")
+    assert file.load("two") == b"code of two"
+
+
+def test_a_kernel_is_compiled_though_its_folder_is_gone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @compiled
+    def doubled(number: int) -> int:
+        return 2 * number
+
+    cache: Any = doubled._cache  # type: ignore[attr-defined]
+    cache._cache_file._cache_path = str(tmp_path / "file" / "folder")
+    (tmp_path / "file").touch()
+    cache._impl.locator.get_cache_path = lambda: cache._cache_file._cache_path
+    monkeypatch.setattr(kernel_cache, "has_warned", False)
+    with pytest.warns(UserWarning, match="Not a directory"):
+        assert doubled(3) == 6
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert doubled(3.0) == 6.0  # type: ignore[arg-type]
 
 
 def test_a_plain_function_is_never_new() -> None:

@@ -132,6 +132,13 @@ def test_nothing_is_said_of_what_masks_or_a_function_change() -> None:
     assert objective_floor(replace(free, mask_bumps=True), 0.95) == (None, None)
 
 
+@pytest.mark.parametrize(("name", "role"), [("maze", "runner"), ("chase", "chaser")])
+def test_nothing_is_said_where_nothing_ahead_counts(name: str, role: str) -> None:
+    contest = contest_of(name, role, maze="3x3")
+    assert objective_floor(contest, 0.0) == (None, None)
+    assert objective_floor(contest, 0.01).gap is not None
+
+
 def test_what_would_take_too_long_or_too_much_memory_is_not_known(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -242,6 +242,14 @@ def test_a_killed_partner_ends_the_run_which_goes_on_from_its_checkpoint(tmp_pat
     assert again.progress == 1.0
 
 
+def test_a_partner_that_is_killed_before_there_is_a_checkpoint_leaves_none(tmp_path: Path) -> None:
+    run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
+    os.kill(run.trainee.partner.process.pid, signal.SIGKILL)
+    with pytest.raises(Gone, match=r"killed by signal 9 .*it has no checkpoint yet"):
+        run.train()
+    assert not (tmp_path / "run" / CHECKPOINT).exists()
+
+
 @pytest.mark.parametrize("kind, seen", [(ValueError, ValueError), (KeyError, Gone)])
 def test_an_error_of_the_partner_is_that_of_the_run(
     kind: type[Exception], seen: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

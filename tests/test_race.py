@@ -26,26 +26,27 @@ from train.race.tables import median_of, reached
 from train.settings.algorithms import PPOSettings
 from train.settings.task import TaskSettings
 
-TINY = """
-title = "Tiny"
-contestants = ["ours", "cleanrl"]
-[[tasks]]
+TASK = """[[tasks]]
 name = "runner, 2x2"
 settings = { task = "maze", maze = "2x2", num_goals = 1 }
 held_out = ["3x3"]
-[space]
-num_games = { choices = [8] }
-rollout_steps = { choices = [8] }
-minibatch_size = { choices = [32, 999] }
-learning_rate = { low = 1e-3, high = 1e-2, scale = "log" }
-width = { choices = [16] }
+"""
+TINY = f"""
+title = "Tiny"
+contestants = ["ours", "cleanrl"]
+{TASK}[space]
+num_games = {{ choices = [8] }}
+rollout_steps = {{ choices = [8] }}
+minibatch_size = {{ choices = [32, 999] }}
+learning_rate = {{ low = 1e-3, high = 1e-2, scale = "log" }}
+width = {{ choices = [16] }}
 [short]
-tuning = { frames = 128, trials = 2 }
-final = { frames = 256, seeds = [0, 1] }
+tuning = {{ frames = 128, trials = 2 }}
+final = {{ frames = 256, seeds = [0, 1] }}
 episodes = 20
 [full]
-tuning = { seconds = 1, trials = 2 }
-final = { seconds = 1, seeds = [0] }
+tuning = {{ seconds = 1, trials = 2 }}
+final = {{ seconds = 1, seeds = [0] }}
 """
 RUNNER = TaskSettings(task="maze", maze="3x3", num_goals=1)
 
@@ -126,6 +127,31 @@ def test_the_best_on_the_first_maze_are_run_on_the_others_and_the_best_of_them_i
         assert means[chosen] == min(means.values())
     text = race_report(race, standing, tmp_path / "out").read_text(encoding="utf-8")
     assert "best 2 of a contestant" in text and "4x4-open" in text
+
+
+def test_finalists_that_all_fail_are_not_said_to_have_failed_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    build = CONTESTANTS["cleanrl"].build
+
+    def broken(world: Any, *rest: Any) -> Any:
+        if world.settings.maze == "4x4-open":
+            raise RuntimeError("no luck")
+        return build(world, *rest)
+
+    text = TINY.replace('["3x3"]', '["3x3", "4x4-open"]').replace('"ours", "cleanrl"', '"cleanrl"')
+    race = load_race(written(tmp_path, text.replace("trials = 2", "trials = 2, finalists = 1")))
+    monkeypatch.setitem(CONTESTANTS, "cleanrl", replace(CONTESTANTS["cleanrl"], build=broken))
+    with pytest.raises(ValueError, match=r"on further held-out mazes of 'runner, 2x2' with every"):
+        run_race(race, tmp_path / "out", lambda _: None, workers=0)
+
+
+def test_one_seed_is_one_seed(tmp_path: Path) -> None:
+    text = TINY.replace('"ours", "cleanrl"', '"cleanrl"').replace("seeds = [0, 1]", "seeds = [0]")
+    race = load_race(written(tmp_path, text.replace("trials = 2", "trials = 1")))
+    standing = run_race(race, tmp_path / "out", lambda _: None, workers=0)
+    told = race_report(race, standing, tmp_path / "out").read_text(encoding="utf-8")
+    assert "1 seed," in told and "1 trial," in told
 
 
 def test_damaged_results_are_refused_by_name(tmp_path: Path) -> None:
@@ -249,12 +275,40 @@ def test_it_learns_far_better_than_chance() -> None:
         ('held_out = ["3x3"]', "held_out = []", "held_out is empty"),
         ('held_out = ["3x3"]', 'held_out = ["suite:5x5-train"]', "is several mazes"),
         ("num_goals = 1", 'num_goals = 1, colour = "red"', "colour"),
+        ('held_out = ["3x3"]', 'held_out = ["3x3", "4x4", "3x3"]', "'3x3' stands there twice"),
         ("width = { choices = [16] }", "breadth = { choices = [16] }", "'breadth'"),
+        ("width = { choices = [16] }", "pairs = { choices = [true] }", "'pairs'; those that every"),
+        ("width = { choices = [16] }", "shared = { choices = [true] }", "'shared'; those that"),
+        ("width = { choices = [16] }", "samples = 3", "'samples'; those that every contestant"),
+        ("width = { choices = [16] }", "seed = 3", "'seed'; those that every contestant obeys"),
         ("width = { choices = [16] }", "width = { choices = [0] }", "width=0"),
+        (
+            "width = { choices = [16] }",
+            'width = { choices = ["16"] }',
+            "[space]: a value of another",
+        ),
+        (
+            "width = { choices = [16] }",
+            "width = { low = 16, high = 17.5 }",
+            "[space]: field width: a whole number",
+        ),
         ("frames = 128,", "", "give one of the two"),
         ("frames = 256,", "frames = -1,", "above 0"),
         (", trials = 2", "", "trials=None"),
         (", trials = 2", ", trials = 2, finalists = 0", "finalists=0"),
+        (", trials = 2", ", trials = 2, finalists = 3", "finalists=3; 1 to 2"),
+        (", trials = 2", ", trials = 2, finalists = 1", "no task has more than one held-out maze"),
+        (", trials = 2", ", trials = 2, seeds = [7]", "seeds"),
+        ("seeds = [0, 1]", "seeds = [0, 1], finalists = 1", "finalists"),
+        ("seeds = [0, 1]", "seeds = [0, 1], trials = 1", "trials"),
+        ("seeds = [0, 1]", "seeds = [0, 1, 0]", "seeds=[0, 1, 0]; give each once"),
+        ("episodes = 20", "episodes = 20\nheld_out = -1", "held_out=-1; at least 1"),
+        (
+            "episodes = 20",
+            'episodes = 20\ntasks = ["runner, 2x2", "runner, 2x2"]',
+            "give each once",
+        ),
+        ("[space]", f"{TASK.replace('runner', 'another')}[space]", "are the same; leave one out"),
         ("seeds = [0, 1]", "seeds = []", "seeds is an empty list"),
         ("seeds = [0, 1]", "seeds = [1000000]", "those from there on are of trials"),
         ("episodes = 20", "episodes = 1", "at least 2"),

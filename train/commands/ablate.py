@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -46,4 +47,4 @@ def ablate(arguments: Sequence[str]) -> None:
     plan = load_ablation(str(given.file), given.version)
     stem = Path(str(given.file)).stem
     out = Path("ablations") / (f"{stem}-{given.version}" if given.version else stem)
-    carry_out(plan, replace(given, out=given.out or out), f"pursuit ablate {' '.join(arguments)}")
+    carry_out(plan, replace(given, out=given.out or out), f"pursuit ablate {shlex.join(arguments)}")

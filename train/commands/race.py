@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -59,7 +60,7 @@ def race(arguments: Sequence[str]) -> None:
     try:
         standing = run_race(plan, out, lambda line: print(line, flush=True), given.workers)
     except KeyboardInterrupt:
-        again = f"pursuit race {' '.join(arguments)}"
+        again = f"pursuit race {shlex.join(arguments)}"
         print(f"\ninterrupted; what is done is kept. Go on with: {again}", file=sys.stderr)
         raise
     print(f"report: {race_report(plan, standing, out, look)}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -81,7 +82,7 @@ def reproduce(arguments: Sequence[str]) -> None:
             lambda sweep: SweepWatch(sweep, workers),
         )
     except KeyboardInterrupt:
-        again = f"pursuit reproduce {' '.join(arguments)}"
+        again = f"pursuit reproduce {shlex.join(arguments)}"
         print(f"\ninterrupted; what is done is kept. Go on with: {again}", file=sys.stderr)
         raise
     print(f"page: {write_replication(plan, out)}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 import time
 from collections import Counter
@@ -67,7 +68,7 @@ def sweep(arguments: Sequence[str]) -> None:
         return
     check(given.file is not None, "give a sweep file, or --list")
     plan = load_sweep(str(given.file), given.version)
-    carry_out(plan, given, f"pursuit sweep {' '.join(arguments)}")
+    carry_out(plan, given, f"pursuit sweep {shlex.join(arguments)}")
 
 
 def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:

@@ -54,10 +54,10 @@ def objective_floor(contest: Any, discount: float) -> Floor:
 
     Nothing is known of games too large to be solved, masks, rewards by distance or by a user's
     function, several mazes, starts at marks, more goals than can be enumerated, rewards by which it
-    does not pay to hurry (an evader: to live on), limited sight, no discount in a whole game, or a
-    contest of another world.
+    does not pay to hurry (an evader: to live on), limited sight, no discount in a whole game, a
+    discount of 0 (of any two ways that go on all are equally good), or a contest of another world.
     """
-    if not isinstance(contest, GameContest) or contest.is_limited:
+    if not isinstance(contest, GameContest) or contest.is_limited or discount == 0.0:
         return UNKNOWN
     task = contest.task
     paid = task.role_rewards[contest.role]

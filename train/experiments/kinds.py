@@ -30,6 +30,7 @@ from train.runs.provenance import check_sources
 from train.runs.saved import from_plain
 from train.runs.single import make_run
 from train.runs.tasks import maze_text_of
+from train.runs.threads import check_device
 from train.self_play.parts import (
     self_play_from_plain,
     self_play_parts,
@@ -92,6 +93,7 @@ def start(kind: str, settings: Any, path: Path) -> Run:
             something, or that another process has begun to fill.
     """
     check_new(path)
+    check_device(settings.device)
     KINDS[kind].check(settings)
     lock = hold(path, "run", shared=True)
     check_new(path)

@@ -37,6 +37,11 @@ from train.settings.presets import lessons_for, tuned
 from train.settings.run import TrainSettings
 
 OBSERVATION = "one_hot"
+OBEYED = (
+    *("num_games", "rollout_steps", "minibatch_size", "epochs", "learning_rate", "gamma"),
+    *("gae_lambda", "clip", "entropy_coef", "value_coef", "max_grad_norm", "width", "activation"),
+)
+"""The settings that every contestant obeys: what a search may draw."""
 
 
 class Racer(Protocol):

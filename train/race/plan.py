@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import product
+from dataclasses import asdict, dataclass
+from itertools import combinations, product
 from math import log
 from pathlib import Path
 from typing import Any
@@ -21,9 +21,10 @@ from train.experiments.forms import VERSIONS, check_keys, check_seeds
 from train.experiments.search import draw_samples
 from train.experiments.sweep import read_file
 from train.race.bout import CLOCKS, Bout, plain_bout, world_and_contest
-from train.race.contestants import contestant, settings_of
+from train.race.contestants import OBEYED, contestant, settings_of
 from train.runs.worlds import GridWorld
 from train.schemas import read_as
+from train.settings.algorithms import PPOSettings
 from train.settings.checks import check, check_choice
 from train.settings.task import TaskSettings
 
@@ -38,13 +39,10 @@ Table = dict[str, Any]
 
 
 class Budgets(msgspec.Struct, forbid_unknown_fields=True):
-    """[tuning] or [final]: how long each bout is, and how many there are."""
+    """How long each bout is."""
 
     seconds: float | None = None
     frames: int | None = None
-    trials: int | None = None
-    finalists: int | None = None
-    seeds: list[int] | None = None
 
     def __post_init__(self) -> None:
         check(
@@ -53,7 +51,19 @@ class Budgets(msgspec.Struct, forbid_unknown_fields=True):
         )
         budget = self.seconds if self.frames is None else self.frames
         check(budget is not None and 0 < budget < 1e9, f"a budget of {budget}; it is above 0")
-        check(self.finalists is None or self.finalists > 0, f"finalists={self.finalists}; above 0")
+
+
+class Tuning(Budgets, forbid_unknown_fields=True):
+    """[tuning]: the search, and how many bouts it has."""
+
+    trials: int | None = None
+    finalists: int | None = None
+
+
+class Final(Budgets, forbid_unknown_fields=True):
+    """[final]: the race itself."""
+
+    seeds: list[int] | None = None
 
 
 class RaceTask(msgspec.Struct, forbid_unknown_fields=True):
@@ -67,8 +77,8 @@ class RaceTask(msgspec.Struct, forbid_unknown_fields=True):
 class Version(msgspec.Struct, forbid_unknown_fields=True):
     """[short] or [full]: what lies over the rest of the file."""
 
-    tuning: Budgets
-    final: Budgets
+    tuning: Tuning
+    final: Final
     episodes: int = 500
     tasks: list[str] | None = None
     contestants: list[str] | None = None
@@ -127,8 +137,8 @@ class Race:
     space: Table
     trials: tuple[Table, ...]
     finalists: int
-    tuning: Budgets
-    final: Budgets
+    tuning: Tuning
+    final: Final
     seeds: tuple[int, ...]
     episodes: int
     clock: str
@@ -247,6 +257,7 @@ def race_of(file: RaceFile, version: Version) -> Race:
     wanted = version.tasks or known
     for name in wanted:
         check(name in known, f"no task {name!r}; it has {', '.join(known)}")
+    check(len(set(wanted)) == len(wanted), f"tasks={wanted}; give each once")
     check(version.episodes >= 2, f"episodes={version.episodes}; at least 2")
     trials, seeds = version.tuning.trials, version.final.seeds
     check(trials is not None and trials > 0, f"trials={trials} in [tuning]; at least 1")
@@ -254,12 +265,19 @@ def race_of(file: RaceFile, version: Version) -> Race:
     check_seeds(seeds or [])
     below = all(seed < FIRST_TRIAL_SEED for seed in seeds or [])
     check(below, f"seeds={seeds}; below {FIRST_TRIAL_SEED}: those from there on are of trials")
+    check(len(set(seeds or [])) == len(seeds or []), f"seeds={seeds}; give each once")
+    most = version.held_out
+    check(most is None or most > 0, f"held_out={most}; at least 1, or leave it out to take all")
     tasks = tuple(
-        race_on(task, version.held_out)
-        for name in wanted
-        for task in file.tasks
-        if task.name == name
+        race_on(task, most) for name in wanted for task in file.tasks if task.name == name
     )
+    for one, other in combinations(tasks, 2):
+        same = f"tasks {one.name!r} and {other.name!r} are the same; leave one out"
+        check(one.task != other.task, same)
+    check_finalists(version.tuning, tasks)
+    for name in file.space:
+        known_to_all = f"those that every contestant obeys are {', '.join(OBEYED)}"
+        check(name in OBEYED, f"[space] has {name!r}; {known_to_all}")
     drawn = draw_samples({**file.space, "samples": trials, "seed": file.search_seed}, 10_000)
     for name in names:
         check_contestant(name, tasks, drawn)
@@ -269,7 +287,7 @@ def race_of(file: RaceFile, version: Version) -> Race:
         tasks,
         file.space,
         tuple(drawn),
-        min(version.tuning.finalists or len(drawn), len(drawn)),
+        version.tuning.finalists or len(drawn),
         version.tuning,
         version.final,
         tuple(seeds or ()),
@@ -278,14 +296,31 @@ def race_of(file: RaceFile, version: Version) -> Race:
     )
 
 
+def check_finalists(tuning: Tuning, tasks: Sequence[RaceOn]) -> None:
+    """ValueError for a number of finalists that cannot be, or that changes nothing."""
+    finalists, trials = tuning.finalists, tuning.trials or 0
+    if finalists is not None:
+        check(
+            1 <= finalists <= trials, f"finalists={finalists}; 1 to {trials}, as there are trials"
+        )
+        check(
+            any(len(on.held_out) > 1 for on in tasks),
+            f"finalists={finalists}, but no task has more than one held-out maze to run them on; "
+            "leave it out, or give more mazes",
+        )
+
+
 def race_on(task: RaceTask, most: int | None) -> RaceOn:
     """A task with its held-out mazes, of which `most` are taken."""
     check("maze" in task.settings, f"task {task.name!r} has no maze in its settings")
     raced = read_as(TaskSettings, task.settings, f"task {task.name!r}", REMEDY)
     mazes = task.held_out[:most]
     check(bool(mazes), f"task {task.name!r}: held_out is empty; give mazes to search on")
-    others = []
+    others, copies = list[TaskSettings](), dict[bytes, str]()
     for maze in mazes:
+        before = copies.setdefault(copy_of(maze), maze)
+        same = "stands there twice" if before == maze else f"is a copy of {before!r}"
+        check(len(copies) > len(others), f"task {task.name!r}: held-out maze {maze!r} {same}; once")
         check(
             copy_of(maze) != copy_of(raced.maze),
             f"task {task.name!r}: held-out maze {maze!r} is the maze of the race; take another",
@@ -309,7 +344,7 @@ def check_contestant(name: str, tasks: Sequence[RaceOn], trials: Sequence[Table]
     worlds = [GridWorld(on.task) for on in tasks]
     for world, drawn in product(worlds, trials):
         try:
-            settings_of(name, world, drawn)
-        except TypeError as error:
-            unknown = str(error).rpartition("argument ")[2]
-            raise ValueError(f"[space] has {unknown}, which is no setting of PPO") from None
+            found = asdict(settings_of(name, world, drawn))
+        except TypeError as error:  # a text where a number belongs
+            raise ValueError(f"[space]: a value of another type ({error}); {REMEDY}") from None
+        read_as(PPOSettings, found, "[space]", REMEDY)

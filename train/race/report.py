@@ -74,6 +74,11 @@ def shown(value: float | None, unit: str) -> str:
     return f"{value:.1f} s" if unit == "seconds" else f"{value / 1e6:.2f} M"
 
 
+def counted(number: int, what: str) -> str:
+    """So many of something."""
+    return f"{number} {what}" + ("s" if number != 1 else "")
+
+
 def title_of(name: str) -> str:
     """Of a contestant."""
     return CONTESTANTS[name].title
@@ -109,8 +114,8 @@ def how(race: Race, standing: Standing) -> str:
     shares = [100 * r.points[-1]["cpu_seconds"] / r.points[-1]["wall_seconds"] for r in found]
     core = f"{min(shares):.0f} to {max(shares):.0f} %" if shares else "none"
     return (
-        f"{len(race.seeds)} seeds, one core a run, contestants in turn (seeds outside). Seconds "
-        f"are {CLOCK_WORDS[race.clock]} of playing and learning: imports, compilation and "
+        f"{counted(len(race.seeds), 'seed')}, one core a run, contestants in turn (seeds outside). "
+        f"Seconds are {CLOCK_WORDS[race.clock]} of playing and learning: imports, compilation and "
         "evaluations are not "
         f"counted. {budget_words(race)} A run is evaluated at {race.episodes} starts that are the "
         "same for everybody (a chaser exactly), greedily and as it draws, and a target is reached "
@@ -250,8 +255,8 @@ def settings_words(race: Race) -> str:
             f"{race.finalists} of a contestant there on the others too"
         )
     return (
-        f"{len(race.trials)} trials, drawn once at random from the space below and the same for "
-        f"everybody, {length} {where}. The trial with the least mean of the "
+        f"{counted(len(race.trials), 'trial')}, drawn once at random from the space below and the "
+        f"same for everybody, {length} {where}. The trial with the least mean of the "
         "logarithm of the gap at the end, greedy or as it draws, whichever is the better, is raced "
         "with. All trials: `trials.csv`. Whatever is not in the space is what the library sets by "
         "default (ours: its preset of the task, with its curriculum where there is one).\n\n"

@@ -120,11 +120,10 @@ def standing_of(race: Race, out: Path, raced: bool = True) -> Standing:
             for number in sorted(numbers)
             if None not in (each := standing.scores[*key, number])
         }
-        check(
-            bool(means),
-            f"{key[1]} failed in every trial on {key[0]!r}; see the .error.txt files in "
-            f"{out / TRIALS}",
-        )
+        where = f"in every trial on {key[0]!r}"
+        if numbers:
+            where = f"on further held-out mazes of {key[0]!r} with every finalist"
+        check(bool(means), f"{key[1]} failed {where}; see the .error.txt files in {out / TRIALS}")
         standing.chosen[key] = min(means, key=lambda number: means[number])
     if raced:
         choice = {key: race.trials[number] for key, number in standing.chosen.items()}

@@ -22,6 +22,7 @@ import traceback
 import warnings
 from multiprocessing import get_context
 from multiprocessing.util import Finalize
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from numpy.typing import NDArray
 
 from pursuit.parts import environment
 from train.algorithms.ppo import network_of
+from train.runs.folder import CHECKPOINT
 from train.runs.in_play import begin, state_in_play
 from train.runs.parts import Parts, parts_of
 from train.runs.threads import can_fork, prepare_torch
@@ -54,10 +56,19 @@ class Pair:
         shared: four times as many float32 as there are weights.
         rank: 0 in the process of the run, 1 in its partner.
         process: the partner, where this is not it.
+        folder: of the run, there.
     """
 
-    def __init__(self, connection: Any, shared: Any, rank: int, process: Any = None) -> None:
+    def __init__(
+        self,
+        connection: Any,
+        shared: Any,
+        rank: int,
+        process: Any = None,
+        folder: Path | None = None,
+    ) -> None:
         self.connection, self.rank, self.process = connection, rank, process
+        self.folder = folder
         # Two slots each, in turns: whoever is ahead must not write where the other may still read.
         # Two turns later it may: the other has spoken since, and so has read.
         self.slots = torch.frombuffer(shared, dtype=torch.float32).view(2, 2, -1)
@@ -95,7 +106,7 @@ class Pair:
 
     def _how_it_ended(self) -> str:
         told = "the second process of this run has ended"
-        if self.process is None:
+        if self.process is None or self.folder is None:
             return told
         self.process.join(AT_ONCE)
         code = self.process.exitcode
@@ -103,6 +114,8 @@ class Pair:
             return f"{told}: see above. A script that starts it needs `if __name__ == '__main__':`"
         if code is not None and code < 0:
             told += f", killed by signal {-code} ({signal.Signals(-code).name})"
+        if not (self.folder / CHECKPOINT).exists():
+            return f"{told}; it has no checkpoint yet: begin it anew"
         return f"{told}; its last checkpoint is kept: go on from there by --resume"
 
 
@@ -115,6 +128,7 @@ class Partner:
     Args:
         settings: of the run.
         parts: made of them.
+        folder: of the run.
         state: of the trainee in a checkpoint; None begins.
 
     Raises:
@@ -122,7 +136,11 @@ class Partner:
     """
 
     def __init__(
-        self, settings: TrainSettings[Any], parts: Parts, state: dict[str, Any] | None = None
+        self,
+        settings: TrainSettings[Any],
+        parts: Parts,
+        folder: Path,
+        state: dict[str, Any] | None = None,
     ) -> None:
         context: Any = get_context("fork" if can_fork() else "spawn")
         network = network_of(settings.hyper, parts.seat, parts.build)
@@ -132,7 +150,7 @@ class Partner:
         self.process = context.Process(target=serve, args=given, name="partner", daemon=True)
         self.process.start()
         theirs.close()
-        self.pair = Pair(ours, shared, 0, self.process)
+        self.pair = Pair(ours, shared, 0, self.process, folder)
         self._end = Finalize(self, end, (ours, self.process), exitpriority=0)
         self.pair.say(state)
 

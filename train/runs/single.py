@@ -253,7 +253,7 @@ def make_run(
         with contextlib.ExitStack() as undo:
             partner = None
             if settings.processes > 1:
-                partner = Partner(settings, parts, before)
+                partner = Partner(settings, parts, folder, before)
                 undo.callback(partner.close)
                 torch.manual_seed(settings.seed)  # of the weights, as there
             trainee = SingleAgent(parts, settings.evaluate, before, partner)

@@ -74,9 +74,13 @@ def tensor_device(device: str) -> str:
 
 def check_device(device: str) -> None:
     """ValueError for a GPU that torch does not find."""
+    if tensor_device(device) == "cpu":
+        return
+    here = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    check(here > 0, f"device={device!r}, but torch finds no GPU here; use --device cpu")
     check(
-        tensor_device(device) == "cpu" or torch.cuda.is_available(),
-        f"device={device!r}, but torch finds no GPU here; use --device cpu",
+        int(device.partition(":")[2] or 0) < here,
+        f"device={device!r}, but torch finds {here} here; use --device cuda:0 to cuda:{here - 1}",
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 
 
@@ -42,8 +43,8 @@ GRAPHS = ("auto", "off")
 def check_device(device: str, clock: str) -> None:
     """ValueError for a device that is none, or whose work `clock` does not count."""
     check(
-        device == "cpu" or device.split(":")[0] == "cuda",
-        f"unknown device {device!r}; cpu or cuda (or cuda:1, ...)",
+        re.fullmatch("cpu|cuda(:(0|[1-9][0-9]?))?", device) is not None,
+        f"unknown device {device!r}; cpu, cuda, or one GPU of several: cuda:0, cuda:1, ...",
     )
     check(
         clock == "wall" or device == "cpu",
