@@ -21,7 +21,7 @@ from time import perf_counter, process_time
 from typing import Any
 
 import torch
-from in_turns import compare
+from in_turns import add_options, compare
 
 from pursuit.simulator import Simulator
 from pursuit.task import make_task
@@ -330,9 +330,7 @@ def main() -> None:
     parser.add_argument("--parts", nargs="+", default=["layers", "speed", "products", "gap"])
     parser.add_argument("--seconds", type=float, default=10.0, help="time of each measurement")
     parser.add_argument("--limit", type=float, default=120.0, help="longest budget tried")
-    parser.add_argument("--against", help="another version: a folder, or a git revision")
-    parser.add_argument("--turns", type=int, default=7, help="of both versions")
-    parser.add_argument("--only", default="", help="cases with this in their names")
+    add_options(parser)
     given = parser.parse_args()
     if given.against:
         what = "s of the processor for a million frames"

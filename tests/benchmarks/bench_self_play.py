@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import torch
-from in_turns import compare
+from in_turns import add_options, compare
 
 from pursuit.maze import load_maze
 from scripted_agents import cop_number, solve_chase, solve_in_turns
@@ -138,10 +138,8 @@ for line in sys.stdin:
 def main() -> None:
     """Run all of it, or the comparison."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--against", help="another version: a folder, or a git revision")
+    add_options(parser)
     parser.add_argument("--seconds", type=float, default=1.0, help="time of each measurement")
-    parser.add_argument("--turns", type=int, default=7, help="of both versions")
-    parser.add_argument("--only", default="", help="cases with this in their names")
     given = parser.parse_args()
     if given.against:
         what = "s of the processor for a million frames"

@@ -17,7 +17,7 @@ from time import perf_counter
 
 import gymnasium
 import numpy as np
-from in_turns import compare
+from in_turns import add_options, compare
 
 from pursuit.maze_generation import generate_maze
 from pursuit.simulator import Simulator
@@ -208,9 +208,7 @@ def main() -> None:
     """Print everything."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=1.0, help="time of each measurement")
-    parser.add_argument("--against", help="another version: a folder, or a git revision")
-    parser.add_argument("--turns", type=int, default=15, help="of both versions")
-    parser.add_argument("--only", default="", help="cases with this in their names")
+    add_options(parser, turns=15)
     given = parser.parse_args()
     seconds = given.seconds
     if given.against:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import subprocess
@@ -49,6 +50,13 @@ def measuring(script: str, folder: Path) -> Iterator[Callable[[object], Any]]:
 
         yield ask
         process.stdin.close()
+
+
+def add_options(parser: argparse.ArgumentParser, turns: int = 7) -> None:
+    """What `compare` is asked for on the command line, but for the seconds."""
+    parser.add_argument("--against", help="another version: a folder, or a git revision")
+    parser.add_argument("--turns", type=int, default=turns, help="of both versions")
+    parser.add_argument("--only", default="", help="cases with this in their names")
 
 
 def compare(
