@@ -198,6 +198,26 @@ def test_reinforces_discount_is_annealed_by_how_far_it_looks_ahead() -> None:
         ReinforceSettings(gamma=1.0, gamma_end=0.99)
 
 
+@pytest.mark.parametrize("recurrent", [None, "gru"])  # by kernels, and by TorchRL's GAE
+def test_advantages_are_those_of_the_annealed_discount(recurrent: str | None) -> None:
+    """As with that discount throughout; the games and the draws are the same."""
+    found = []
+    for settings in (
+        A2CSettings(16, 0.9, recurrent, gamma_end=0.999),
+        A2CSettings(16, 0.99, recurrent),
+    ):
+        torch.manual_seed(0)
+        env = make_env(16)
+        learner = A2C(settings, env, make_network(env, hidden=Hidden(16, recurrent=recurrent)))
+        assert (learner.joined is None) == (recurrent is not None)
+        learner.set_schedules(0.5)
+        frames = learner.collect()
+        assert frames["value_target"].abs().max() > 0.1  # something was earned
+        found.append(frames["advantage"])
+        learner.close()
+    torch.testing.assert_close(*found)
+
+
 def test_reinforce_learns_from_whole_episodes_and_their_returns() -> None:
     env = make_env(64)
     learner = Reinforce(ReinforceSettings(64, 0.9), env, make_network(env), "cpu")

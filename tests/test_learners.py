@@ -13,6 +13,7 @@ from test_algorithms import make_env
 
 from scripted_agents import RandomAgent
 from train.algorithms.registry import ALGORITHMS, Algorithm, Build, algorithm_of, entry, register
+from train.commands.train import _defaults
 from train.experiments.kinds import start
 from train.runs.by_name import settings_of
 from train.runs.folder import RUN, new_folder
@@ -204,8 +205,25 @@ def test_runners_look_as_far_ahead_as_their_learner_can() -> None:
         assert large.hyper.gamma == gamma
     for algorithm in ("ppo", "a2c", "reinforce", "dqn"):
         assert settings_of(algorithm=algorithm, frames=1).hyper.gamma == 0.95
-    whole: Any = settings_of(algorithm="reinforce", task="maze", frames=1).hyper
-    assert (whole.gamma_at(0.0), whole.last_gamma) == pytest.approx((0.95, 0.99))
+    for algorithm in ("reinforce", "a2c"):
+        whole: Any = settings_of(algorithm=algorithm, task="maze", frames=1).hyper
+        assert (whole.gamma_at(0.0), whole.last_gamma) == pytest.approx((0.95, 0.99))
+    ends = [
+        settings_of(task="maze", num_goals=goals, frames=1).hyper.last_gamma
+        for goals in (3, 4, 5, 6, 7, 8, 12)
+    ]
+    assert ends == sorted(ends) and (ends[0], *ends[-2:]) == pytest.approx((0.99, 0.997, 0.997))
+
+
+def test_a_discount_that_is_given_stays() -> None:
+    given: dict[str, Any] = {"algorithm": "a2c", "task": "maze", "frames": 1}
+    assert settings_of(**given, gamma=0.97).hyper.last_gamma == 0.97
+    own: Any = settings_of(**given, gamma=0.97, gamma_end=0.98).hyper
+    assert (own.gamma, own.gamma_end) == (0.97, 0.98)
+    assert settings_of(**given, gamma_end=0.98).hyper.gamma == 0.95
+    command = ["--task", "maze", "--algorithm", "a2c", "--gamma", "1", "--frames", "1"]
+    hyper: Any = _defaults(command).settings.hyper
+    assert hyper.gamma_end is None
 
 
 def test_chance_is_kept_by_runners_and_chasers() -> None:

@@ -217,7 +217,7 @@ class Sarsa(NetworkLearner):
 
     def iterate(self, progress: float) -> dict[str, float]:
         """Sixteen steps of every game."""
-        self.set_learning_rate(progress)
+        self.set_schedules(progress)
         if self.now is None:
             self.now = self.env.reset()
         if self.actions is None:

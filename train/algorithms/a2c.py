@@ -46,7 +46,7 @@ class A2C(RolloutLearner):
 
     def iterate(self, progress: float) -> dict[str, float]:
         """Collect one rollout and take one gradient step."""
-        self.set_learning_rate(progress)
+        self.set_schedules(progress)
         entropy_coef = self.annealed(self.settings.entropy_coef, progress)
         if self.joined is not None and type(self) is A2C:  # another may have another loss
             return self._learn_joined(self.joined, entropy_coef)
@@ -113,7 +113,7 @@ class Reinforce(NetworkLearner):
     def iterate(self, progress: float) -> dict[str, float]:
         """Play the episodes and take one gradient step on all their frames."""
         settings = self.settings
-        self.set_learning_rate(progress)
+        self.set_schedules(progress)
         frames = self.play(settings.gamma_at(progress))
         frames["prepared"] = self.network.policy_trunk.prepare(frames["observation"])
         hidden, value_hidden, frames = self.network.through(frames)

@@ -90,9 +90,9 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         self.explorer.anything = self.frames < settings.learning_starts
         return {} if settings.noise == "none" else {"noise": self.noise.std}
 
-    def set_learning_rate(self, progress: float) -> None:
-        """Anneal those of actor and critics."""
-        super().set_learning_rate(progress)
+    def set_schedules(self, progress: float) -> None:
+        """Also that of the critics."""
+        super().set_schedules(progress)
         rate = self.annealed(self.chosen.critic_learning_rate, progress)
         self.critic_optimizer.param_groups[0]["lr"] = rate
 
@@ -237,9 +237,9 @@ class SAC(ContinuousLearner[GaussianActor]):
         """The temperature's optimizer as well."""
         return {**super().parts, "temperature_optimizer": self.temperature_optimizer}
 
-    def set_learning_rate(self, progress: float) -> None:
-        """Anneal that of the temperature, too."""
-        super().set_learning_rate(progress)
+    def set_schedules(self, progress: float) -> None:
+        """Also that of the temperature."""
+        super().set_schedules(progress)
         rate = self.annealed(self.soft.temperature_learning_rate, progress)
         self.temperature_optimizer.param_groups[0]["lr"] = rate
 

@@ -26,7 +26,7 @@ class JoinedRollouts:
         env: the games, such as `plays_joined`.
         network: chooses the actions.
         steps: of every game in a rollout.
-        gamma: discount of a step.
+        gamma: discount of a step, to begin with.
         gae_lambda: of the advantages.
 
     Attributes:
@@ -42,7 +42,8 @@ class JoinedRollouts:
         gae_lambda: float,
     ) -> None:
         self.env, self.network, self.steps = env, network, steps
-        self.discounts = torch.tensor([gamma, gamma * gae_lambda], dtype=torch.float64)
+        self.gae_lambda, self.discounts = gae_lambda, torch.empty(2, dtype=torch.float64)
+        self.set_discount(gamma)
         self._now: Any = None
         seen, (rows,) = env.observation_spec["observation"], env.batch_size
         shape, self.played = (steps, rows), steps * rows
@@ -53,6 +54,10 @@ class JoinedRollouts:
         self._cut_value = torch.empty(shape)
         self._ended, self._cut = torch.empty(2, *shape, dtype=torch.bool)
         self._counts = torch.ones(shape, dtype=torch.bool)
+
+    def set_discount(self, gamma: float) -> None:
+        """That of the next rollouts."""
+        self.discounts[0], self.discounts[1] = gamma, gamma * self.gae_lambda
 
     @torch.no_grad()
     def rollout(self) -> Learned:

@@ -284,8 +284,8 @@ class NetworkLearner:
         moments = [self.optimizer.state.get(weight, {}) for weight in weights]
         return [*weights, *(one for own in moments for one in own.values())]
 
-    def set_learning_rate(self, progress: float) -> None:
-        """Anneal it."""
+    def set_schedules(self, progress: float) -> None:
+        """Set what changes with `progress` in [0, 1] through the budget: the learning rate here."""
         self.optimizer.param_groups[0]["lr"] = self.annealed(self._descent.learning_rate, progress)
 
     def rate_now(self) -> torch.Tensor:

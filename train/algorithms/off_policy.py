@@ -83,7 +83,7 @@ class OffPolicyLearner(NetworkLearner):
     def iterate(self, progress: float) -> dict[str, float]:
         """Play one rollout into the buffer, and take `gradient_steps` from it."""
         settings = self.replayed
-        self.set_learning_rate(progress)
+        self.set_schedules(progress)
         figures = self.explore(progress)
         if settings.prioritized:  # Schaul et al. (2016), section 3.4
             ends = settings.importance_exponent, settings.importance_exponent_end

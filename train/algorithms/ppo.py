@@ -116,7 +116,7 @@ class PPO(RolloutLearner):
             Means over the gradient steps: the losses, the entropy, the clipped share and so on.
         """
         settings = self.settings
-        self.set_learning_rate(progress)
+        self.set_schedules(progress)
         entropy_coef = self.annealed(settings.entropy_coef, progress)
         frames = self.collect() if self.joined is None else self.collect_joined()
         orders = (torch.randperm(len(frames), device=self.device) for _ in range(settings.epochs))

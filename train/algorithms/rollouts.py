@@ -124,7 +124,7 @@ class RolloutLearner(NetworkLearner):
         graphs: Graphs | None = None,
     ) -> None:
         super().__init__(settings, env, network, device)
-        self.critic, self.steps = critic, settings.rollout_steps
+        self.critic, self.steps, self.gamma_at = critic, settings.rollout_steps, settings.gamma_at
         self.keys = [network.form.DRAWN, "action_log_prob", "advantage", "value_target"]
         if keep_all:
             self.keys.append(DISTRIBUTION)
@@ -160,6 +160,14 @@ class RolloutLearner(NetworkLearner):
         self.frames_of_row = settings.rollout_steps if self.remembers else 1
         self._batches: Any = iter(self.collector) if self.joined is None else None
         self.gae = GAE(gamma=settings.gamma, lmbda=gae_lambda, value_network=None)
+
+    def set_schedules(self, progress: float) -> None:
+        """Also the discount."""
+        super().set_schedules(progress)
+        gamma = self.gamma_at(progress)
+        self.gae.gamma.fill_(gamma)
+        if self.joined is not None:
+            self.collector.set_discount(gamma)
 
     @property
     def remembers(self) -> bool:

@@ -78,6 +78,7 @@ class _First:
     preset: str = TUNED
     curriculum: str | None = None
     recurrent: str | None = None
+    gamma: float | None = None
 
 
 def train(arguments: Sequence[str]) -> None:
@@ -131,7 +132,7 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
         )
     algorithm = first.algorithm or preset_algorithm(first.preset) or "ppo"
     setting = replace(setting_of(first.task), recurrent=first.recurrent is not None)
-    hyper = hyperparameters(algorithm, setting, first.preset)
+    hyper = hyperparameters(algorithm, setting, first.preset, first.gamma is not None)
     curriculum, lessons = lessons_for(algorithm, setting, first.preset, first.curriculum)
     budget = budget_of(arguments, 60.0)
     # With a flag on by default the command line would offer to turn it off, and refuse it as given.

@@ -31,7 +31,7 @@ def settings_of(**flat: Any) -> TrainSettings[Any]:
     algorithm = given.get("algorithm", preset_algorithm(preset) or "ppo")
     task = picked(task_form(given.get("task")), given)
     setting = replace(setting_of(task), recurrent=given.get("recurrent") is not None)
-    hyper = hyperparameters(algorithm, setting, preset)
+    hyper = hyperparameters(algorithm, setting, preset, "gamma" in given)
     curriculum, lessons = lessons_for(algorithm, setting, preset, given.get("curriculum"))
     check_names(
         given,

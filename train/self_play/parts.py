@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +70,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     task = task_of(settings.task)
     check_one_maze(task, "self-play")
     check_sides(settings, task)
-    discount = settings.hyper.gamma
+    discount = settings.hyper.last_gamma
     scripted = {
         (name, role): scripted_policy(
             name,
@@ -195,8 +195,9 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
     algorithm = settings.algorithm(role)
     hyper: Hyperparameters = settings.hyper
     if algorithm != "ppo":
-        same: Any = {"gamma": settings.hyper.gamma, "recurrent": settings.hyper.recurrent}
-        hyper = replace(hyperparameters(algorithm, setting_of(task)), **same)
+        hyper = hyperparameters(algorithm, setting_of(task))
+        same = {"gamma", "gamma_end", "recurrent"} & {field.name for field in fields(hyper)}
+        hyper = replace(hyper, **{name: getattr(settings.hyper, name) for name in same})
     games = max(hyper.num_games // members, 1) * members
     if isinstance(hyper, PPOSettings):
         batch = min(hyper.minibatch_size, games * hyper.rollout_steps)

@@ -43,6 +43,30 @@ class ActorCriticSettings(NetworkSettings):
     """Whether policy and value share their hidden layers."""
     action_std: float = 1.0
     """Standard deviation of continuous actions, before tanh, at the start; it is learned."""
+    gamma_end: float | None = None
+    """The discount at the end, below 1; None for `gamma` throughout."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.gamma_end is not None:
+            check(
+                max(self.gamma, self.gamma_end) < 1.0 and self.gamma_end >= 0.0,
+                f"gamma={self.gamma}, gamma_end={self.gamma_end}; between two discounts from 0 on "
+                "and below 1 there is a way by how far they look ahead: lower them, or leave "
+                "gamma_end out",
+            )
+
+    @property
+    def last_gamma(self) -> float:
+        """As in `Hyperparameters`."""
+        return self.gamma if self.gamma_end is None else self.gamma_end
+
+    def gamma_at(self, progress: float) -> float:
+        """The discount at a time in [0, 1]: the steps that it looks ahead, 1 / (1 - discount), grow
+        by the same factor in equal times."""
+        if self.gamma_end is None:
+            return self.gamma
+        return 1.0 - (1.0 - self.gamma) ** (1.0 - progress) * (1.0 - self.gamma_end) ** progress
 
 
 @dataclass(frozen=True)
@@ -129,32 +153,8 @@ class ReinforceSettings(ActorCriticSettings):
     """Episodes between two updates."""
     learning_rate: float = 1e-2
     """Of Adam, at the start."""
-    gamma_end: float | None = None
-    """The discount at the end, below 1; None for `gamma` throughout."""
     baseline: bool = True
     """Subtract a learned value from the returns."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.gamma_end is not None:
-            check(
-                max(self.gamma, self.gamma_end) < 1.0 and self.gamma_end >= 0.0,
-                f"gamma={self.gamma}, gamma_end={self.gamma_end}; between two discounts from 0 on "
-                "and below 1 there is a way by how far they look ahead: lower them, or leave "
-                "gamma_end out",
-            )
-
-    @property
-    def last_gamma(self) -> float:
-        """As in `Hyperparameters`."""
-        return self.gamma if self.gamma_end is None else self.gamma_end
-
-    def gamma_at(self, progress: float) -> float:
-        """The discount at a time in [0, 1]: the steps that it looks ahead, 1 / (1 - discount), grow
-        by the same factor in equal times."""
-        if self.gamma_end is None:
-            return self.gamma
-        return 1.0 - (1.0 - self.gamma) ** (1.0 - progress) * (1.0 - self.gamma_end) ** progress
 
 
 @dataclass(frozen=True)
