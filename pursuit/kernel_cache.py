@@ -6,7 +6,8 @@ is given the machine code of the other; after a change of the rules a process ca
 and the old file. Here every entry has a file of its own, named by what it was compiled for, which
 it holds as well; it is written before the index, and the index by one process at a time.
 
-Where the disk takes nothing, kernels are kept in memory alone, and it is said once.
+Where the disk takes or gives nothing, kernels are kept in memory alone, and it is said once. Files
+that were damaged, as by a machine that lost its power, are as none.
 """
 
 from __future__ import annotations
@@ -63,6 +64,25 @@ class KernelCacheFile(IndexDataCacheFile):
     def is_empty(self) -> bool:
         """Whether nothing was compiled of the kernel as it stands."""
         return not self._load_index()
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            found: dict[Any, str] = super()._load_index()
+        except OSError as error:
+            warn_of(self._cache_path, error)
+        except Exception:  # what damaged pickles raise is not bounded
+            pass
+        else:
+            return found
+        return {}
+
+    def _load_data(self, name: str) -> Any:
+        try:
+            return super()._load_data(name)
+        except OSError:
+            raise
+        except Exception as error:
+            raise OSError(f"{name}: damaged") from error  # for `load`, to which it is none then
 
     def _kept(self, key: Any) -> Any:
         found = super().load(key)

@@ -133,6 +133,28 @@ def test_where_the_disk_takes_nothing_it_is_said_once_and_nothing_is_left_half_w
     assert file.load("two") == b"code of two"
 
 
+@pytest.mark.parametrize("suffix", ["*.nbi", "*.nbc"])
+@pytest.mark.parametrize("left", [b"", b"\x80\x04", b"nonsense"])
+def test_damaged_files_are_as_none(
+    file: KernelCacheFile, tmp_path: Path, suffix: str, left: bytes
+) -> None:
+    file.save("one", b"code of one")
+    (path,) = tmp_path.glob(suffix)
+    path.write_bytes(left)
+    assert file.load("one") is None
+    file.save("one", b"code of one")
+    assert file.load("one") == b"code of one"
+
+
+def test_an_index_that_cannot_be_read_is_as_none_and_it_is_said(
+    file: KernelCacheFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kernel_cache, "has_warned", False)
+    (tmp_path / file._index_name).mkdir()
+    with pytest.warns(UserWarning, match=r"Is a directory.*NUMBA_CACHE_DIR"):
+        assert file.load("one") is None and file.is_empty
+
+
 def test_a_kernel_is_compiled_though_its_folder_is_gone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -130,6 +130,8 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     if plain.get("processes") == 1:
         del plain["processes"]  # and those of the one process that there was
     plain.pop("graphs", None)  # they compute the same
+    if plain["hyper"].get("gamma_end") is None:  # and those of the one discount that there was
+        plain["hyper"].pop("gamma_end", None)
     if plain["hyper"].get("recurrent") is None:
         for name in ("recurrent", "burn_in"):
             plain["hyper"].pop(name, None)
