@@ -22,6 +22,7 @@ from train.commands.main import in_words, main
 from train.experiments.address import check_answers
 from train.files import write_beside
 from train.runs.folder import load_checkpoint, read_metrics
+from train.runs.report import loops_told
 
 TINY = [
     *("--maze", "3x3", "--num-games", "16", "--rollout-steps", "8", "--minibatch-size", "64"),
@@ -70,6 +71,27 @@ def test_runners_and_evaders_are_trained_too(task: list[str], tmp_path: Path) ->
     run("train", *TINY, *task, "--frames", "1024", "--out", tmp_path / "run")
     evaluation = json.loads((tmp_path / "run" / "results.json").read_text())["evaluation"]
     assert evaluation["optimal_steps"] > 0 and "objective_floor" in evaluation
+
+
+@pytest.mark.parametrize(
+    ("greedy", "drawn", "unsolved", "told"),
+    [
+        (0.996, 1.0, 0.004, "from 0.4 % of the starts"),
+        (1.0, 1.0, 0.0, ""),
+        (0.99, 0.98, 0.01, ""),
+        (0.5, 1.0, 0.5, ""),  # it has yet to learn
+        (0.99, 1.0, None, ""),  # no runner
+    ],
+)
+def test_who_walks_to_and_fro_is_told_what_cures_it(
+    greedy: float, drawn: float, unsolved: float | None, told: str
+) -> None:
+    scores = [
+        {"name": "learned", "success_rate": greedy},
+        {"name": "learned, sampled", "success_rate": drawn},
+    ]
+    found = loops_told({"scores": scores, "evaluation": {"unsolved_share": unsolved}})
+    assert told in found and bool(found) == bool(told) == ("--frame-stack 2" in found)
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ from train.runs.folder import CURVE, REPLAY, REPORT, RUN
 from train.runs.loop import Run
 from train.runs.parts import setting_of
 from train.runs.pictures import draw_learning_curve, save_replay
-from train.runs.report import of_solved, write_report
+from train.runs.report import loops_told, of_solved, write_report
 from train.runs.saved import load_settings
 from train.runs.single import SingleAgent
 from train.settings.algorithms import Hyperparameters
@@ -168,8 +168,8 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
     write_text(run.folder / METHODS, methods([run.folder]))
     save_replay(run.folder / REPLAY, contest, trainee.policy)
     evaluation = content["evaluation"]
-    judged = trainee.judged(evaluation["episodes"])
-    write_report(run.folder, load_settings(run.folder), judged, trainee.policy, content)
+    judged, settings = trainee.judged(evaluation["episodes"]), load_settings(run.folder)
+    write_report(run.folder, settings, judged, trainee.policy, content)
     if evaluation["optimality_gap"] is not None:
         how = "exactly" if evaluation["exact"] else "on the same starts"
         print(
@@ -177,6 +177,9 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
             f"{evaluation['optimal_steps']:.3f} ({how}): gap "
             f"{100 * evaluation['optimality_gap']:+.2f} %{of_solved(evaluation)}"
         )
+    remembers = settings.frame_stack > 1 or settings.hyper.recurrent is not None
+    if not remembers and (told := loops_told(content)):
+        print(told)
     if evaluation.get("return_regret") is not None:
         print(
             f"\nlearned return {evaluation['mean_return']:.3f}, the best on the same starts "
