@@ -59,6 +59,8 @@ CASES = {
     "no critic": Case({**CHASE, "critic": False}),
     "a2c": Case({**CHASE, "algorithm": "a2c"}),
     "dqn": Case({**CHASE, **DQN}),
+    # An "index" has first layers that are a kernel of their own on the CPU.
+    "dqn on positions": Case({**CHASE, **DQN, "observation": "positions"}),
     "dqn, opponent-epsilon": Case({**CHASE, **DQN, "curriculum": "opponent-epsilon"}),
     "opponent-epsilon": Case({**CHASE, "curriculum": "opponent-epsilon"}),
     "goal-spread": Case({**RUN, "curriculum": "goal-spread-start", "easiest": 1}, 4),

@@ -64,6 +64,7 @@ SELF_PLAY = [
     ("names", "paused"),
     [
         (["opponent-epsilon"], True),
+        (["a2c", "dqn on positions"], False),
         pytest.param(PPO_CASES, False, marks=pytest.mark.slow),
         pytest.param(SELF_PLAY, False, marks=pytest.mark.slow),
         pytest.param(["ppo", "a network", "num-goals"], True, marks=pytest.mark.slow),
@@ -74,7 +75,8 @@ def test_what_is_learned_with_graphs_is_what_is_learned_without(
     names: list[str], paused: bool, tmp_path: Path
 ) -> None:
     """Weights, games and whatever else a checkpoint holds, with rates that are annealed; without
-    graphs the games are those of the CPU. Each rollout is one graph, each update another."""
+    graphs the games are those of the CPU. Each rollout is one graph, each update or gradient step
+    another."""
     given = [device_learning.PAUSED, *names] if paused else names
     simulated("device_graphs.py", str(tmp_path / "learned.npz"), *given)
     learned = np.load(tmp_path / "learned.npz")
@@ -86,8 +88,10 @@ def test_what_is_learned_with_graphs_is_what_is_learned_without(
         if name in WAITING:
             assert len(replays) == 1 and len(told) == 1 and WAITING[name] in told[0]
         else:
-            # Both sides of self-play, and both halves of what is paused, have two graphs or more.
-            assert not told and len(replays) >= 2 and max(replays) >= device_graphs.LONGER // 3
+            # Both sides of self-play, and both halves of what is paused, have two graphs or more;
+            # of A2C rollouts alone are captured.
+            assert not told and len(replays) >= 2 - (name == "a2c")
+            assert max(replays) >= device_graphs.LONGER // 3
 
 
 # -- learning over games of the CPU: the update alone is captured ----------------------------------

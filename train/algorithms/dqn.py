@@ -9,12 +9,14 @@ import torch
 
 from curricula import linear
 from pursuit.masks import ACTION_MASK
+from train.algorithms.device_rollouts import DeviceTransitions
 from train.algorithms.graphs import Graphs, Inputs, Repeated
 from train.algorithms.learner import Build, Games
 from train.algorithms.off_policy import NEXT_MASK, OffPolicyLearner, Rollouts
 from train.algorithms.recurrent_dqn import Recording, sequence_loss
 from train.algorithms.replay import Batch
 from train.algorithms.transitions import Transitions
+from train.environments.device_env import DeviceEnv
 from train.networks.masks import masked
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
@@ -32,7 +34,17 @@ class EpsilonGreedy:
     """
 
     def __init__(self, network: QNetwork, device: str = "cpu") -> None:
-        self.network, self.device, self.epsilon = network, device, 1.0
+        self.network, self.device = network, device
+        self._epsilon = torch.ones((), device=device)  # where captured rollouts look it up
+
+    @property
+    def epsilon(self) -> float:
+        """The share of actions that are any."""
+        return float(self._epsilon)
+
+    @epsilon.setter
+    def epsilon(self, share: float) -> None:
+        self._epsilon.fill_(share)
 
     def act(self, seen: Mapping[str, torch.Tensor]) -> torch.Tensor:
         """[games] int64, on the network's device, from what is seen, "observation" and masks."""
@@ -41,11 +53,15 @@ class EpsilonGreedy:
             values = self.network.quick(seen["observation"].to(self.device))
         return self.choose(values, None if allowed is None else allowed.to(self.device))
 
+    def asked(self, observation: torch.Tensor) -> dict[str, torch.Tensor]:
+        """As `device_rollouts.Act`."""
+        return {"action": self.act({"observation": observation})}
+
     def choose(self, values: torch.Tensor, allowed: torch.Tensor | None) -> torch.Tensor:
         """[games] actions, from values [games, actions] and what is allowed; None for anything."""
         values = masked(values, allowed)
         action = values.argmax(dim=-1)
-        anyhow = torch.rand(action.shape, device=action.device) < self.epsilon
+        anyhow = torch.rand(action.shape, device=action.device) < self._epsilon
         if allowed is None:
             drawn = torch.randint_like(action, values.shape[-1])
         else:
@@ -106,7 +122,8 @@ class DQN(OffPolicyLearner):
         target: a second network of the same form.
         device: where both live.
         seed: of the draws from the replay buffer.
-        graphs: who captures gradient steps; None where nobody does.
+        graphs: who captures gradient steps, and rollouts of games that lie on a GPU; None where
+            nobody does.
     """
 
     network: QNetwork
@@ -125,6 +142,9 @@ class DQN(OffPolicyLearner):
         self.recording: Recording | None = None
         collector: Rollouts = Transitions(env, self.explorer.act, settings.rollout_steps)
         per_row = 1
+        if graphs is not None and isinstance(env, DeviceEnv):
+            steps = settings.rollout_steps
+            collector = DeviceTransitions(env, self.explorer.asked, network, steps, graphs)
         if network.policy_memory is not None:
             how = (self.explorer.choose, settings, device)
             collector = self.recording = Recording(env, network, *how)
@@ -144,8 +164,9 @@ class DQN(OffPolicyLearner):
         if settings.exploration_frames is not None:
             explored = self.frames / settings.exploration_frames
         explored = min(explored, 1.0)
-        self.explorer.epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
-        return {"epsilon": self.explorer.epsilon}
+        epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
+        self.explorer.epsilon = epsilon
+        return {"epsilon": epsilon}
 
     def learn(self, batch: Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """A gradient step, and now and then a copy to the target network before it."""
