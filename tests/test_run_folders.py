@@ -368,12 +368,13 @@ def test_a_run_counts_by_the_clock_of_its_settings(tmp_path: Path) -> None:
         settings_of(**{**flat, "clock": "sundial"})
 
 
-def test_folders_from_before_there_were_two_clocks_are_read(
+def test_folders_from_before_there_were_two_clocks_and_growing_discounts_are_read(
     finished: tuple[str, Path], tmp_path: Path
 ) -> None:
     config = copy_of(finished[1], tmp_path / "old") / CONFIG
     plain = json.loads(config.read_text(encoding="utf-8"))
     assert plain.pop("clock") == "wall"
+    plain["hyper"].pop("gamma_end", None)
     config.write_text(json.dumps(plain), encoding="utf-8")
     results = config.parent / RESULTS
     written = json.loads(results.read_text(encoding="utf-8"))
