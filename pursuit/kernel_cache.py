@@ -7,7 +7,7 @@ and the old file. Here every entry has a file of its own, named by what it was c
 it holds as well; it is written before the index, and the index by one process at a time.
 
 Where the disk takes or gives nothing, kernels are kept in memory alone, and it is said once. Files
-that were damaged, as by a machine that lost its power, are as none.
+that were cut off, as by a machine that lost its power, are as none.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ elsewhere: Callable[[], bool] | None = None
 """Waits a moment; whether another process still compiles what this one will ask for. See `load`."""
 
 has_warned = False
-"""Whether this process has said that its disk takes no kernels."""
+"""Whether this process has said that its disk takes or gives no kernels."""
 
 
 class KernelCacheFile(IndexDataCacheFile):
@@ -63,18 +63,20 @@ class KernelCacheFile(IndexDataCacheFile):
     @property
     def is_empty(self) -> bool:
         """Whether nothing was compiled of the kernel as it stands."""
-        return not self._load_index()
+        try:
+            return not self._load_index()
+        except OSError as error:
+            warn_of(self._cache_path, error)
+            return True
 
     def _load_index(self) -> dict[Any, str]:
         try:
             found: dict[Any, str] = super()._load_index()
-        except OSError as error:
-            warn_of(self._cache_path, error)
+        except OSError:
+            raise
         except Exception:  # what damaged pickles raise is not bounded
-            pass
-        else:
-            return found
-        return {}
+            return {}
+        return found
 
     def _load_data(self, name: str) -> Any:
         try:
@@ -85,7 +87,11 @@ class KernelCacheFile(IndexDataCacheFile):
             raise OSError(f"{name}: damaged") from error  # for `load`, to which it is none then
 
     def _kept(self, key: Any) -> Any:
-        found = super().load(key)
+        try:
+            found = super().load(key)
+        except OSError as error:
+            warn_of(self._cache_path, error)
+            return None
         return found[1] if found is not None and found[0] == key else None
 
     def _remove_all(self) -> None:

@@ -60,7 +60,9 @@ CASES = {
     "a2c": Case({**CHASE, "algorithm": "a2c"}),
     "dqn": Case({**CHASE, **DQN}),
     # An "index" has first layers that are a kernel of their own on the CPU.
-    "dqn on positions": Case({**CHASE, **DQN, "observation": "positions"}),
+    "dqn on positions": Case(
+        {**CHASE, **DQN, "observation": "positions", "curriculum": "opponent-epsilon"}
+    ),
     "dqn, opponent-epsilon": Case({**CHASE, **DQN, "curriculum": "opponent-epsilon"}),
     "opponent-epsilon": Case({**CHASE, "curriculum": "opponent-epsilon"}),
     "goal-spread": Case({**RUN, "curriculum": "goal-spread-start", "easiest": 1}, 4),

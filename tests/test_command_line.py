@@ -74,23 +74,24 @@ def test_runners_and_evaders_are_trained_too(task: list[str], tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("greedy", "drawn", "unsolved", "told"),
+    ("role", "greedy", "drawn", "told"),
     [
-        (0.996, 1.0, 0.004, "from 0.4 % of the starts"),
-        (1.0, 1.0, 0.0, ""),
-        (0.99, 0.98, 0.01, ""),
-        (0.5, 1.0, 0.5, ""),  # it has yet to learn
-        (0.99, 1.0, None, ""),  # no runner
+        ("runner", 0.996, 1.0, "from 0.4 % of the starts"),
+        ("runner", 1.0, 1.0, ""),
+        ("runner", 0.99, 0.98, ""),
+        ("runner", 0.9999, 1.0, ""),
+        ("runner", 0.5, 1.0, ""),  # it has yet to learn
+        ("chaser", 0.99, 1.0, ""),
     ],
 )
 def test_who_walks_to_and_fro_is_told_what_cures_it(
-    greedy: float, drawn: float, unsolved: float | None, told: str
+    role: str, greedy: float, drawn: float, told: str
 ) -> None:
     scores = [
         {"name": "learned", "success_rate": greedy},
         {"name": "learned, sampled", "success_rate": drawn},
     ]
-    found = loops_told({"scores": scores, "evaluation": {"unsolved_share": unsolved}})
+    found = loops_told({"role": role, "scores": scores})
     assert told in found and bool(found) == bool(told) == ("--frame-stack 2" in found)
 
 

@@ -68,6 +68,7 @@ SELF_PLAY = [
         pytest.param(PPO_CASES, False, marks=pytest.mark.slow),
         pytest.param(SELF_PLAY, False, marks=pytest.mark.slow),
         pytest.param(["ppo", "a network", "num-goals"], True, marks=pytest.mark.slow),
+        pytest.param(["a2c", "dqn on positions"], True, marks=pytest.mark.slow),
         pytest.param(["pfsp with members"], True, marks=pytest.mark.slow),
     ],
 )

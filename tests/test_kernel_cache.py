@@ -150,9 +150,17 @@ def test_an_index_that_cannot_be_read_is_as_none_and_it_is_said(
     file: KernelCacheFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(kernel_cache, "has_warned", False)
-    (tmp_path / file._index_name).mkdir()
+    file.save("one", b"code of one")
+    index = tmp_path / file._index_name
+    kept = index.read_bytes()
+    index.unlink()
+    index.mkdir()
     with pytest.warns(UserWarning, match=r"Is a directory.*NUMBA_CACHE_DIR"):
         assert file.load("one") is None and file.is_empty
+    file.save("two", b"code of two")
+    index.rmdir()
+    index.write_bytes(kept)
+    assert file.load("one") == b"code of one"  # it was not taken for one of another source
 
 
 def test_a_kernel_is_compiled_though_its_folder_is_gone(

@@ -212,6 +212,8 @@ def test_runners_look_as_far_ahead_as_their_learner_can() -> None:
         settings_of(task="maze", num_goals=goals, frames=1).hyper.last_gamma
         for goals in (3, 4, 5, 6, 7, 8, 12)
     ]
+    race: Any = settings_of(task="race", num_goals=8, frames=1).hyper
+    assert race.gamma == race.last_gamma == 0.99
     assert ends == sorted(ends) and (ends[0], *ends[-2:]) == pytest.approx((0.99, 0.997, 0.997))
 
 

@@ -236,6 +236,15 @@ def test_every_contestant_learns_and_is_judged_alike(name: str) -> None:
     assert np.allclose(drawn_from.mean(axis=0), 0.25, atol=0.1)
 
 
+def test_a_discount_that_is_drawn_is_that_of_every_contestant() -> None:
+    many = replace(RUNNER, num_goals=8)
+    world, *_ = world_and_contest(many, 50)
+    assert settings_of("ours", world, {}).gamma_end == pytest.approx(0.997)
+    for name in CONTESTANTS:
+        drawn = settings_of(name, world, {"gamma": 0.95})
+        assert drawn.gamma == drawn.last_gamma == 0.95
+
+
 # -- the PPO that was rewritten --------------------------------------------------------------------
 
 

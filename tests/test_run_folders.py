@@ -23,6 +23,7 @@ from train.commands import train as train_command
 from train.commands.main import main
 from train.experiments.identity import fingerprint
 from train.experiments.kinds import open_run, start
+from train.experiments.methods import facts_of
 from train.files import hold
 from train.runs.by_name import settings_of
 from train.runs.folder import (
@@ -381,6 +382,7 @@ def test_folders_from_before_there_were_two_clocks_and_growing_discounts_are_rea
     del written["clock"]
     results.write_text(json.dumps(written), encoding="utf-8")
     run = open_run(config.parent)
+    assert facts_of(config.parent).settings.get("gamma_end") is None
     assert run.budget.clock == "wall"
     assert load_results(config.parent)["frames"] == run.trainee.frames
 

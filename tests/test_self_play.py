@@ -371,6 +371,7 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
         ({"chaser_algorithm": "dqn", "task": {"num_chasers": 2}}, "with 2 chasers"),
         ({"share_networks": True, "evader": "astar"}, "share_networks needs"),
         ({"hyper": replace(QUICK, gamma=1.0)}, "gamma=1.0"),
+        ({"hyper": replace(QUICK, gamma_end=0.0)}, "gamma=0.0.*gamma_end"),
         ({"frames": None}, "give one of the two"),
         ({"task": {"role": "evader"}}, "both sides learn here"),
         ({"task": {"task": "heist", "rewards": "default"}}, "with goals; leave them at zero_sum"),
@@ -380,6 +381,15 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
 def test_settings_that_make_no_sense_are_refused(changes: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         self_play_parts(make_settings(**changes))
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c", "dqn"])
+def test_sides_learn_in_the_end_what_the_exact_game_is_about(algorithm: str) -> None:
+    hyper = replace(QUICK, gamma=0.9, gamma_end=0.97)
+    parts = self_play_parts(make_settings(hyper=hyper, chaser_algorithm=algorithm))
+    assert parts.discount == parts.sides["chaser"].hyper.last_gamma == 0.97
+    plain = self_play_parts(make_settings(chaser_algorithm=algorithm))
+    assert plain.discount == plain.sides["chaser"].hyper.last_gamma == QUICK.gamma
 
 
 def test_a_checkpoint_of_other_settings_is_refused(tmp_path: Path) -> None:

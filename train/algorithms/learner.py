@@ -285,7 +285,8 @@ class NetworkLearner:
         return [*weights, *(one for own in moments for one in own.values())]
 
     def set_schedules(self, progress: float) -> None:
-        """Set what changes with `progress` in [0, 1] through the budget: the learning rate here."""
+        """Set learning rates, and of who learns from rollouts the discount, to those of now:
+        `progress` in [0, 1] through the budget."""
         self.optimizer.param_groups[0]["lr"] = self.annealed(self._descent.learning_rate, progress)
 
     def rate_now(self) -> torch.Tensor:

@@ -18,6 +18,7 @@ from train.result_table import Column, ResultTable, Row, words
 from train.runs.folder import CONFIG, RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
 from train.runs.parts import setting_of
 from train.runs.provenance import COMMAND
+from train.runs.saved import ADDED_HYPER
 from train.settings.algorithms import HYPERPARAMETERS
 from train.settings.presets import hyperparameters, lessons_for
 from train.settings.run import TrainSettings
@@ -66,6 +67,7 @@ def facts_of(folder: Path) -> Facts:
     results = load_results(folder) if (folder / RESULTS).exists() else {}
     label = read_label(folder)
     settings, defaults = flat_plain(plain), flat_plain(defaults_of(kind, plain))
+    settings = {name: one for name, one in ADDED_HYPER.items() if name in defaults} | settings
     if "maze" in settings:
         settings["maze"] = results.get("maze") or label.get("maze") or _named(settings["maze"])
     if settings.get("curriculum_mazes"):

@@ -317,9 +317,11 @@ def contestant(name: str) -> Contestant:
 def settings_of(name: str, world: GridWorld, drawn: dict[str, Any]) -> PPOSettings:
     """The settings of a contestant: its defaults, with what was drawn laid over.
 
-    A minibatch is at most the rollout that it is drawn from.
+    A minibatch is at most the rollout that it is drawn from; a discount that was drawn stays.
     """
     given = dict(drawn)
+    if "gamma" in given:
+        given["gamma_end"] = None
     base = contestant(name).defaults(world)
     frames = given.get("num_games", base.num_games) * given.get("rollout_steps", base.rollout_steps)
     given["minibatch_size"] = min(given.get("minibatch_size", base.minibatch_size), frames)

@@ -120,13 +120,15 @@ def loops_told(content: Mapping[str, Any]) -> str:
     """
     solved = {score["name"]: score["success_rate"] for score in content["scores"]}
     greedy, drawn = solved.get("learned"), solved.get("learned, sampled")
-    runs = content["evaluation"].get("unsolved_share")  # of runners alone
-    if not runs or greedy is None or drawn is None or not LEARNED < greedy < drawn:
+    if content["role"] != "runner" or greedy is None or drawn is None or greedy < LEARNED:
+        return ""
+    loops = f"{100 * (drawn - greedy):.1f}"
+    if drawn <= greedy or loops == "0.0":
         return ""
     return (
-        f"greedily it walks to and fro for ever from {100 * (drawn - greedy):.1f} % of the starts "
-        "that it solves as it draws its actions (--evaluate sampled); --frame-stack 2 cures most "
-        "of that"
+        f"greedily it walks to and fro for ever from {loops} % of the starts that it solves as it "
+        "draws its actions (--evaluate sampled); in mazes larger than 5x5 --frame-stack 2 cures "
+        "most of that"
     )
 
 

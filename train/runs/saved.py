@@ -20,8 +20,11 @@ from train.settings.curricula import curriculum_form
 from train.settings.run import TrainSettings
 from train.settings.task import task_form
 
-ADDED = {"clock": "wall", "processes": 1, "graphs": "off", "gamma_end": None}
+ADDED = {"clock": "wall", "processes": 1, "graphs": "off"}
 """Settings that came after folders had been written without them, and what they were there."""
+
+ADDED_HYPER = {"gamma_end": None}
+"""Those of algorithms."""
 
 
 def read_own(form: type[Any], plain: Mapping[str, Any], where: str, inner: set[str]) -> Any:
@@ -42,8 +45,8 @@ def read_part(form: type[Any], plain: Mapping[str, Any], name: str, where: str) 
     """The dataclass `form` from the part `name` of plain values; ValueError where it is none."""
     check(name in plain, f"{where}: field {name!r} is missing; {RESTORE}")
     part = plain[name]
-    if isinstance(part, dict):
-        part = {f.name: ADDED[f.name] for f in fields(form) if f.name in ADDED} | part
+    if name == "hyper" and isinstance(part, dict):
+        part = {f.name: ADDED_HYPER[f.name] for f in fields(form) if f.name in ADDED_HYPER} | part
     missing = [f.name for f in fields(form) if isinstance(part, dict) and f.name not in part]
     check(not missing, f"{where}: field {name}.{'.'.join(missing[:1])} is missing; {RESTORE}")
     return read_as(form, part, f"{where}: {name}", RESTORE)

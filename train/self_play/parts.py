@@ -196,8 +196,11 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
     hyper: Hyperparameters = settings.hyper
     if algorithm != "ppo":
         hyper = hyperparameters(algorithm, setting_of(task))
-        same = {"gamma", "gamma_end", "recurrent"} & {field.name for field in fields(hyper)}
-        hyper = replace(hyper, **{name: getattr(settings.hyper, name) for name in same})
+        same = {name: getattr(settings.hyper, name) for name in ("gamma", "gamma_end", "recurrent")}
+        if "gamma_end" not in {field.name for field in fields(hyper)}:
+            del same["gamma_end"]
+            same["gamma"] = settings.hyper.last_gamma  # that of the exact game
+        hyper = replace(hyper, **same)
     games = max(hyper.num_games // members, 1) * members
     if isinstance(hyper, PPOSettings):
         batch = min(hyper.minibatch_size, games * hyper.rollout_steps)

@@ -145,8 +145,9 @@ class SelfPlaySettings:
             f"observation={self.observation!r}; a central critic works on index",
         )
         check(
-            0.0 < self.hyper.gamma < 1.0,
-            f"gamma={self.hyper.gamma}; in (0, 1): it is the discount of the exact game",
+            0.0 < self.hyper.last_gamma < 1.0,
+            f"gamma={self.hyper.last_gamma}; in (0, 1): it is the discount of the exact game, or "
+            "gamma_end is, where it grows",
         )
 
     @property
