@@ -7,7 +7,7 @@ and the old file. Here every entry has a file of its own, named by what it was c
 it holds as well; it is written before the index, and the index by one process at a time.
 
 Where the disk takes or gives nothing, kernels are kept in memory alone, and it is said once. Files
-that were cut off, as by a machine that lost its power, are as none.
+that were damaged, as by a machine that lost its power, are as none.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import pickle
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -27,6 +28,8 @@ with contextlib.suppress(ImportError):  # Windows: what two processes keep at on
 
 elsewhere: Callable[[], bool] | None = None
 """Waits a moment; whether another process still compiles what this one will ask for. See `load`."""
+
+DIGEST = hashlib.sha256().digest_size
 
 has_warned = False
 """Whether this process has said that its disk takes or gives no kernels."""
@@ -76,15 +79,20 @@ class KernelCacheFile(IndexDataCacheFile):
             raise
         except Exception:  # what damaged pickles raise is not bounded
             return {}
-        return found
+        return found if isinstance(found, dict) else {}
+
+    def _save_data(self, name: str, data: Any) -> None:
+        content = self._dump(data)
+        with self._open_for_write(self._data_path(name)) as file:
+            file.write(hashlib.sha256(content).digest() + content)
 
     def _load_data(self, name: str) -> Any:
-        try:
-            return super()._load_data(name)
-        except OSError:
-            raise
-        except Exception as error:
-            raise OSError(f"{name}: damaged") from error  # for `load`, to which it is none then
+        """As Numba's; machine code with other bytes than were saved would end the process."""
+        content = Path(self._data_path(name)).read_bytes()
+        digest, content = content[:DIGEST], content[DIGEST:]
+        if hashlib.sha256(content).digest() != digest:
+            raise OSError(f"{name}: damaged")  # to `load` it is none then
+        return pickle.loads(content)
 
     def _kept(self, key: Any) -> Any:
         try:

@@ -146,6 +146,18 @@ def test_damaged_files_are_as_none(
     assert file.load("one") == b"code of one"
 
 
+def test_machine_code_that_was_changed_is_as_none(file: KernelCacheFile, tmp_path: Path) -> None:
+    """It would unpickle, and end the process that runs it."""
+    file.save("one", b"code of one")
+    (path,) = tmp_path.glob("*.nbc")
+    content = path.read_bytes()
+    assert content.count(b"code of one") == 1
+    path.write_bytes(content.replace(b"code of one", b"code of two"))
+    assert file.load("one") is None
+    file.save("one", b"code of one")
+    assert file.load("one") == b"code of one"
+
+
 def test_an_index_that_cannot_be_read_is_as_none_and_it_is_said(
     file: KernelCacheFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

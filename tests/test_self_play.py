@@ -371,7 +371,7 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
         ({"chaser_algorithm": "dqn", "task": {"num_chasers": 2}}, "with 2 chasers"),
         ({"share_networks": True, "evader": "astar"}, "share_networks needs"),
         ({"hyper": replace(QUICK, gamma=1.0)}, "gamma=1.0"),
-        ({"hyper": replace(QUICK, gamma_end=0.0)}, "gamma=0.0.*gamma_end"),
+        ({"hyper": replace(QUICK, gamma_end=0.0)}, "gamma_end=0.0; in"),
         ({"frames": None}, "give one of the two"),
         ({"task": {"role": "evader"}}, "both sides learn here"),
         ({"task": {"task": "heist", "rewards": "default"}}, "with goals; leave them at zero_sum"),

@@ -178,7 +178,7 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
             f"{100 * evaluation['optimality_gap']:+.2f} %{of_solved(evaluation)}"
         )
     remembers = settings.frame_stack > 1 or settings.hyper.recurrent is not None
-    if not remembers and (told := loops_told(content)):
+    if settings.evaluate == "greedy" and not remembers and (told := loops_told(content)):
         print(told)
     if evaluation.get("return_regret") is not None:
         print(

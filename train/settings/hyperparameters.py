@@ -75,7 +75,7 @@ class Hyperparameters:
             elif name in self.FINITE:
                 check(abs(value) < float("inf"), f"{name}={value}; it is finite")
             elif isinstance(value, float):
-                check(0.0 <= value < float("inf"), f"{name}={value}; it is at least 0")
+                check(0.0 <= value < float("inf"), f"{name}={value}; it is finite, and at least 0")
 
 
 @dataclass(frozen=True)

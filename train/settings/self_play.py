@@ -144,10 +144,10 @@ class SelfPlaySettings:
             not self.hyper.central_critic or self.observation == "index",
             f"observation={self.observation!r}; a central critic works on index",
         )
+        last = "gamma" if self.hyper.gamma_end is None else "gamma_end"
         check(
             0.0 < self.hyper.last_gamma < 1.0,
-            f"gamma={self.hyper.last_gamma}; in (0, 1): it is the discount of the exact game, or "
-            "gamma_end is, where it grows",
+            f"{last}={self.hyper.last_gamma}; in (0, 1): it is the discount of the exact game",
         )
 
     @property
