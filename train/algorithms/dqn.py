@@ -140,15 +140,16 @@ class DQN(OffPolicyLearner):
     ) -> None:
         self.explorer = EpsilonGreedy(network, device)
         self.recording: Recording | None = None
-        collector: Rollouts = Transitions(env, self.explorer.act, settings.rollout_steps)
-        per_row = 1
-        if graphs is not None and isinstance(env, DeviceEnv):
-            steps = settings.rollout_steps
-            collector = DeviceTransitions(env, self.explorer.asked, network, steps, graphs)
+        collector: Rollouts
+        steps, per_row = settings.rollout_steps, 1
         if network.policy_memory is not None:
             how = (self.explorer.choose, settings, device)
             collector = self.recording = Recording(env, network, *how)
-            per_row = settings.rollout_steps
+            per_row = steps
+        elif graphs is not None and isinstance(env, DeviceEnv):
+            collector = DeviceTransitions(env, self.explorer.asked, network, steps, graphs)
+        else:
+            collector = Transitions(env, self.explorer.act, steps)
         super().__init__(settings, env, network, collector, device, seed, per_row)
         self.settings, self.target = settings, target
         self.target.load_state_dict(network.state_dict())

@@ -19,6 +19,7 @@ from train.experiments.kinds import with_mazes
 from train.files import write_bytes
 from train.runs.folder import CHECKPOINT, CONFIG, SELF_PLAY
 from train.runs.provenance import provenance
+from train.runs.saved import ADDED_HYPER
 from train.runs.tasks import maze_text_of
 from train.runs.third_party import description_of
 from train.settings.checks import check
@@ -130,8 +131,9 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     if plain.get("processes") == 1:
         del plain["processes"]  # and those of the one process that there was
     plain.pop("graphs", None)  # they compute the same
-    if plain["hyper"].get("gamma_end") is None:  # and those of the one discount that there was
-        plain["hyper"].pop("gamma_end", None)
+    for added, before in ADDED_HYPER.items():  # and those from before there were these
+        if plain["hyper"].get(added) == before:
+            plain["hyper"].pop(added, None)
     if plain["hyper"].get("recurrent") is None:
         for name in ("recurrent", "burn_in"):
             plain["hyper"].pop(name, None)
