@@ -56,12 +56,7 @@ class Change:
 
 
 class Curriculum(Protocol):
-    """Decides what is played next.
-
-    One may say `in_order = True`: that what it samples for n games and then, without an update
-    between, for m, is what it samples for n + m at once. Games on a GPU then ask it before a
-    rollout, and need not wait for it in every step.
-    """
+    """Decides what is played next."""
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """Learn from the episodes that ended; what changed by that.

@@ -52,8 +52,6 @@ class Scheduled:
         whole: round to whole numbers.
     """
 
-    in_order = True
-
     def __init__(self, schedule: Schedule, whole: bool = False) -> None:
         self.schedule, self.whole = schedule, whole
         self.value = self._at(Progress())
@@ -99,8 +97,6 @@ class Uniform:
         stages: the values, each as likely.
     """
 
-    in_order = True
-
     def __init__(self, stages: Sequence[float]) -> None:
         self.stages = checked_stages(stages)
         self._told = False
@@ -138,8 +134,6 @@ class Shuffled:
         unit: of that progress.
         seed: of the order.
     """
-
-    in_order = True
 
     def __init__(
         self, stages: Sequence[float], length: float, unit: str = "share", seed: int = 0
@@ -200,8 +194,6 @@ class SuccessGated:
 
     RUNNING_SHARE = 20
     """Counting begins anew when this many times more episodes have ended than still run."""
-
-    in_order = True
 
     def __init__(
         self,
@@ -285,8 +277,6 @@ class LearningProgress:
     Raises:
         ValueError: shares that are not allowed.
     """
-
-    in_order = True
 
     def __init__(
         self,

@@ -135,15 +135,6 @@ def encode_positions(
 
 
 @compiled
-def lay_maze(maze: Any, background: Any, flat: Any) -> None:
-    """Fill `flat` [games, seats, numbers] with what never changes: [mazes, numbers]."""
-    for game in range(flat.shape[0]):
-        for seat in range(flat.shape[1]):
-            for place in range(flat.shape[2]):
-                flat[game, seat, place] = background[maze[game], place]
-
-
-@compiled
 def encode_grid(
     position: Any,
     active: Any,

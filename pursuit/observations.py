@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit import encodings
-from pursuit.device.calls import Call
 from pursuit.own_observations import ENCODINGS as ENCODINGS
 from pursuit.own_observations import WINDOW, Observation, OwnEncoding, is_ours
 from pursuit.rules.layout import Games
@@ -146,49 +145,6 @@ class Encoder:
         else:
             self._draw(games, order, team, out)
         return out
-
-    def calls(self, seats: slice = slice(None)) -> list[Call]:
-        """The kernels that fill [games, seats, *shape], in turn: `encode` for a GPU.
-
-        Raises:
-            ValueError: an observation of your own, which is Python.
-        """
-        if self._own is not None:
-            raise ValueError(
-                f"observation={self.encoding!r} is your own, and is made on the CPU; take one of "
-                f"{', '.join(ENCODINGS)}, or device='cpu'"
-            )
-        sight, hidden = self._sight, self._sight.hidden_maze
-        order, team = self._order[seats], self._team_size[seats]
-        seen = {"table": self._table, "begin": self._begin, "order": order}
-        grid = {"places": self._places}
-        if self.encoding in ("index", "one_hot", "positions"):
-            entry: Any = getattr(encodings, f"encode_{self.encoding}")
-            size = {} if self.encoding == "positions" else {"size": self._size}
-            return [Call(entry, {**seen, **size}, "out")]
-        if self._is_window:
-            mazes = self._mazes._asdict()
-            given = {**seen, **mazes, "team_size": team, "hidden_maze": hidden}
-            return [Call(encode_window, given, "out")]
-        planes = self.encoding == "planes"
-        given = {"background": self._background.reshape(len(self._background), -1)}
-        calls = [Call(encodings.lay_maze, given, "flat")]
-        if planes and sight.limited:
-            calls.append(Call(encodings.mark_view, {**seen, **grid, "hidden_maze": hidden}, "out"))
-        elif hidden.any():
-            how = {"reach": int(self.encoding == "walls"), "columns": self.shape[1]}
-            given = {**seen, **grid, **given, **how, "hidden_maze": hidden}
-            calls.append(Call(encodings.hide_grid, given, "out"))
-        last: Any = encodings.encode_planes if planes else encodings.encode_grid
-        return [*calls, Call(last, {**seen, **grid, "team_size": team}, "out")]
-
-    @property
-    def flat_shape(self) -> tuple[int, ...]:
-        """The shape of one observation as the kernels of `calls` fill it: grids are flat."""
-        if self._own is not None or self._is_window or len(self.shape) == 1:
-            return tuple(self.shape)
-        kept = 1 if self.encoding == "planes" else 0
-        return (*self.shape[:kept], math.prod(self.shape[kept:]))
 
     def _draw(
         self, games: Games, order: NDArray[np.int64], team: NDArray[np.int64], out: NDArray[Any]

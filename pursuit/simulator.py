@@ -47,10 +47,9 @@ class Simulator:
         first_game: the index of the first game of this batch.
         auto_restart: False leaves ended games as they are, still flagged as ended and with rewards
             of 0, until `reset` restarts them.
-        device: "cpu", or "cuda" for a `pursuit.device.simulator.DeviceSimulator` of the same games.
 
     Raises:
-        ValueError: counts or seeds out of range, more games than memory holds, or no such device.
+        ValueError: counts or seeds out of range, or more games than memory holds.
 
     Attributes (arrays that every step overwrites in place; copy what you keep):
         games: the arrays of the games under the names of the rule book.
@@ -76,14 +75,6 @@ class Simulator:
             some games were seeded.
     """
 
-    def __new__(cls, *given: Any, device: str = "cpu", **settings: Any) -> Any:
-        """The games; on a GPU a `DeviceSimulator` of them."""
-        if device == "cpu":
-            return super().__new__(cls)
-        from pursuit.device.simulator import DeviceSimulator  # slow, and optional
-
-        return DeviceSimulator(cls(*given, **settings), device)
-
     def __init__(
         self,
         task: Task,
@@ -91,8 +82,6 @@ class Simulator:
         seed: int = 0,
         first_game: int = 0,
         auto_restart: bool = True,
-        *,
-        device: str = "cpu",
     ) -> None:
         task, num_games = checked_task(task), whole("num_games", num_games, 1, 2**63 - 1)
         first_game = whole("first_game", first_game, 0, 2**62)

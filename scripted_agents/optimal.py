@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.declared import number, one_of, share, truth
-from pursuit.device.calls import Call
 from pursuit.maze import Maze, load_maze
-from pursuit.maze_arrays import MazeArrays
 from pursuit.policy import GameView, TabularPolicy
 from pursuit.rules.layout import Games
 from pursuit.task import MOVE_ORDERS, Task
@@ -116,19 +114,6 @@ class ExactAgent(ABC):
             check_optimal(task, self.role)
             return self.team(task).act(view)
         return self._duellist(task).act(view)
-
-    def on_device(self, task: Task, seat: int, mazes: MazeArrays) -> Call:
-        """The same on a GPU, in games of one against one: the kernel, and what it is given.
-
-        Raises:
-            ValueError: as `act`, and for teams.
-        """
-        self._check_seat(task, seat)
-        if not task.is_duel:
-            raise ValueError(
-                f"{self!r} plays one against one on a GPU; take device='cpu' for teams"
-            )
-        return self._duellist(task).on_device(task, seat, mazes)
 
     def _duellist(self, task: Task) -> TablePolicy:
         order: MoveOrder = task.move_order  # type: ignore[assignment]

@@ -8,9 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.device.calls import Call
 from pursuit.maze import Maze
-from pursuit.maze_arrays import MazeArrays
 from pursuit.policy import GameView
 from pursuit.rules.layout import Games
 from pursuit.task import Task
@@ -100,16 +98,6 @@ class TourRunner(Scripted):
                 "depends on their numbers, and it has no distribution; take NearestGoalRunner"
             )
         return super().moves(task, games, seat)
-
-    def on_device(self, task: Task, seat: int, mazes: MazeArrays) -> Call:
-        """Tours are planned on the CPU.
-
-        Raises:
-            ValueError: always.
-        """
-        raise ValueError(
-            f"{self!r} does not play on a GPU; take NearestGoalRunner, or device='cpu'"
-        )
 
     def _plan_one_by_one(self, view: GameView) -> None:
         """The same where mazes have no distance table, or goals are too many to be exact."""

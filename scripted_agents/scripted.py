@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.declared import share, truth
-from pursuit.device.calls import Call
 from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.maze_arrays import MazeArrays, lay_out
 from pursuit.policy import GameView
@@ -99,18 +98,6 @@ class Scripted:
             self._settings(task.stay_action),
             actions,
         )
-
-    def on_device(self, task: Task, seat: int, mazes: MazeArrays) -> Call:
-        """The same on a GPU: the kernel, and what it is given."""
-        given = {
-            "seats": _numbers((seat,)),
-            "columns": _numbers((seat,)),
-            "counts": tuple(task.teams),
-            "greedy": self._greedy_table(mazes, task.stay_action),
-            "landmarks": NO_LANDMARKS,  # one seat at a time, by the search for all
-            "settings": self._settings(task.stay_action),
-        }
-        return Call(kernels.ENTRIES[self.kind], given, work=("scripted", kernels.NUM_SCRATCH))
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64: the exact distribution in a game of one to one.

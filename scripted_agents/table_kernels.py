@@ -61,31 +61,3 @@ def sample_table(
         draw = next_uniform(streams[game], stream) * cumulative[pair, num_actions - 1]
         while actions[game] < num_actions - 1 and draw >= cumulative[pair, actions[game]]:
             actions[game] += 1
-
-
-@compiled
-def play_pairs(
-    position: Any,
-    seat: int,
-    table_of: Any,
-    draws: Any,
-    cumulative: Any,
-    num_cells: int,
-    actions: Any,
-) -> None:
-    """Fill `actions` [games] in duels in one maze, in each from a table of its own.
-
-    table_of: [games] int32, the number of the table; below 0 the action stays as it is.
-    draws: [games] float64 in [0, 1).
-    cumulative: [tables, pairs of cells, actions], sums over the actions.
-    """
-    most = cumulative.shape[2] - 1
-    for game in range(actions.shape[0]):
-        table = table_of[game]
-        if table < 0:
-            continue
-        pair = np.int64(position[game, seat]) * num_cells + position[game, 1 - seat]
-        draw = draws[game] * cumulative[table, pair, most]
-        actions[game] = 0
-        while actions[game] < most and draw >= cumulative[table, pair, actions[game]]:
-            actions[game] += 1

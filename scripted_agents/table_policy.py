@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.declared import share, truth
-from pursuit.device.calls import Call
 from pursuit.maze import Maze, load_maze
-from pursuit.maze_arrays import MazeArrays
 from pursuit.policy import GameView
 from pursuit.rules.layout import Games
 from pursuit.task import Task
@@ -61,21 +59,6 @@ class TablePolicy:
             actions,
         )
         return actions
-
-    def on_device(self, task: Task, seat: int, mazes: MazeArrays) -> Call:
-        """The same on a GPU: the kernel, and what it is given.
-
-        Raises:
-            ValueError: as `act`.
-        """
-        self._check(task)
-        given = {
-            "opponents": opponents_of(task, seat),
-            "cumulative": self._cumulative,
-            "table_offsets": self._offsets,
-            "default": self.epsilon,
-        }
-        return Call(table_kernels.sample_table, given)
 
     def _check(self, task: Task) -> None:
         if task.mazes != (self.maze,):

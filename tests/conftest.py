@@ -52,7 +52,7 @@ def find_browser() -> str | None:
 
 @pytest.fixture
 def nothing_written_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """PPO and A2C learn on the CPU as on a GPU, with sums in the same order, bit for bit."""
+    """PPO and A2C learn without the compiled kernels, by torch alone."""
     monkeypatch.setattr("train.algorithms.rollouts.plays_joined", lambda env: False)
 
 

@@ -364,27 +364,3 @@ def test_lessons_are_drawn_as_numpys_own_functions_draw_them(seed: int) -> None:
     values = ours.integers(0, 9, 40) / 7
     for count in (1, 7, 39, 40, 50):
         assert (least(values, count) == np.argsort(values, kind="stable")[:count]).all()
-
-
-@pytest.mark.parametrize("name", sorted(set(EVERY) - {"replay"}))
-@pytest.mark.parametrize("parts", [(1, 2), (7, 1, 5), (64, 3, 1, 1)])
-def test_lessons_in_order_are_the_same_in_parts_and_at_once(
-    name: str, parts: tuple[int, ...]
-) -> None:
-    curriculum: Any = EVERY[name]()
-    assert curriculum.in_order
-    known = [curriculum.sample(1, np.random.default_rng(1))[0]] * 8
-    curriculum.update(outcomes(known), Progress(0.3))
-    at_once, in_parts = copy.deepcopy(curriculum), np.random.default_rng(3)
-    expected = at_once.sample(sum(parts), np.random.default_rng(3))
-    found = [curriculum.sample(count, in_parts) for count in parts]
-    np.testing.assert_array_equal(np.concatenate(found), expected)
-
-
-def test_where_lessons_depend_on_how_many_are_asked_for_no_order_is_claimed() -> None:
-    levels = LevelReplay(capacity=2)
-    assert not getattr(levels, "in_order", False)
-    levels.update(outcomes([1.0, 2.0], regrets=np.array([1.0, 2.0])), Progress())
-    one, two = np.random.default_rng(3), np.random.default_rng(3)
-    found = np.concatenate([levels.sample(4, one), levels.sample(4, one)])
-    assert not np.array_equal(found, levels.sample(8, two))

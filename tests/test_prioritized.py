@@ -9,10 +9,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from train.algorithms.prioritized import SummedPriorities, TreePriorities
+from train.algorithms.prioritized import Priorities
 from train.algorithms.replay import Replay
-
-FORMS = (TreePriorities, SummedPriorities)
 
 
 def rows_of(numbers: list[int]) -> dict[str, torch.Tensor]:
@@ -41,7 +39,7 @@ def check_rows(found: dict[str, torch.Tensor], numbers: list[int]) -> None:
 def test_the_ring_is_a_list_whose_oldest_rows_are_overwritten(
     capacity: int, sizes: list[int]
 ) -> None:
-    replay = Replay(capacity, "cpu", torch.Generator())
+    replay = Replay(capacity, torch.Generator())
     expected: dict[int, int] = {}
     written = 0
     for size in sizes:
@@ -59,7 +57,7 @@ def test_uniform_draws_are_those_of_torchrls_sampler() -> None:
     from tensordict import TensorDict
     from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
-    ours = Replay(40, "cpu", torch.Generator().manual_seed(3))
+    ours = Replay(40, torch.Generator().manual_seed(3))
     theirs: Any = TensorDictReplayBuffer(
         storage=LazyTensorStorage(40), batch_size=16, generator=torch.Generator().manual_seed(3)
     )
@@ -74,8 +72,8 @@ def test_uniform_draws_are_those_of_torchrls_sampler() -> None:
 @pytest.mark.parametrize("prioritized", [False, True])
 def test_a_ring_that_is_saved_goes_on_as_if_it_had_not_been(prioritized: bool) -> None:
     def ring() -> Replay:
-        counts = TreePriorities(10, 0.6) if prioritized else None
-        return Replay(10, "cpu", torch.Generator().manual_seed(1), counts)
+        counts = Priorities(10, 0.6) if prioritized else None
+        return Replay(10, torch.Generator().manual_seed(1), counts)
 
     one, other = ring(), ring()
     one.extend(rows_of(list(range(13))))
@@ -97,7 +95,7 @@ def test_a_ring_that_is_saved_goes_on_as_if_it_had_not_been(prioritized: bool) -
 @settings(max_examples=60, deadline=None)
 @given(data=st.data(), capacity=st.integers(1, 40))
 def test_trees_equal_plain_lists(data: st.DataObject, capacity: int) -> None:
-    tree = TreePriorities(capacity, 1.0)
+    tree = Priorities(capacity, 1.0)
     priorities = [0.0] * capacity
     for _ in range(data.draw(st.integers(1, 4))):
         indices = data.draw(st.lists(st.integers(0, capacity - 1), min_size=1))
@@ -118,9 +116,8 @@ def test_trees_equal_plain_lists(data: st.DataObject, capacity: int) -> None:
         assert weight == pytest.approx((priorities[found] / smallest) ** -0.5, rel=1e-5)
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_prioritised_draws_follow_the_priorities_and_weights_undo_them(form: Any) -> None:
-    replay = Replay(6, "cpu", torch.Generator().manual_seed(0), form(6, 0.5, "cpu"))
+def test_prioritised_draws_follow_the_priorities_and_weights_undo_them() -> None:
+    replay = Replay(6, torch.Generator().manual_seed(0), Priorities(6, 0.5))
     replay.extend(rows_of(list(range(5))))
     errors = torch.tensor([1.0, 4.0, 9.0, 16.0, 0.0])
     replay.update(torch.arange(5), errors)
@@ -136,26 +133,11 @@ def test_prioritised_draws_follow_the_priorities_and_weights_undo_them(form: Any
     torch.testing.assert_close(even, torch.full((4,), 0.25), atol=0.02, rtol=0)
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_new_rows_count_as_the_largest_error_that_was_seen(form: Any) -> None:
-    replay = Replay(4, "cpu", torch.Generator().manual_seed(0), form(4, 1.0, "cpu"))
+def test_new_rows_count_as_the_largest_error_that_was_seen() -> None:
+    replay = Replay(4, torch.Generator().manual_seed(0), Priorities(4, 1.0))
     assert replay.priorities is not None
     replay.extend(rows_of([0, 1, 2]))
     assert replay.priorities.read(3).tolist() == pytest.approx([1.0, 1.0, 1.0])
     replay.update(torch.tensor([0, 2]), torch.tensor([0.5, 3.0]))
     replay.extend(rows_of([3, 4]))  # one of them over the oldest
     assert replay.priorities.read(4).tolist() == pytest.approx([3.0, 1.0, 3.0, 3.0])
-
-
-def test_both_forms_of_priorities_draw_the_same() -> None:
-    found = []
-    for form in FORMS:
-        replay = Replay(3000, "cpu", torch.Generator().manual_seed(5), form(3000, 0.6, "cpu"))
-        for first in range(0, 4000, 1000):
-            replay.extend(rows_of(list(range(first, first + 1000))))
-            batch = replay.draw(256, 0.4)
-            replay.update(batch["index"], (batch["action"] % 17) / 4)
-        found.append(replay.draw(512, 0.7))
-    same = found[0]["index"] == found[1]["index"]
-    assert float(same.float().mean()) > 0.99  # sums are rounded in another order
-    torch.testing.assert_close(found[0]["priority_weight"][same], found[1]["priority_weight"][same])

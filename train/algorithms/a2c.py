@@ -10,7 +10,6 @@ from tensordict import TensorDict
 from torchrl.objectives import A2CLoss, ReinforceLoss
 
 from pursuit.masks import ACTION_MASK
-from train.algorithms.graphs import Graphs
 from train.algorithms.learner import Build, Games, NetworkLearner, has_masks
 from train.algorithms.rollouts import RolloutLearner, actor_critic_of
 from train.networks.actor_critic import ActorCritic
@@ -29,20 +28,13 @@ class A2C(RolloutLearner):
         env: the games.
         network: policy and value.
         device: where the network lives.
-        graphs: who captures rollouts of games that lie on a GPU; None where nobody does.
     """
 
     def __init__(
-        self,
-        settings: A2CSettings,
-        env: Games,
-        network: ActorCritic,
-        device: str = "cpu",
-        graphs: Graphs | None = None,
+        self, settings: A2CSettings, env: Games, network: ActorCritic, device: str = "cpu"
     ) -> None:
         gae_lambda = settings.gae_lambda if settings.gae and settings.critic else 1.0
-        how = (gae_lambda, settings.critic, False, graphs)
-        super().__init__(settings, env, network, device, *how)
+        super().__init__(settings, env, network, device, gae_lambda, settings.critic)
         self.settings = settings
         self.loss = A2CLoss(
             actor_of(network, has_masks(env)),
@@ -232,7 +224,7 @@ def one_for_each(
 
 def build_a2c(settings: A2CSettings, env: Games, how: Build) -> A2C:
     """The learner over its games."""
-    return A2C(settings, env, actor_critic_of(settings, env.player, how), how.device, how.graphs)
+    return A2C(settings, env, actor_critic_of(settings, env.player, how), how.device)
 
 
 def build_reinforce(settings: ReinforceSettings, env: Games, how: Build) -> Reinforce:

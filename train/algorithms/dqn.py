@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import torch
 
 from curricula import linear
 from pursuit.masks import ACTION_MASK
-from train.algorithms.device_rollouts import DeviceTransitions
-from train.algorithms.graphs import Graphs, Inputs, Repeated
 from train.algorithms.learner import Build, Games
 from train.algorithms.off_policy import NEXT_MASK, OffPolicyLearner, Rollouts
 from train.algorithms.recurrent_dqn import Recording, sequence_loss
 from train.algorithms.replay import Batch
 from train.algorithms.transitions import Transitions
-from train.environments.device_env import DeviceEnv
 from train.networks.masks import masked
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
@@ -35,16 +32,7 @@ class EpsilonGreedy:
 
     def __init__(self, network: QNetwork, device: str = "cpu") -> None:
         self.network, self.device = network, device
-        self._epsilon = torch.ones((), device=device)  # where captured rollouts look it up
-
-    @property
-    def epsilon(self) -> float:
-        """The share of actions that are any."""
-        return float(self._epsilon)
-
-    @epsilon.setter
-    def epsilon(self, share: float) -> None:
-        self._epsilon.fill_(share)
+        self.epsilon = 1.0
 
     def act(self, seen: Mapping[str, torch.Tensor]) -> torch.Tensor:
         """[games] int64, on the network's device, from what is seen, "observation" and masks."""
@@ -53,15 +41,11 @@ class EpsilonGreedy:
             values = self.network.quick(seen["observation"].to(self.device))
         return self.choose(values, None if allowed is None else allowed.to(self.device))
 
-    def asked(self, observation: torch.Tensor) -> dict[str, torch.Tensor]:
-        """As `device_rollouts.Act`."""
-        return {"action": self.act({"observation": observation})}
-
     def choose(self, values: torch.Tensor, allowed: torch.Tensor | None) -> torch.Tensor:
         """[games] actions, from values [games, actions] and what is allowed; None for anything."""
         values = masked(values, allowed)
         action = values.argmax(dim=-1)
-        anyhow = torch.rand(action.shape, device=action.device) < self._epsilon
+        anyhow = torch.rand(action.shape, device=action.device) < self.epsilon
         if allowed is None:
             drawn = torch.randint_like(action, values.shape[-1])
         else:
@@ -122,8 +106,6 @@ class DQN(OffPolicyLearner):
         target: a second network of the same form.
         device: where both live.
         seed: of the draws from the replay buffer.
-        graphs: who captures gradient steps, and rollouts of games that lie on a GPU; None where
-            nobody does.
     """
 
     network: QNetwork
@@ -136,7 +118,6 @@ class DQN(OffPolicyLearner):
         target: QNetwork,
         device: str,
         seed: int,
-        graphs: Graphs | None = None,
     ) -> None:
         self.explorer = EpsilonGreedy(network, device)
         self.recording: Recording | None = None
@@ -146,17 +127,11 @@ class DQN(OffPolicyLearner):
             how = (self.explorer.choose, settings, device)
             collector = self.recording = Recording(env, network, *how)
             per_row = steps
-        elif graphs is not None and isinstance(env, DeviceEnv):
-            collector = DeviceTransitions(env, self.explorer.asked, network, steps, graphs)
         else:
             collector = Transitions(env, self.explorer.act, steps)
         super().__init__(settings, env, network, collector, device, seed, per_row)
         self.settings, self.target = settings, target
         self.target.load_state_dict(network.state_dict())
-        self._given, self.repeated = Inputs(), None
-        if graphs is not None and self.recording is None:
-            work = (self._step, self.descended, self._depends)
-            self.repeated = Repeated("learning", *work, graphs)
 
     def explore(self, progress: float) -> dict[str, float]:
         """Anneal epsilon."""
@@ -175,16 +150,6 @@ class DQN(OffPolicyLearner):
         if self.updates % settings.target_update_interval == 0:
             self.target.load_state_dict(self.network.state_dict())
         self.updates += 1
-        if self.repeated is not None:
-            self._given.take({**batch, "rate": self.rate_now()})
-            self.rate = self._given.columns["rate"]
-            found = self.repeated()
-            self.count_change()
-            # The next replay overwrites what this one found.
-            return found["error"], {
-                "loss": found["loss"].clone(),
-                "td_error": found["error"].mean(),
-            }
         networks = (self.network, self.target, batch)
         if self.recording is None:
             loss, error = dqn_loss(*networks, settings.gamma, settings.double)
@@ -192,17 +157,6 @@ class DQN(OffPolicyLearner):
             loss, error = sequence_loss(*networks, settings)
         self.descend(loss)
         return error, {"loss": loss.detach(), "td_error": error.mean()}
-
-    def _step(self) -> dict[str, torch.Tensor]:
-        """A gradient step on what is given, to be captured."""
-        how = (self._given.columns, self.settings.gamma, self.settings.double)
-        loss, error = dqn_loss(self.network, self.target, *how)
-        self.descend(loss)
-        return {"loss": loss.detach(), "error": error}
-
-    def _depends(self) -> Hashable:
-        others = (*self._given.columns.values(), *self.target.parameters())
-        return self.settings, tuple(one.data_ptr() for one in others)
 
     def remember(self, rollout: Any) -> None:
         """Put its transitions into the buffer, or with a memory a sequence for every game."""
@@ -251,4 +205,4 @@ def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:
 def build(settings: DQNSettings, env: Games, how: Build) -> DQN:
     """The learner over its games."""
     network, target = (network_of(settings, env.player, how) for _ in range(2))
-    return DQN(settings, env, network, target, how.device, how.seed, how.graphs)
+    return DQN(settings, env, network, target, how.device, how.seed)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -13,7 +12,6 @@ from torch import nn
 from curricula import linear
 from pursuit.masks import ACTION_MASK
 from pursuit.policy import Policy
-from train.algorithms.graphs import Graphs
 from train.environments.hooks import EpisodeHook
 from train.networks.layers import Hidden
 from train.networks.policy import Network, Player
@@ -23,9 +21,6 @@ from train.tensors import check_like
 
 class Games(Protocol):
     """A batched TorchRL environment (an `EnvBase`), with what learners ask beside its specs.
-
-    One that must prepare for rollouts has `begin_rollout(steps)` and `end_rollout()` as well, see
-    `prepared`.
 
     Attributes:
         player: who learns.
@@ -58,20 +53,6 @@ class Games(Protocol):
 
     def step_episodes(self, actions: torch.Tensor, running: torch.Tensor) -> Any:
         """A step without restarts, for learners from whole episodes."""
-
-
-@contextmanager
-def prepared(env: Any, steps: int) -> Iterator[None]:
-    """Around so many calls of `step_and_maybe_reset`: games that must prepare for them do.
-
-    What the hook is to hear of these steps, it has heard at the end.
-    """
-    begin, end = (getattr(env, f"{what}_rollout", None) for what in ("begin", "end"))
-    if begin is not None:
-        begin(steps)
-    yield
-    if end is not None:
-        end()
 
 
 def has_masks(env: Any) -> bool:
@@ -129,14 +110,12 @@ class Build:
         bfloat16: matrix products in bfloat16.
         first_layer: "bag", "dense", or "auto" for the faster.
         seed: of what the learner itself draws (networks draw from torch's generator).
-        graphs: who captures what is done again and again; None where nothing is captured.
     """
 
     device: str = "cpu"
     bfloat16: bool = False
     first_layer: str = "auto"
     seed: int = 0
-    graphs: Graphs | None = None
 
     def hidden(self, settings: NetworkSettings) -> Hidden:
         """The hidden layers that the settings ask for."""
@@ -166,39 +145,31 @@ def alone(tensors: list[torch.Tensor]) -> None:
     """`NetworkLearner.average` where one process learns: each tensor is its mean already."""
 
 
-def clip_gradients(parameters: list[torch.nn.Parameter], most: float, look: bool = True) -> None:
+def clip_gradients(parameters: list[torch.nn.Parameter], most: float) -> None:
     """Scale gradients down to the norm `most`: torch's `clip_grad_norm_`, in three operations.
 
     Args:
         parameters: whose gradients.
         most: the norm.
-        look: whether to leave those alone that are short enough, where nothing waits for that.
     """
     gradients: Any = [weight.grad for weight in parameters if weight.grad is not None]
     norm = torch.linalg.vector_norm(torch.stack(torch._foreach_norm(gradients)))
     scale = (most / (norm + 1e-6)).clamp(max=1.0)
-    if not (look and scale.is_cpu) or float(scale) != 1.0:  # a GPU is not waited for
+    if not scale.is_cpu or float(scale) != 1.0:  # a GPU is not waited for
         torch._foreach_mul_(gradients, scale)
 
 
-def step_adam(optimizer: torch.optim.Adam, rate: torch.Tensor | None = None) -> None:
+def step_adam(optimizer: torch.optim.Adam) -> None:
     """`optimizer.step()` of a fused Adam, without all that it looks up every time on the CPU.
 
     That takes several times as long as the step itself of a network of 128 units.
-
-    Args:
-        optimizer: with one group.
-        rate: the learning rate, as a tensor, for steps that are captured; else that of the group.
     """
     group, state = optimizer.param_groups[0], optimizer.state
     weights = group["params"]
-    if rate is not None:  # torch leaves out the others
-        weights = [weight for weight in weights if weight.grad is not None]
     gradients = [weight.grad for weight in weights]
     plain = not (group["amsgrad"] or group["maximize"] or group["weight_decay"])
     known = all(g is not None and w in state for w, g in zip(weights, gradients, strict=True))
-    here = rate is not None or weights[0].is_cpu
-    if not (plain and known and group["fused"] and here):
+    if not (plain and known and group["fused"] and weights[0].is_cpu):
         optimizer.step()
         return
     moments = [state[weight] for weight in weights]
@@ -210,7 +181,7 @@ def step_adam(optimizer: torch.optim.Adam, rate: torch.Tensor | None = None) -> 
         torch._foreach_add_(steps, 1)
         torch._fused_adam_(
             weights, gradients, first, second, [], steps,
-            lr=group["lr"] if rate is None else rate, beta1=beta1, beta2=beta2, weight_decay=0.0,
+            lr=group["lr"], beta1=beta1, beta2=beta2, weight_decay=0.0,
             eps=group["eps"], amsgrad=False, maximize=False, grad_scale=None, found_inf=None,
         )  # fmt: skip
 
@@ -227,7 +198,6 @@ class NetworkLearner:
     Attributes:
         average: makes tensors their means over all processes that learn these weights; whoever
             starts several of them sets it.
-        rate: the learning rate where gradient steps are captured: a tensor that stays where it is.
     """
 
     def __init__(
@@ -236,7 +206,6 @@ class NetworkLearner:
         self.env, self.network, self.device = env, network, device
         self._descent = settings
         self.average: Callable[[list[torch.Tensor]], None] = alone
-        self.rate: torch.Tensor | None = None
         self.frames = 0
         self.renew_optimizer()
 
@@ -267,33 +236,16 @@ class NetworkLearner:
         """One step of Adam with the gradients that all weights have, scaled down likewise."""
         weights = self.optimizer.param_groups[0]["params"]
         self.average([weight.grad for weight in weights if weight.grad is not None])
-        clip_gradients(weights, self._descent.max_grad_norm, self.rate is None)
-        step_adam(self.optimizer, self.rate)
-        self.count_change()
-
-    def count_change(self) -> None:
-        """Count a step as a change of the weights, for tables of a policy go by that.
-
-        Neither a fused step nor the replay of a graph does so by itself.
-        """
-        torch.autograd.graph.increment_version(self.optimizer.param_groups[0]["params"])
-
-    def descended(self) -> list[torch.Tensor]:
-        """All that gradient steps change: the weights, and Adam's moments of them."""
-        weights: list[torch.Tensor] = self.optimizer.param_groups[0]["params"]
-        moments = [self.optimizer.state.get(weight, {}) for weight in weights]
-        return [*weights, *(one for own in moments for one in own.values())]
+        clip_gradients(weights, self._descent.max_grad_norm)
+        step_adam(self.optimizer)
+        # A fused step does not count as a change of the weights, which cached tables of a policy
+        # are compared by.
+        torch.autograd.graph.increment_version(weights)
 
     def set_schedules(self, progress: float) -> None:
         """Set learning rates, and of who learns from rollouts the discount, to those of now:
         `progress` in [0, 1] through the budget."""
         self.optimizer.param_groups[0]["lr"] = self.annealed(self._descent.learning_rate, progress)
-
-    def rate_now(self) -> torch.Tensor:
-        """The learning rate as a tensor, of the precision that a fused Adam takes there."""
-        rate, there = self.optimizer.param_groups[0]["lr"], torch.device(self.device)
-        dtype = torch.float64 if there.type == "cpu" else torch.float32
-        return torch.full((), rate, dtype=dtype, device=there)
 
     def policy(self, greedy: bool = True) -> Policy:
         """The network as the player."""
@@ -335,9 +287,3 @@ def means(logged: list[dict[str, torch.Tensor]]) -> dict[str, float]:
         name: float(torch.stack([figures[name] for figures in logged]).mean())
         for name in (logged[0] if logged else ())
     }
-
-
-def mean_figures(logged: list[dict[str, torch.Tensor]]) -> torch.Tensor:
-    """The same as a tensor [figures]."""
-    each = [torch.stack([figures[name] for figures in logged]).mean() for name in logged[0]]
-    return torch.stack(each)

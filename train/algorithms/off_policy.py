@@ -8,9 +8,9 @@ import torch
 
 from curricula import linear
 from train.algorithms.learner import Games, NetworkLearner, has_masks, means
-from train.algorithms.prioritized import priorities_of
+from train.algorithms.prioritized import Priorities
 from train.algorithms.replay import Batch, Columns, Replay
-from train.algorithms.transitions import NEXT_MASK, device_of, n_step_rows
+from train.algorithms.transitions import NEXT_MASK, n_step_rows
 from train.networks.policy import Network
 from train.settings.off_policy import ReplaySettings
 from train.tensors import Misfit, check_like, check_tensor
@@ -59,11 +59,10 @@ class OffPolicyLearner(NetworkLearner):
         )
         self.replayed, self.updates = settings, 0
         self.masks, self.collector = has_masks(env), collector
-        self.beta, where = settings.importance_exponent, device_of(env)
-        exponent = settings.priority_exponent
-        counts = priorities_of(self.rows, exponent, where) if settings.prioritized else None
+        self.beta, exponent = settings.importance_exponent, settings.priority_exponent
+        priorities = Priorities(self.rows, exponent) if settings.prioritized else None
         self.generator = torch.Generator().manual_seed(seed)
-        self.replay = Replay(self.rows, where, self.generator, counts)
+        self.replay = Replay(self.rows, self.generator, priorities)
         self._batches = iter(self.collector)
 
     @property
@@ -103,7 +102,7 @@ class OffPolicyLearner(NetworkLearner):
     def sample(self) -> Columns:
         """A minibatch from the buffer, where the networks live."""
         batch = self.replay.draw(self.batch, self.beta)
-        if self.replay.device == self.device:
+        if self.device == "cpu":
             return batch
         return {name: column.to(self.device) for name, column in batch.items()}
 

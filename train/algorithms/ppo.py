@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDictBase
 
 from pursuit.masks import ACTION_MASK
-from train.algorithms.graphs import Graphs, Inputs, Repeated
-from train.algorithms.learner import Build, Games, mean_figures, means
+from train.algorithms.learner import Build, Games, means
 from train.algorithms.rollouts import RolloutLearner, actor_critic_of
 from train.networks.actor_critic import ActorCritic, CentralActorCritic
 from train.networks.distributions import DISTRIBUTION
@@ -24,8 +23,8 @@ def ppo_loss(
     network: ActorCritic,
     minibatch: TensorDictBase,
     settings: PPOSettings,
-    entropy_coef: float | torch.Tensor,
-    kl_coef: float | torch.Tensor = 0.0,
+    entropy_coef: float,
+    kl_coef: float = 0.0,
 ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
     """The clipped surrogate objective with value loss and entropy bonus, to be minimised.
 
@@ -42,8 +41,6 @@ def ppo_loss(
         settings: the hyperparameters.
         entropy_coef: weight of the entropy bonus.
         kl_coef: weight of the divergence KL(collecting policy, policy).
-
-    Both are tensors where it is captured.
 
     Returns:
         The loss, and its parts for the log, detached.
@@ -70,7 +67,7 @@ def ppo_loss(
         "clip_fraction": (ratio != clipped).float().mean(),
         "kl_approx": -change.mean(),
     }
-    if isinstance(kl_coef, torch.Tensor) or kl_coef:
+    if kl_coef:
         parts["kl"] = distribution.divergence(minibatch[DISTRIBUTION]).mean()
         total = total + kl_coef * parts["kl"]
     return total, {name: value.detach() for name, value in parts.items()}
@@ -85,7 +82,6 @@ class PPO(RolloutLearner):
         env: the games.
         network: policy and value.
         device: where the network lives.
-        graphs: who captures rollouts and updates; None where nobody does.
 
     Attributes:
         kl_coef: of the divergence penalty; adapted after each rollout where there is a target.
@@ -97,17 +93,12 @@ class PPO(RolloutLearner):
         env: Games,
         network: ActorCritic,
         device: str = "cpu",
-        graphs: Graphs | None = None,
     ) -> None:
         penalised = settings.kl_target > 0
-        how = (settings.gae_lambda if settings.critic else 1.0, settings.critic, penalised, graphs)
+        how = (settings.gae_lambda if settings.critic else 1.0, settings.critic, penalised)
         super().__init__(settings, env, network, device, *how)
         self.settings = settings
         self.kl_coef = settings.kl_coef if penalised else 0.0
-        self._given, self.repeated = Inputs(), None
-        if graphs is not None:
-            work = (self._update, self.descended, self._depends)
-            self.repeated = Repeated("learning", *work, graphs)
 
     def iterate(self, progress: float) -> dict[str, float]:
         """Collect one rollout and learn from it; `progress` in [0, 1] through the budget.
@@ -120,8 +111,6 @@ class PPO(RolloutLearner):
         entropy_coef = self.annealed(settings.entropy_coef, progress)
         frames = self.collect() if self.joined is None else self.collect_joined()
         orders = (torch.randperm(len(frames), device=self.device) for _ in range(settings.epochs))
-        if self.repeated is not None and not isinstance(frames, Learned):
-            return self._repeat(self.repeated, frames, [*orders], entropy_coef)
         logged = self._descents(frames, orders, entropy_coef, self.kl_coef)
         if self.kl_coef:
             self._adapt_kl_weight(logged[-1]["kl"])
@@ -131,8 +120,8 @@ class PPO(RolloutLearner):
         self,
         frames: TensorDictBase | Learned,
         orders: Iterable[torch.Tensor],
-        entropy_coef: float | torch.Tensor,
-        kl_coef: float | torch.Tensor,
+        entropy_coef: float,
+        kl_coef: float,
     ) -> list[dict[str, torch.Tensor]]:
         """All gradient steps on a rollout: an epoch in each of the orders [frames]."""
         # Idle agents of a team leave fewer frames than were collected.
@@ -148,14 +137,14 @@ class PPO(RolloutLearner):
         self,
         frames: TensorDictBase | Learned,
         chosen: torch.Tensor,
-        entropy_coef: float | torch.Tensor,
-        kl_coef: float | torch.Tensor,
+        entropy_coef: float,
+        kl_coef: float,
     ) -> dict[str, torch.Tensor]:
         """A gradient step on the frames of these numbers; its figures for the log."""
         settings = self.settings
         if isinstance(frames, Learned):
             assert self.joined is not None
-            weighing = Weighing(settings.clip, settings.value_coef, float(entropy_coef))
+            weighing = Weighing(settings.clip, settings.value_coef, entropy_coef)
             parts = self.joined.set_gradients(frames.at(chosen), weighing)
             self.descend_by_gradients()
             return parts
@@ -166,50 +155,6 @@ class PPO(RolloutLearner):
         total, parts = ppo_loss(self.network, minibatch, settings, entropy_coef, kl_coef)
         self.descend(total)
         return parts
-
-    # -- captured ----------------------------------------------------------------------------------
-
-    def _repeat(
-        self,
-        update: Repeated,
-        frames: TensorDictBase,
-        orders: list[torch.Tensor],
-        entropy_coef: float,
-    ) -> dict[str, float]:
-        """As `_descents`, from memory that stays where it is; the figures of `iterate`."""
-        numbers = {"entropy_coef": entropy_coef, "kl_coef": self.kl_coef}
-        self._given.take(
-            {
-                **{n: torch.full((), one, device=self.device) for n, one in numbers.items()},
-                "rate": self.rate_now(),
-                "orders": torch.stack(orders),
-                **{f"frames.{name}": column for name, column in frames.items()},
-            }
-        )
-        self.rate = self._given.columns["rate"]
-        found = update()
-        self.count_change()
-        if self.kl_coef:
-            self._adapt_kl_weight(found["kl"])
-        return dict(zip(self._names, found["figures"].tolist(), strict=True))
-
-    def _update(self) -> dict[str, torch.Tensor]:
-        """All gradient steps, on what is given."""
-        given, mark = self._given.columns, "frames."
-        columns = {n.removeprefix(mark): c for n, c in given.items() if n.startswith(mark)}
-        orders, kl_coef = given["orders"], given["kl_coef"] if self.kl_coef else 0.0
-        frames = TensorDict(columns, batch_size=[orders.shape[1]])
-        logged = self._descents(frames, orders.unbind(), given["entropy_coef"], kl_coef)
-        self._names = list(logged[0])
-        return {
-            "figures": mean_figures(logged),
-            **({"kl": logged[-1]["kl"]} if self.kl_coef else {}),
-        }
-
-    def _depends(self) -> Hashable:
-        # The settings as well: a variant may change them from update to update.
-        given = self._given.columns.values()
-        return self.settings, tuple(column.data_ptr() for column in given)
 
     def _adapt_kl_weight(self, found: torch.Tensor) -> None:
         """Schulman et al. (2017), section 4, with the thresholds of RLlib."""
@@ -249,4 +194,4 @@ def network_of(settings: PPOSettings, player: Player, build: Build) -> ActorCrit
 def build(settings: PPOSettings, env: Games, how: Build) -> PPO:
     """The learner over its games."""
     network = network_of(settings, env.player, how)
-    return PPO(settings, env, network, how.device, how.graphs)
+    return PPO(settings, env, network, how.device)

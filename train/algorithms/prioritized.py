@@ -8,7 +8,7 @@ compiled extension that not every torch can load; ours are compiled by Numba.
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 
@@ -61,21 +61,41 @@ def find_leaves(sums: Any, masses: Any, index: Any) -> None:
         index[number] = node - size
 
 
-class Priorities(Protocol):
-    """The priorities of the rows of a replay buffer.
+def priority(errors: torch.Tensor, alpha: float) -> torch.Tensor:
+    """[n] from the sizes of errors [n]."""
+    return (errors + EPSILON) ** alpha
+
+
+class Priorities:
+    """The priorities of the rows of a replay buffer, in two complete binary trees: sums and minima.
+
+    Args:
+        capacity: rows.
+        alpha: how much errors count; 0 draws uniformly.
 
     Attributes:
         largest: error that was ever seen, which rows have before they are first drawn; None before
             the first row.
     """
 
-    largest: torch.Tensor | None
+    def __init__(self, capacity: int, alpha: float) -> None:
+        size = 1 << max(capacity - 1, 1).bit_length()
+        self.alpha, self.size = alpha, size
+        self.sums = torch.zeros(2 * size, dtype=torch.float64)
+        self.minima = torch.full_like(self.sums, float("inf"))
+        self.largest: torch.Tensor | None = None
 
     def begin(self, index: torch.Tensor) -> None:
         """New rows [n] int64: they count as much as the largest error."""
+        if self.largest is None:
+            self.largest = torch.ones(())
+        self._set(index, priority(self.largest, self.alpha).expand(len(index)))
 
     def update(self, index: torch.Tensor, errors: torch.Tensor) -> None:
         """The sizes of errors [n] float32 that were found in rows [n] int64."""
+        most = errors.max()
+        self.largest = most if self.largest is None else torch.maximum(self.largest, most)
+        self._set(index, priority(errors, self.alpha))
 
     def draw(
         self, count: int, rows: int, beta: float, generator: torch.Generator
@@ -86,59 +106,8 @@ class Priorities(Protocol):
             count: how many.
             rows: that there are.
             beta: the exponent of the weights.
-            generator: of random numbers, on the CPU.
+            generator: of random numbers.
         """
-
-    def read(self, rows: int) -> torch.Tensor:
-        """[rows] float32 on the CPU."""
-
-    def write(self, values: torch.Tensor) -> None:
-        """Take the first of them [n] float32."""
-
-
-def priorities_of(capacity: int, alpha: float, device: str) -> Priorities:
-    """Trees on the CPU, running sums on a GPU."""
-    form = TreePriorities if torch.device(device).type == "cpu" else SummedPriorities
-    return form(capacity, alpha, device)
-
-
-def priority(errors: torch.Tensor, alpha: float) -> torch.Tensor:
-    """[n] from the sizes of errors [n]."""
-    return (errors + EPSILON) ** alpha
-
-
-class TreePriorities:
-    """Priorities in two complete binary trees, of sums and of minima.
-
-    Args:
-        capacity: rows.
-        alpha: how much errors count; 0 draws uniformly.
-        device: the CPU.
-    """
-
-    def __init__(self, capacity: int, alpha: float, device: str = "cpu") -> None:
-        size = 1 << max(capacity - 1, 1).bit_length()
-        self.alpha, self.size = alpha, size
-        self.sums = torch.zeros(2 * size, dtype=torch.float64, device=device)
-        self.minima = torch.full_like(self.sums, float("inf"))
-        self.largest: torch.Tensor | None = None
-
-    def begin(self, index: torch.Tensor) -> None:
-        """As `Priorities`."""
-        if self.largest is None:
-            self.largest = torch.ones(())
-        self._set(index, priority(self.largest, self.alpha).expand(len(index)))
-
-    def update(self, index: torch.Tensor, errors: torch.Tensor) -> None:
-        """As `Priorities`."""
-        most = errors.max()
-        self.largest = most if self.largest is None else torch.maximum(self.largest, most)
-        self._set(index, priority(errors, self.alpha))
-
-    def draw(
-        self, count: int, rows: int, beta: float, generator: torch.Generator
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """As `Priorities`."""
         masses = torch.rand(count, generator=generator) * float(self.sums[1])
         index = torch.empty(count, dtype=torch.int64)
         find_leaves(self.sums.numpy(), masses.numpy(), index.numpy())
@@ -147,60 +116,13 @@ class TreePriorities:
         return index, (found / float(self.minima[1])) ** -beta
 
     def read(self, rows: int) -> torch.Tensor:
-        """As `Priorities`."""
+        """[rows] float32."""
         return self.sums[self.size : self.size + rows].float()
 
     def write(self, values: torch.Tensor) -> None:
-        """As `Priorities`."""
+        """Take the first of them [n] float32."""
         self._set(torch.arange(len(values)), values)
 
     def _set(self, index: torch.Tensor, values: torch.Tensor) -> None:
         arrays = (self.sums, self.minima, index, values.contiguous())
         set_leaves(*(array.numpy() for array in arrays))
-
-
-class SummedPriorities:
-    """Priorities in a row, summed up anew for every draw: without a copy and without waiting.
-
-    The same as `TreePriorities` up to the rounding of sums.
-
-    Args:
-        capacity: rows.
-        alpha: how much errors count.
-        device: where they lie.
-    """
-
-    def __init__(self, capacity: int, alpha: float, device: str) -> None:
-        self.alpha, self.device = alpha, device
-        self.values = torch.zeros(capacity, device=device)
-        self.largest: torch.Tensor | None = None
-
-    def begin(self, index: torch.Tensor) -> None:
-        """As `Priorities`."""
-        if self.largest is None:
-            self.largest = torch.ones((), device=self.device)
-        self.values[index] = priority(self.largest, self.alpha)
-
-    def update(self, index: torch.Tensor, errors: torch.Tensor) -> None:
-        """As `Priorities`."""
-        most = errors.max()
-        self.largest = most if self.largest is None else torch.maximum(self.largest, most)
-        self.values[index] = priority(errors, self.alpha)
-
-    def draw(
-        self, count: int, rows: int, beta: float, generator: torch.Generator
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """As `Priorities`."""
-        there = self.values[:rows]
-        sums = there.double().cumsum(0)
-        masses = torch.rand(count, generator=generator).to(self.device) * sums[-1]
-        index = torch.searchsorted(sums, masses, right=True).clamp_(max=rows - 1)
-        return index, (there[index] / there.min()) ** -beta
-
-    def read(self, rows: int) -> torch.Tensor:
-        """As `Priorities`."""
-        return self.values[:rows].cpu()
-
-    def write(self, values: torch.Tensor) -> None:
-        """As `Priorities`."""
-        self.values[: len(values)] = values.to(self.device)

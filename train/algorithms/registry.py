@@ -52,7 +52,6 @@ class Algorithm:
         teams: it can learn for several agents of a role at once.
         one_maze: it has a table for one maze.
         cpu_only: it has nothing to put on a GPU.
-        games_on_gpu: it can learn from games that lie on a GPU (`environments.device_env`).
         recurrent: its network can remember (`recurrent` of its settings).
         observations: the encodings that it can use; None for all.
         actions: the kinds of actions that it can learn: "discrete", "continuous".
@@ -70,7 +69,6 @@ class Algorithm:
     teams: bool = False
     one_maze: bool = False
     cpu_only: bool = False
-    games_on_gpu: bool = False
     recurrent: bool = False
     observations: tuple[str, ...] | None = None
     actions: frozenset[str] = frozenset({"discrete"})
@@ -202,7 +200,6 @@ register(
         has_advantages=True,
         self_play=True,
         teams=True,
-        games_on_gpu=True,
         actions=BOTH,
         recurrent=True,
     )
@@ -216,7 +213,6 @@ register(
         has_advantages=True,
         self_play=True,
         teams=True,
-        games_on_gpu=True,
         actions=BOTH,
         recurrent=True,
     )
@@ -240,7 +236,6 @@ register(
         network_loader(dqn.network_of),
         learns_distribution=False,
         self_play=True,
-        games_on_gpu=True,
         recurrent=True,
     )
 )

@@ -25,24 +25,21 @@ class Replay:
 
     Args:
         capacity: rows.
-        device: where they lie.
         generator: of what is drawn, on the CPU.
         priorities: of the rows; None where all are drawn as often.
 
     Attributes:
-        capacity, device, generator, priorities: the arguments.
+        capacity, generator, priorities: the arguments.
         cursor: the row that is written next.
     """
 
     def __init__(
         self,
         capacity: int,
-        device: str,
         generator: torch.Generator,
         priorities: Priorities | None = None,
     ) -> None:
-        self.capacity, self.device, self.generator = capacity, device, generator
-        self.priorities = priorities
+        self.capacity, self.generator, self.priorities = capacity, generator, priorities
         self.cursor = self._filled = 0
         self._memory = torch.empty(0, dtype=torch.uint8)
         self._places: dict[str, tuple[int, torch.dtype, tuple[int, ...]]] = {}
@@ -68,14 +65,14 @@ class Replay:
             column[begin : begin + first] = new[skipped : skipped + first]
             if skipped + first < count:
                 column[: count - skipped - first] = new[skipped + first :]
-        written = begin + torch.arange(count - skipped, device=self.device)
+        written = begin + torch.arange(count - skipped)
         self.cursor = (self.cursor + count) % self.capacity
         self._filled = min(self._filled + count, self.capacity)
         if self.priorities is not None:
             self.priorities.begin(written % self.capacity)
 
     def draw(self, count: int, beta: float = 0.0) -> Columns:
-        """`count` rows, [count, ...], where they lie.
+        """`count` rows, [count, ...], on the CPU.
 
         Args:
             count: how many.
@@ -88,7 +85,6 @@ class Replay:
         if self.priorities is None:
             # What TorchRL's uniform sampler draws.
             index = torch.randint(0, self._filled, (count,), generator=self.generator)
-            index = index.to(self.device)
         else:
             index, weight = self.priorities.draw(count, self._filled, beta, self.generator)
             more = {"index": index, "priority_weight": weight}
@@ -97,7 +93,7 @@ class Replay:
     def update(self, index: torch.Tensor, errors: torch.Tensor) -> None:
         """Set the priorities of rows [n], by the sizes of errors [n] that were found there."""
         assert self.priorities is not None
-        self.priorities.update(index.to(self.device), errors.to(self.device))
+        self.priorities.update(index, errors.cpu())
 
     def state_dict(self) -> dict[str, Any]:
         """Every row, the cursor, the generator and the priorities; on the CPU."""
@@ -126,7 +122,7 @@ class Replay:
             saved = state["priorities"]
             self.priorities.write(saved["sum"])
             if saved["largest"] is not None:
-                self.priorities.largest = torch.tensor(saved["largest"], device=self.device)
+                self.priorities.largest = torch.tensor(saved["largest"])
 
     def _lay_out(self, rows: Batch) -> None:
         """Settle where in a row every column lies: the widest numbers first, for alignment."""
@@ -136,7 +132,7 @@ class Replay:
             self._places[name] = (end, column.dtype, shape)
             end += column[0].numel() * column.element_size()
         size = -(-end // ALIGNED) * ALIGNED
-        self._memory = torch.empty(self.capacity, size, dtype=torch.uint8, device=self.device)
+        self._memory = torch.empty(self.capacity, size, dtype=torch.uint8)
 
     def _split(self, memory: torch.Tensor) -> Columns:
         """The columns [n, ...] of rows [n, bytes]; views."""

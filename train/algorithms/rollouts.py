@@ -11,12 +11,9 @@ from torchrl.collectors import Collector
 from torchrl.objectives.value import GAE
 
 from pursuit.masks import ACTION_MASK
-from train.algorithms.device_rollouts import DeviceRollouts
-from train.algorithms.graphs import Graphs
 from train.algorithms.joined_rollouts import JoinedRollouts, plays_joined
-from train.algorithms.learner import Build, Games, NetworkLearner, has_masks, prepared
+from train.algorithms.learner import Build, Games, NetworkLearner, has_masks
 from train.algorithms.sequences import Act, Sequences
-from train.environments.device_env import DeviceEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.joined_actor_critic import Learned, joined_actor_critic
@@ -103,7 +100,6 @@ class RolloutLearner(NetworkLearner):
         gae_lambda: of the advantages; 1 makes them discounted returns less the value.
         critic: False takes every value as 0.
         keep_all: keep the parameters of the distributions that actions are drawn from.
-        graphs: who captures rollouts of games that lie on a GPU; None where nobody does.
 
     Attributes:
         joined: the network with draws and gradients written out, where it has that form; it is
@@ -121,7 +117,6 @@ class RolloutLearner(NetworkLearner):
         gae_lambda: float,
         critic: bool = True,
         keep_all: bool = False,
-        graphs: Graphs | None = None,
     ) -> None:
         super().__init__(settings, env, network, device)
         self.critic, self.steps, self.gamma_at = critic, settings.rollout_steps, settings.gamma_at
@@ -142,9 +137,6 @@ class RolloutLearner(NetworkLearner):
             sizes = (sum(network.sizes), steps, device)
             act, value = remembering(network, keep_all), lambda *now: network.step(*now)[1]
             self.collector = Sequences(env, act, *sizes, value if critic else None)
-        elif graphs is not None and isinstance(env, DeviceEnv):
-            policy = SamplingPolicy(network, keep_all)
-            self.collector = DeviceRollouts(env, policy, settings.rollout_steps, graphs)
         else:
             self.collector = Collector(
                 env,
@@ -152,7 +144,7 @@ class RolloutLearner(NetworkLearner):
                 frames_per_batch=settings.num_games * settings.rollout_steps,
                 total_frames=-1,
                 policy_device=device,
-                env_device=str(getattr(env, "device", "cpu")),
+                env_device="cpu",
                 storing_device=device,
                 track_traj_ids=False,
                 auto_register_policy_transforms=False,
@@ -176,8 +168,7 @@ class RolloutLearner(NetworkLearner):
 
     def collect_joined(self) -> Learned:
         """One rollout of a `joined` network: its frames in a row, less those of who was idle."""
-        with prepared(self.env, self.steps):
-            frames: Learned = self.collector.rollout()
+        frames: Learned = self.collector.rollout()
         self.frames += self.collector.played
         return frames
 
@@ -188,8 +179,7 @@ class RolloutLearner(NetworkLearner):
         """
         if self.joined is not None:
             return self._described(self.collect_joined())
-        with prepared(self.env, self.steps):
-            rollout = next(self._batches)
+        rollout = next(self._batches)
         self.frames += rollout.numel()
         if not self.critic:
             rollout["state_value"] = torch.zeros_like(rollout["state_value"])

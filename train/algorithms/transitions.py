@@ -8,7 +8,7 @@ from typing import Any
 import torch
 
 from pursuit.masks import ACTION_MASK
-from train.algorithms.learner import Games, prepared
+from train.algorithms.learner import Games
 from train.environments.lockstep import LockstepEnv
 
 NEXT_MASK = "next_action_mask"
@@ -39,7 +39,6 @@ class Transitions:
         ended: Callable[[torch.Tensor], object] | None = None,
     ) -> None:
         self.env, self.act, self.steps, self.ended = env, act, steps, ended
-        self.device = device_of(env)
         self._now: Any = None
 
     def __iter__(self) -> Iterator[Rollout]:
@@ -49,18 +48,17 @@ class Transitions:
 
     @torch.no_grad()
     def rollout(self) -> Rollout:
-        """The next one; on the device of the games."""
-        with prepared(self.env, self.steps):
-            if self._now is None:
-                self._now = self.env.reset()
-            rows = [self._step() for _ in range(self.steps)]
+        """The next one, on the CPU."""
+        if self._now is None:
+            self._now = self.env.reset()
+        rows = [self._step() for _ in range(self.steps)]
         if self.steps == 1:
             return {name: column.unsqueeze(1) for name, column in rows[0].items()}
         return {name: torch.stack([row[name] for row in rows], dim=1) for name in rows[0]}
 
     def _step(self) -> Rollout:
         now = self._now
-        action = self.act(now).to(self.device)
+        action = self.act(now).cpu()
         after, self._now = self._stepped(action)
         row = {"observation": now["observation"], "action": action}
         row |= {name: after[name].squeeze(-1) for name in ("reward", "terminated", "done")}
@@ -81,11 +79,6 @@ class Transitions:
 
     def shutdown(self) -> None:
         """Nothing is held open."""
-
-
-def device_of(env: Any) -> str:
-    """Where the tensors of the games lie; the CPU, where they do not say."""
-    return str(getattr(env, "device", None) or "cpu")
 
 
 def n_step_rows(rollout: Rollout, gamma: float, n_steps: int) -> Rollout:

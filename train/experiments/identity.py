@@ -130,7 +130,6 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
                 del plain[name]
     if plain.get("processes") == 1:
         del plain["processes"]  # and those of the one process that there was
-    plain.pop("graphs", None)  # they compute the same
     for added, before in ADDED_HYPER.items():  # and those from before there were these
         if plain["hyper"].get(added) == before:
             plain["hyper"].pop(added, None)

@@ -10,15 +10,12 @@ import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
-import torch
-
-from train.algorithms.graphs import CudaGraphs
 from train.algorithms.registry import Algorithm, Build, entry
 from train.evaluation.suite_contest import SuiteContest
 from train.networks.policy import NO_WALLS
 from train.runs.sizes import check_memory
 from train.runs.tasks import player_of
-from train.runs.threads import tensor_device, uses_bfloat16
+from train.runs.threads import uses_bfloat16
 from train.runs.worlds import GridWorld, World, world_of
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import check, evaluation_seed
@@ -40,7 +37,6 @@ class Parts:
         seat: whose policy is learned, in the training games.
         algorithm, hyper: what it learns by, and the settings of that.
         build: how the learner is to be built on this machine.
-        device: where the run is to compute; "cuda" has the games there as well, if they can be.
         processes: that learn together; task and settings are then of the games of this one.
         rank: of this process among them, from 0 on.
     """
@@ -51,15 +47,12 @@ class Parts:
     algorithm: Algorithm
     hyper: Hyperparameters
     build: Build
-    device: str = "cpu"
     processes: int = 1
     rank: int = 0
 
     def games(self) -> tuple[Any, Teacher | None]:
         """The training games as a TorchRL environment, and who teaches in them."""
-        learner = self.algorithm.games_on_gpu and getattr(self.hyper, "recurrent", None) is None
-        device = self.device if learner else "cpu"
-        games = (self.hyper.num_games, self.build.seed, self.plan, device)
+        games = (self.hyper.num_games, self.build.seed, self.plan)
         first_game = self.rank * self.hyper.num_games
         env, teacher = self.world.games(self.seat, *games, first_game)
         if teacher is not None and self.rank:
@@ -114,21 +107,13 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
     if settings.processes > 1:  # the games of both are those of one process
         share = {name: getattr(hyper, name) // settings.processes for name in SHARED_OUT}
         hyper = replace(hyper, **share)
-    where = (settings.device, settings.processes, rank)
-    return Parts(world, plan, seat, algorithm, hyper, build, *where)
+    return Parts(world, plan, seat, algorithm, hyper, build, settings.processes, rank)
 
 
 def build_of(settings: TrainSettings[Any]) -> Build:
     """How a learner is to be built on this machine."""
-    device = tensor_device(settings.device)
-    captured = settings.graphs == "auto" and device != "cpu" and torch.cuda.is_available()
-    return Build(
-        device,
-        uses_bfloat16(settings.precision, device),
-        settings.first_layer,
-        settings.seed,
-        CudaGraphs(device) if captured else None,
-    )
+    bfloat16 = uses_bfloat16(settings.precision, settings.device)
+    return Build(settings.device, bfloat16, settings.first_layer, settings.seed)
 
 
 def check_mazes(settings: TrainSettings[Any], algorithm: Algorithm, world: World) -> None:

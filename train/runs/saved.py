@@ -20,8 +20,11 @@ from train.settings.curricula import curriculum_form
 from train.settings.run import TrainSettings
 from train.settings.task import task_form
 
-ADDED = {"clock": "wall", "processes": 1, "graphs": "off"}
+ADDED = {"clock": "wall", "processes": 1}
 """Settings that came after folders had been written without them, and what they were there."""
+
+REMOVED = {"graphs"}
+"""Settings that older folders have, and that are ignored."""
 
 ADDED_HYPER = {"gamma_end": None}
 """Those of algorithms."""
@@ -37,7 +40,7 @@ def read_own(form: type[Any], plain: Mapping[str, Any], where: str, inner: set[s
     own = [(field.name, hints[field.name]) for field in fields(form) if field.name not in inner]
     shape = msgspec.defstruct(form.__name__, own, forbid_unknown_fields=True, kw_only=True)
     there = {name: value for name, value in ADDED.items() if name in hints}
-    content = there | {name: value for name, value in plain.items() if name not in inner}
+    content = there | {k: v for k, v in plain.items() if k not in inner | REMOVED}
     return read_as(shape, content, where, RESTORE)
 
 

@@ -154,7 +154,7 @@ class SingleAgent:
             "seed": build.seed,
             **({"processes": self.parts.processes} if self.partner is not None else {}),
             **evaluation_of(scores, self.evaluated, floor, certificate, contest),
-            "device": self.parts.device,
+            "device": build.device,
             "precision": "bfloat16" if build.bfloat16 else "float32",
         }
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from numba import config
 
 from train.machine import has_fast_bfloat16
 from train.settings.checks import check
@@ -66,15 +65,9 @@ def set_random_states(state: Mapping[str, Any]) -> None:
         torch.cuda.set_rng_state(own, device)
 
 
-def tensor_device(device: str) -> str:
-    """Where torch's tensors are of a run on `device`: there, but on the CPU under Numba's simulator
-    of a GPU (NUMBA_ENABLE_CUDASIM=1), which has its arrays there."""
-    return "cpu" if config.ENABLE_CUDASIM else device
-
-
 def check_device(device: str) -> None:
     """ValueError for a GPU that torch does not find."""
-    if tensor_device(device) == "cpu":
+    if device == "cpu":
         return
     here = torch.cuda.device_count() if torch.cuda.is_available() else 0
     check(here > 0, f"device={device!r}, but torch finds no GPU here; use --device cpu")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -19,8 +17,6 @@ from pursuit.single_agent import fill_seats
 from pursuit.task import Task
 from scripted_agents.environments import AGENTS
 from train.environments.arm_env import ArmEnv
-from train.environments.device_env import DeviceEnv, why_not_on_device
-from train.environments.device_policies import check_plays, seated
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
@@ -60,7 +56,6 @@ class World(Protocol):
         num_games: int,
         seed: int,
         plan: Plan | None,
-        device: str = "cpu",
         first_game: int = 0,
     ) -> tuple[Any, Teacher | None]:
         """The training games as a TorchRL environment, and who teaches in them.
@@ -70,7 +65,6 @@ class World(Protocol):
             num_games: in lockstep.
             seed: of the games.
             plan: what is taught; None without a curriculum.
-            device: where the learner would have them; the CPU where they cannot be there.
             first_game: the number of the first of them among those of the seed.
         """
 
@@ -132,9 +126,8 @@ class GridWorld:
         num_games: int,
         seed: int,
         plan: Plan | None,
-        device: str = "cpu",
         first_game: int = 0,
-    ) -> tuple[SimulatorEnv | DeviceEnv, Teacher | None]:
+    ) -> tuple[SimulatorEnv, Teacher | None]:
         """As `World`."""
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
         evading = seat.role == "evader" and not seat.task.num_goals
@@ -143,14 +136,6 @@ class GridWorld:
             lambda games: games.returns[:, number],
             not evading,
         )
-        if device != "cpu" and why_not_on_device(seat) is None:
-            far = games_on_gpu(seat, num_games, seed, policies, device)
-            if far is not None:
-                teacher = None if plan is None else Teacher(plan, far.mirror, judge)
-                reason = None if teacher is None else teacher.why_not_foretold()
-                if reason is None:
-                    return DeviceEnv(far, seat, seated(policies, far), teacher), teacher
-                warnings.warn(f"the games stay on the CPU: {reason}", stacklevel=2)
         simulator = Simulator(seat.task, num_games, seed, first_game, auto_restart=False)
         teacher = None if plan is None else Teacher(plan, simulator, judge)
         return SimulatorEnv(simulator, seat, policies, teacher), teacher
@@ -197,7 +182,6 @@ class ArmWorld:
         num_games: int,
         seed: int,
         plan: Plan | None,
-        device: str = "cpu",
         first_game: int = 0,
     ) -> tuple[ArmEnv, Teacher | None]:
         """As `World`."""
@@ -216,19 +200,6 @@ class ArmWorld:
         arm.seed_starts(None, seed)
         arm.reset()
         return arm_rendering.scene_to_text(arm_rendering.scene_of(arm))
-
-
-def games_on_gpu(
-    seat: Seat, num_games: int, seed: int, policies: Sequence[Policy | None], device: str
-) -> Any:
-    """The training games on a GPU, a `DeviceSimulator`; None, and a warning, where an opponent does
-    not play there."""
-    try:
-        check_plays(policies, seat.task)
-        return Simulator(seat.task, num_games, seed, auto_restart=False, device=device)
-    except ValueError as error:
-        warnings.warn(f"the games stay on the CPU: {error}", stacklevel=3)
-        return None
 
 
 def world_of(settings: AnyTask) -> World:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ from typing import Any
 import msgspec
 
 from pursuit.policy import Policy
-from pursuit.simulator import Simulator
 from pursuit.task import Task
 from scripted_agents.environments import (
     AGENTS,
@@ -23,8 +21,6 @@ from scripted_agents.environments import (
     scripted_policy,
 )
 from train.algorithms.registry import entry
-from train.environments.device_env import why_not_on_device
-from train.environments.device_policies import check_plays
 from train.networks.policy import Seat
 from train.runs.by_name import check_names, picked, typed
 from train.runs.forms import RESTORE
@@ -115,16 +111,6 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
             # Discounted steps, up to 1 / (1 - gamma) of them, would drown the policy in value loss.
             1.0 - discount if settings.task.rewards == "zero_sum" else 1.0,
         )
-        if settings.device != "cpu":
-            met = [policy for of, policy in frozen.items() if of != role]
-            for (name, of), policy in scripted.items():
-                met += [policy] if name in settings.members and of != role else []
-            others = [seat for of, seat in seats.items() if of != role]
-            reason = why_not_far(sides[role], others, met, settings.device)
-            if reason is None:
-                sides[role] = replace(sides[role], device=settings.device)
-            else:
-                warnings.warn(f"the {role}'s games stay on the CPU: {reason}", stacklevel=3)
     return SelfPlayParts(task, sides, frozen, scripted, discount)
 
 
@@ -135,36 +121,6 @@ def seats_of(settings: SelfPlaySettings, task: Task) -> dict[str, Seat]:
         own = side_settings(settings, role)
         found[role] = Seat(task, role, own.observation, settings.task.mask_bumps, own.frame_stack)
     return found
-
-
-def why_not_far(
-    side: SideParts, others: Sequence[Seat], met: Sequence[Policy], device: str
-) -> str | None:
-    """Why the games of a side cannot lie on a GPU; None where they can.
-
-    Args:
-        side: that learns.
-        others: who learn to be its opponents.
-        met: all other opponents.
-        device: which GPU.
-    """
-    task, role, hyper = side.seat.task, side.seat.role, side.hyper
-    if not side.algorithm.games_on_gpu or getattr(hyper, "recurrent", None) is not None:
-        return f"{side.algorithm.name}, or its memory, is for games on the CPU"
-    if task.count(role) > 1:
-        return f"{task.count(role)} {role}s learn at once"
-    for seat in (side.seat, *others):
-        reason = why_not_on_device(seat)
-        if reason is not None:
-            return reason
-    number = next(n for n, of in enumerate(task.seat_roles) if of != role)
-    try:
-        for policy in met:
-            check_plays([*[None] * number, policy], task)
-        Simulator(task, 1, device=device)
-    except ValueError as error:
-        return str(error)
-    return None
 
 
 def check_sides(settings: SelfPlaySettings, task: Task) -> None:
@@ -220,7 +176,6 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
             "threads",
             "device",
             "precision",
-            "graphs",
         )
     }
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)

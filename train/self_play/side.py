@@ -13,13 +13,11 @@ from pursuit.policy import Policy
 from pursuit.simulator import Simulator
 from train.algorithms.learner import Learner
 from train.algorithms.registry import Algorithm, Build
-from train.environments.device_env import DeviceEnv
-from train.environments.hooks import EpisodeHook, Foretold
+from train.environments.hooks import EpisodeHook
 from train.environments.team_env import TeamEnv
 from train.networks.joined import joinable
 from train.networks.policy import Seat
 from train.runs.in_play import plain_games, put_games
-from train.self_play.device_pool import DevicePool
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
 from train.tensors import check_like
@@ -29,7 +27,7 @@ class Opponents(EpisodeHook):
     """Gives every game another member of a pool in each episode, and keeps the scores.
 
     Args:
-        simulator: the games; of those on a GPU their mirror.
+        simulator: the games.
         role: of the learner.
         discount: of the scores.
         seed: of the drawing.
@@ -40,8 +38,6 @@ class Opponents(EpisodeHook):
         shares: how often each member of the pool is drawn.
         rng: what draws them.
     """
-
-    in_order = True
 
     def __init__(
         self, simulator: Simulator, role: str, discount: float, seed: int, steps: int = 1
@@ -62,12 +58,6 @@ class Opponents(EpisodeHook):
         """Draw an opponent for each of these games."""
         drawn = self.rng.choice(len(self.shares), size=len(games), p=self.shares)
         self.policy.opponents[games] = drawn
-
-    def foretell(self, count: int) -> Foretold:
-        """As in `EpisodeHook`: the next opponents."""
-        rng = np.random.default_rng()
-        rng.bit_generator.state = self.rng.bit_generator.state
-        return Foretold(drawn=rng.choice(len(self.shares), size=count, p=self.shares))
 
     def episode_ended(self, games: NDArray[np.bool_]) -> None:
         """Note the learner's scores against the opponents of these games.
@@ -92,7 +82,6 @@ class SideParts:
         central: whether its critic sees what the whole team observes.
         discount: of the exact game.
         scale: of the rewards.
-        device: where the games are.
     """
 
     seat: Seat
@@ -102,7 +91,6 @@ class SideParts:
     central: bool
     discount: float
     scale: float
-    device: str = "cpu"
 
 
 class Side:
@@ -123,17 +111,15 @@ class Side:
         task, role = parts.seat.task, parts.seat.agent
         games = parts.hyper.num_games // task.count(role)
         given: Any = {"seed": parts.build.seed, "first_game": number * 2**20, "auto_restart": False}
-        simulator: Any = Simulator(task, games, **given, device=parts.device)
-        self.simulator = simulator
-        far = parts.device != "cpu"
+        self.simulator = Simulator(task, games, **given)
         self.opponents = Opponents(
-            simulator.mirror if far else simulator,
+            self.simulator,
             role,
             parts.discount,
             2 * parts.build.seed + number,
             getattr(parts.hyper, "rollout_steps", 1),
         )
-        self.env: Any = (self._far_games if far else self._games)()
+        self.env = self._games()
         if state is not None:  # before there is a collector, which begins with what it finds
             put_games(self.simulator, state.get("simulator"), f"trainee.sides.{role}.simulator")
             own = {name: state.get(name) for name in self._own_state()}
@@ -145,23 +131,12 @@ class Side:
         self.learner: Learner = parts.algorithm.build(parts.hyper, self.env, parts.build)
 
     def _games(self) -> TeamEnv:
-        """The games on the CPU."""
+        """The training games."""
         parts, others = self.parts, self.opponents
         roles = parts.seat.task.seat_roles
         policies = [None if role == parts.seat.agent else others.policy for role in roles]
         how: Any = {"central": parts.central, "scale": parts.scale}
         return TeamEnv(self.simulator, parts.seat, policies, others, **how)
-
-    def _far_games(self) -> DeviceEnv:
-        """The games on a GPU."""
-        parts, others, games = self.parts, self.opponents, self.simulator
-        policies = [
-            None
-            if role == parts.seat.agent
-            else DevicePool(others.policy, lambda: others.shares, games, seat)
-            for seat, role in enumerate(parts.seat.task.seat_roles)
-        ]
-        return DeviceEnv(games, parts.seat, policies, others, parts.scale)
 
     @property
     def greedy(self) -> bool:

@@ -35,7 +35,6 @@ class CellTables:
         self._kept: dict[int, tuple[Policy, int]] = {}  # by identity: the policy, and its place
         self._known: dict[int, int] = {}  # the version of the weights in the table of each place
         self._cumulative = np.empty((0, 0, 0))
-        self._changed: set[int] = set()
         self._key: tuple[int, ...] = ()
         self._members: list[Policy] = []  # held, so that no other takes the identity of one
         self._places = np.zeros(0, dtype=np.int64)
@@ -44,11 +43,6 @@ class CellTables:
     def cumulative(self) -> NDArray[np.float64]:
         """[tables, pairs of cells, actions], sums over the actions; live."""
         return self._cumulative
-
-    def take_changed(self) -> list[int]:
-        """The tables that have changed since this was last asked."""
-        changed, self._changed = sorted(self._changed), set()
-        return changed
 
     def places(self, policies: Sequence[Policy], task: Task) -> NDArray[np.int64]:
         """[policies] which table is whose, all up to date; -1 where there is none.
@@ -125,4 +119,3 @@ class CellTables:
             flat = table.reshape(-1, table.shape[-1])
             np.cumsum(flat, axis=1, out=self._cumulative[place])
             self._known[place] = version
-            self._changed.add(place)

@@ -37,7 +37,6 @@ def check_budget(seconds: float | None, frames: int | None, clock: str = "wall")
 
 
 PRECISIONS = ("auto", "float32", "bfloat16")
-GRAPHS = ("auto", "off")
 
 
 def check_device(device: str, clock: str) -> None:

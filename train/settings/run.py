@@ -7,7 +7,6 @@ from typing import Any, Generic, TypeVar
 
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import (
-    GRAPHS,
     PRECISIONS,
     check,
     check_budget,
@@ -112,11 +111,9 @@ class TrainSettings(Generic[S]):
     seed: int = 0
     """Of the games, the network and the exploration."""
     device: str = "cpu"
-    """Where the network lives, and the games where they can be: cpu or cuda."""
+    """Where the network is: cpu or cuda. Games are always simulated on the CPU."""
     precision: str = "auto"
     """float32, bfloat16, or auto: bfloat16 where the processor has it in hardware."""
-    graphs: str = "auto"
-    """CUDA graphs: off, or auto: on a GPU, where what is done there can be captured."""
     first_layer: str = "auto"
     """Form of the first layer on index: bag, dense, or auto (the faster, as measured)."""
     threads: int = 0
@@ -134,7 +131,6 @@ class TrainSettings(Generic[S]):
         check_choice("network", self.network, NETWORKS)
         check_choice("evaluate", self.evaluate, EVALUATED)
         check_choice("precision", self.precision, PRECISIONS)
-        check_choice("graphs", self.graphs, GRAPHS)
         check_choice("first_layer", self.first_layer, FIRST_LAYERS)
         check_budget(self.seconds, self.frames, self.clock)
         check_seed(self.seed)

@@ -8,7 +8,6 @@ from pursuit.own_observations import check_observation
 from scripted_agents.environments import AGENTS, is_own_policy
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import (
-    GRAPHS,
     PRECISIONS,
     check,
     check_budget,
@@ -87,11 +86,9 @@ class SelfPlaySettings:
     threads: int = 1
     """Threads of torch."""
     device: str = "cpu"
-    """Where the networks live, and the games of those that learn where they can be: cpu or cuda."""
+    """Where the networks are: cpu or cuda. Games are always simulated on the CPU."""
     precision: str = "auto"
     """float32, bfloat16, or auto: bfloat16 where the processor has it in hardware."""
-    graphs: str = "auto"
-    """CUDA graphs: off, or auto: on a GPU, where what is done there can be captured."""
     best_response_seconds: float = 20.0
     """Where no exact best response is known (teams, goals, huge mazes): how long an approximate one
     is trained against each side at the end; 0 for none."""
@@ -110,7 +107,6 @@ class SelfPlaySettings:
         check_threads(self.threads, 1)
         check_device(self.device, self.clock)
         check_choice("precision", self.precision, PRECISIONS)
-        check_choice("graphs", self.graphs, GRAPHS)
         for name in ("window", "snapshots", "pool_size"):
             check(getattr(self, name) >= 1, f"{name}={getattr(self, name)}; at least 1")
         check(

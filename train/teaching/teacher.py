@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from curricula import Curriculum, Outcomes, Progress
-from pursuit.device.waiting import Settings
-from train.environments.hooks import EpisodeHook, Foretold
+from train.environments.hooks import EpisodeHook
 from train.settings.checks import check
 from train.settings.curricula import MazeReplaySettings
 from train.teaching.log import NUMBERS, REASON, row_of
@@ -72,8 +70,6 @@ class Teacher(EpisodeHook):
         self.applied = np.full(games, np.nan)
         self.error_sums, self.error_counts = np.zeros(games), np.zeros(games)
         self.rows: list[dict[str, Any]] = []
-        self._foretold: list[NDArray[np.float64]] = []  # lessons that were told and not yet given
-        self._settings: tuple[Any, Any] = (None, None)  # the last values, and their settings
         self._clear()
         self._played: list[NDArray[np.float64]] = []
         self._won: list[NDArray[np.bool_]] = []
@@ -95,8 +91,6 @@ class Teacher(EpisodeHook):
         else:
             each = self.simulator.num_games // self.copies
             lessons = self.curriculum.sample(each, self.rng)[games % each]
-        if self._foretold:
-            self._check_foretold(lessons)
         if self.axis is None:
             self.simulator.seed_starts(games, lessons.astype(np.int64))
         else:
@@ -105,47 +99,6 @@ class Teacher(EpisodeHook):
                 self.axis.apply(self.simulator, games, lessons)
                 self.applied[games] = lessons
         self.playing[games] = lessons
-
-    @property
-    def in_order(self) -> bool:  # type: ignore[override]
-        """As in `EpisodeHook`: what the curriculum says of itself."""
-        return bool(getattr(self.curriculum, "in_order", False))
-
-    def foretell(self, count: int) -> Foretold:
-        """As in `EpisodeHook`: the settings of the next lessons, or the seeds of their levels."""
-        rng = np.random.default_rng()
-        rng.bit_generator.state = self.rng.bit_generator.state
-        lessons = deepcopy(self.curriculum).sample(count, rng)
-        self._foretold = [lessons]
-        if self.axis is None:
-            return Foretold(seeds=lessons.astype(np.int64))
-        values, rows = np.unique(lessons, return_inverse=True)
-        if not np.array_equal(values, self._settings[0]):
-            settings = Settings(self.simulator.task, len(values))
-            self.axis.apply(settings, np.arange(len(values)), values)
-            self._settings = values, settings
-        return Foretold(self._settings[1], rows)
-
-    def _check_foretold(self, lessons: NDArray[np.float64]) -> None:
-        """RuntimeError unless these lessons are the next of those that were told."""
-        told = self._foretold[0]
-        if not np.array_equal(lessons, told[: len(lessons)]):
-            raise RuntimeError(
-                f"curriculum {self.name!r} says that it draws lessons in their order (`in_order`), "
-                "and does not: the games on the GPU have others than it gave. Take in_order=False"
-            )
-        self._foretold = [told[len(lessons) :]]
-
-    def why_not_foretold(self) -> str | None:
-        """Why its lessons cannot be given to games on a GPU; None where they can."""
-        if self.axis is None:
-            return None
-        try:
-            ends = np.array([self.axis.easiest, self.axis.hardest])
-            self.axis.apply(Settings(self.simulator.task, 2), np.arange(2), ends)
-        except AttributeError as error:
-            return f"curriculum {self.name!r} does more to games than to `configure` them ({error})"
-        return None
 
     def after_restart(self, games: NDArray[np.intp]) -> None:
         """Note where each of the games begins, to find out how well it can be played from there."""
