@@ -293,13 +293,13 @@ class GameContest:
             return self._score_of("optimal", best)
         if self.best_of_steps is not None:
             return self._joint_score("optimal", self.best_of_steps)
-        lengths = self.tours
-        if lengths is None:
+        if self.tours is None:
             return None
-        share = float((lengths <= task.max_steps).mean())
+        share = float((self.tours <= task.max_steps).mean())
         if share == 0.0:  # every episode is cut off: everybody takes as long
             return None
-        mean = float(np.minimum(lengths, task.max_steps).mean())
+        lengths = np.minimum(self.tours, task.max_steps)
+        mean = float(lengths.mean())
         return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
 
     def why_not_joint(self) -> str | None:
