@@ -134,10 +134,16 @@ def ablation_report(out: Path, look: Look = PLAIN) -> Path:
     return folder
 
 
-def strata(curves: Sequence[Curve]) -> list[list[float]]:
-    """The final shortfalls of each task, in the order of the tasks' names."""
-    tasks = sorted({curve.task for curve in curves})
-    return [[curve.final for curve in curves if curve.task == task] for task in tasks]
+def strata(curves: Sequence[Curve], tasks: set[str] | None = None) -> list[list[Curve]]:
+    """The curves of each task, in the order of the tasks' names; by default of the tasks that the
+    curves have."""
+    tasks = {curve.task for curve in curves} if tasks is None else tasks
+    return [[curve for curve in curves if curve.task == task] for task in sorted(tasks)]
+
+
+def finals_of(curves: Sequence[Curve]) -> list[list[float]]:
+    """The final shortfalls of each task."""
+    return [[curve.final for curve in task] for task in strata(curves)]
 
 
 def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, Any]:
@@ -145,7 +151,7 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
 
     Shortfalls in per cent, times in seconds and frames.
     """
-    finals, tasks = strata(curves), {c.task for c in curves}
+    finals, tasks = finals_of(curves), {c.task for c in curves}
     low, high = distance_interval(finals)
     row: dict[str, Any] = {"arm": name, "runs": len(curves)}
     row |= {"gap": float(np.mean([np.mean(each) for each in finals]))}
@@ -159,16 +165,18 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
             times = [first_below(getattr(c, unit), c.shortfall, threshold) for c in curves]
             row[f"reached_{threshold:g}"] = int(np.isfinite(times).sum())
             row[f"{unit}_to_{threshold:g}"] = _median(times)
-    areas = [mean_over(c.frames, c.optimality) for c in curves]
-    low, high = distance_interval([areas])
-    row |= {"area": float(np.mean(areas)), "area_low": low, "area_high": high}
+    areas = [[mean_over(c.frames, c.optimality) for c in task] for task in strata(curves)]
+    low, high = distance_interval(areas)
+    row |= {"area": float(np.mean([np.mean(each) for each in areas]))}
+    row |= {"area_low": low, "area_high": high}
     row["settled"] = float(np.mean([c.settled for c in curves]))
     empty = (float("nan"), float("nan"))
     point, (low, high), p, apart = float("nan"), empty, float("nan"), empty
     if control and tasks == {c.task for c in control}:
-        point, (low, high) = probability_of_improvement(finals, strata(control))
-        p = permutation_p(finals, strata(control))
-        apart = difference_interval(finals, strata(control), 1.0 - 2.0 * LEVEL)
+        theirs = finals_of(control)
+        point, (low, high) = probability_of_improvement(finals, theirs)
+        p = permutation_p(finals, theirs)
+        apart = difference_interval(finals, theirs, 1.0 - 2.0 * LEVEL)
     row |= {"improvement": point, "improvement_low": low, "improvement_high": high, "p": p}
     row |= {"apart_low": apart[0], "apart_high": apart[1]}
     for threshold in THRESHOLDS:
@@ -177,14 +185,13 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
 
 
 def _p_of_times(curves: list[Curve], control: list[Curve], threshold: float) -> float:
-    """Of the log-rank test of frames to a gap, over all tasks; nan without a control."""
-    if not control:
-        return float("nan")
-    sides = [
-        [first_below(c.frames, c.shortfall, threshold) for c in side] for side in (curves, control)
-    ]
-    ends = ([c.frames[-1] for c in curves], [c.frames[-1] for c in control])
-    return logrank_p(sides[0], sides[1], ends)
+    """Of the log-rank test of frames to a gap, stratified by task; nan without a control."""
+    tasks = {c.task for c in [*curves, *control]}
+    times, ends = [], []
+    for side in (strata(curves, tasks), strata(control, tasks)):
+        times.append([[first_below(c.frames, c.shortfall, threshold) for c in t] for t in side])
+        ends.append([[float(c.frames[-1]) for c in t] for t in side])
+    return logrank_p(times[0], times[1], (ends[0], ends[1]))
 
 
 def correct(rows: list[dict[str, Any]], hints: Hints) -> None:
@@ -321,7 +328,7 @@ def markdown(
         "worst run. Times are those of the first evaluation at or below the threshold, medians "
         "over runs; a run that never got there "
         "counts as infinitely late, not as missing, and is censored in the log-rank test (of "
-        "frames). Optimality is optimum / steps (for evaders "
+        "frames, stratified by task). Optimality is optimum / steps (for evaders "
         "steps / optimum), averaged over the frames of training; 1 is perfect. P is the "
         "probability that "
         "a run of the arm ends nearer to the optimum than one of the control (Mann and Whitney), "
