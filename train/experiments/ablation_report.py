@@ -116,7 +116,7 @@ def ablation_report(out: Path, look: Look = PLAIN) -> Path:
         if name != control and {c.task for c in curves} == {c.task for c in arms.get(control, [])}
     ]
     others = len(sizes) - (hints.primary is not None)
-    power = "".join(f"Here {power_line(each, others)}. " for each in dict.fromkeys(sizes))
+    power = "".join(f"Power of {power_line(each, others)}. " for each in dict.fromkeys(sizes))
     folder = out / "report"
     folder.mkdir(exist_ok=True)
     figures = ["final.png"]
@@ -298,7 +298,7 @@ def markdown(
     figures: list[str],
     power: str,
 ) -> str:
-    """The report as Markdown; `power` says what so many runs can show."""
+    """The report as Markdown; `power` has the sentences on the power of its test."""
     lines = [f"# {hints.title}", "", table.markdown()]
     budgets = {(row["budget_seconds"], row["budget_frames"]) for row in rows}
     told = "; ".join(f"{s:g} s" if s is not None else f"{f:,} frames" for s, f in budgets)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from train.experiments.page import page_of
+from train.experiments.power import power_line
 from train.experiments.statistics import distance_interval, improvement, permutation_p
 from train.figures import PLAIN, Look
 from train.files import write_csv, write_text
@@ -151,10 +152,12 @@ def winners(race: Race, standing: Standing, rows: list[Row]) -> str:
                 told.append(line)
     heads = [words(name) for name in ("task", "policy", "gap")]
     heads += [words("first by seconds", "seconds"), words("first by frames", "frames")]
+    runs = len(race.seeds)
     note = (
         "In brackets: how much longer the second takes, in how many pairs of runs the first is the "
-        "faster one (ties half), and the two-sided p of a permutation test, which with five runs "
-        "each cannot be below 0.008. With so many comparisons some p below 0.05 are chance."
+        "faster one (ties half), and the two-sided p of a permutation test. "
+        f"The power of one comparison, {power_line([(runs, runs)])}. "
+        "With so many comparisons some p below 0.05 are chance."
     )
     return f"{ResultTable(told, heads).markdown()}\n\n{note}"
 
