@@ -18,6 +18,7 @@ from train.result_table import Column, ResultTable, words
 from train.runs.provenance import command_line
 from train.self_play.averages import averages, nash_convs, told_averages
 from train.self_play.past import (
+    GAMES,
     Past,
     Standings,
     agreement,
@@ -146,7 +147,7 @@ def snapshot_table(rows: list[dict[str, Any]]) -> ResultTable:
         words("side", "role"),
         words("snapshot"),
         Column("frames", lambda row: f"{row['frames']:,.0f}"),
-        Column("Elo", lambda row: f"{row['elo']:.1f}"),
+        Column(f"Elo ({GAMES} games a pair)", lambda row: f"{row['elo']:.1f}"),
         Column("exploitability", lambda row: f"{row['exploitability']:.4f}"),
         Column("rank by Elo", lambda row: str(row["rank_by_elo"])),
         Column("by exploitability", lambda row: str(row["rank_by_exploitability"])),
