@@ -125,10 +125,11 @@ class LevelReplay:
 
     def _note(self, outcomes: Outcomes) -> None:
         seeds = outcomes.lessons
-        if ((seeds < 0) | (seeds >= MAX_SEED) | (seeds % 1 != 0)).any():
+        wrong = ~((seeds >= 0) & (seeds < MAX_SEED) & (seeds % 1 == 0))  # NaN is wrong, too
+        if wrong.any():
             raise ValueError(
-                f"outcomes of lesson {seeds[0]:g}, which is no seed of a level; outcomes of "
-                "another curriculum or task?"
+                f"outcomes of lesson {seeds[wrong][0]:g}, which is no seed of a level: those are "
+                f"whole numbers from 0 to {MAX_SEED - 1}; give outcomes of its own lessons"
             )
         # The last episode of each level counts; successes of all of them do.
         levels, back, of_level = np.unique(seeds[::-1], return_index=True, return_inverse=True)

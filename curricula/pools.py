@@ -181,11 +181,12 @@ class PoolReplay:
         """Take it back; ValueError where it is that of something else."""
         check_state("replay of a pool", state, set(self.state_dict()))
         arrays = {name: np.array(state[name]) for name in ("scores", "judged_at", "kept")}
-        if any(array.shape != self.scores.shape for array in arrays.values()):
-            raise ValueError(
-                f"the checkpoint is of a pool of {len(arrays['scores'])} levels, and this has "
-                f"{len(self.scores)}; resume with the settings that it was made with"
-            )
+        for name, array in arrays.items():
+            if array.shape != self.scores.shape:
+                raise ValueError(
+                    f"the checkpoint has {name} of {array.size} levels, and this pool has "
+                    f"{len(self.scores)}; resume with the settings that it was made with"
+                )
         if (arrays["scores"][arrays["kept"]] < 0).any():
             raise ValueError(
                 "the checkpoint replays levels without a score; restore it from a copy"

@@ -70,7 +70,9 @@ class Simulator:
         final_positions: [num_games, num_agents] int32, where that episode ended.
         epsilon: [num_games, num_agents] float64, the share of random moves of the scripted agent
             in each seat; NaN leaves it to the agent. Write to it to change it at once; what is
-            written stays, until `configure` says something else for the next episode.
+            written stays, until `configure` says something else for the next episode. It may be
+            set to a number, to [num_games] (one for each game, as in `configure`) or to
+            [num_games, num_agents].
         next_epsilon: the same from each game's next episode on; -1 where nothing waits.
         last_seed: what all streams were last seeded with; None after `set_state`, and where only
             some games were seeded.
@@ -151,7 +153,7 @@ class Simulator:
 
     @epsilon.setter
     def epsilon(self, shares: ArrayLike) -> None:
-        next_episode.fill("epsilon", self._epsilon, next_episode.checked_shares(shares))
+        next_episode.fill_epsilon(self._epsilon, shares)
 
     def seed(self, seed: int, games: ArrayLike | None = None) -> None:
         """Give every random stream the state that belongs to (seed, game index).
@@ -243,7 +245,8 @@ class Simulator:
         Args:
             games: a bool mask or index list; all by default.
             epsilon: share of random moves in [0, 1] of the scripted agent in `seat` (all seats by
-                default); NaN leaves it to the agent.
+                default); NaN leaves it to the agent. A number, [games] (one for each game), or
+                without a seat [games, agents].
             maze: index into `task.mazes`; -1 draws one at every restart.
             num_goals: at most `task.num_goals`; -1 is all of them.
             goal_radius: goals lie within this path distance; -1 is anywhere. Where too few cells

@@ -286,6 +286,11 @@ def test_levels_with_regret_are_kept_and_played_again() -> None:
     assert (drawn >= 0).all() and (drawn < MAX_SEED).all()
 
 
+def test_the_lesson_that_no_level_has_is_named() -> None:
+    with pytest.raises(ValueError, match="outcomes of lesson -1, which is no seed"):
+        LevelReplay("learnability").update(outcomes([3.0, -1.0]), Progress())
+
+
 def test_ranks_and_staleness_give_the_published_probabilities() -> None:
     replay = LevelReplay("regret", capacity=4, temperature=0.5, staleness=0.25)
     for seed, value in ((1, 0.1), (2, 0.4), (3, 0.2)):

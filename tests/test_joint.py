@@ -17,6 +17,7 @@ from scripted_agents import (
     NearestGoalRunner,
     RandomAgent,
     SearchingChaser,
+    TablePolicy,
     TourRunner,
     best_response,
     best_team_response,
@@ -182,6 +183,29 @@ def test_a_stationary_solution_may_be_played_against() -> None:
 
 
 # -- what they stand on ----------------------------------------------------------------------------
+
+
+def test_an_opponent_in_a_race_may_be_a_table_of_pairs_of_cells() -> None:
+    """Solved as its docstring offers, and played for what it is worth in the simulator."""
+    task = make_task("race", maze="3x3", num_goals=2, max_steps=30)
+    maze = task.mazes[0]
+    table = np.random.default_rng(0).dirichlet(np.ones(4), size=(9, 9))
+    best = solve_joint(task, "runner_0", {"runner_1": table}, 30, objective="return")
+    given = evaluate_joint(task, {"runner_0": NearestGoalRunner(0.1), "runner_1": table}, 30)
+    for policy, expected in (
+        (best.policy, best.mean_over_starts),
+        (NearestGoalRunner(0.1), given.returns["runner_0"]),
+    ):
+        simulator = Simulator(task, 4000, seed=3, auto_restart=False)
+        actions = np.zeros((4000, 2), dtype=np.int32)
+        while not simulator.ended.all():
+            simulator.act([policy, TablePolicy(maze, table)], actions)
+            simulator.step(actions)
+        returns = simulator.returns[:, 0]
+        assert returns.mean() == pytest.approx(expected, abs=4 * returns.std() / 4000**0.5)
+    alone = make_task("maze", maze="3x3", num_goals=1)
+    with pytest.raises(ValueError, match="no agent but runner_0"):
+        evaluate_joint(alone, {"runner": table}, 30)
 
 
 def test_states_have_numbers_and_numbers_have_states() -> None:

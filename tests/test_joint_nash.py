@@ -94,5 +94,7 @@ def test_what_is_no_game_of_two_is_refused() -> None:
         solve_joint_game(make_task("race", maze="3x3", num_runners=3))
     with pytest.raises(ValueError, match="discount 1"):
         solve_joint_game(make_task("race", maze="3x3"), 1.0)
+    with pytest.raises(ValueError, match=r"discount 0\.999999999; .* at most 0\.9995"):
+        solve_joint_game(make_task("race", maze="3x3"), 1 - 1e-9)
     with pytest.raises(ValueError, match="47,177,249 states"):
         solve_joint_game(make_task("race", maze="7x7"))

@@ -78,6 +78,13 @@ def test_whoever_captures_sooner_wins_as_plain_enumeration_counts_it() -> None:
     assert turned == pytest.approx(steps.T) and back + back.T == pytest.approx(1.0)
 
 
+def test_tables_of_four_and_of_five_actions_are_not_compared() -> None:
+    four, five = (AStarChaser(0.2).action_probabilities(MAZE, stay) for stay in (False, True))
+    evader = AStarEvader(0.2).action_probabilities(MAZE)
+    with pytest.raises(ValueError, match=r"tables over 4 and 5 actions; .*give all of them"):
+        duel_wins("chaser", MAZE, [four, five], [evader])
+
+
 def test_who_moves_first_and_how_far_apart_they_start_is_as_in_the_game() -> None:
     chasers = [AStarChaser(epsilon).action_probabilities(MAZE) for epsilon in (0.0, 0.5)]
     evader = AStarEvader(0.2).action_probabilities(MAZE)

@@ -7,7 +7,7 @@ Agents are numbered by role, and the numbers are the seats; N games of A agents 
     goal       0 .. G-1                                               5   6   7     have no number
 
     games.position [N, A]   games.active [N, A]   games.event [N, A]   games.goal [N, G]
-    games.steps [N]         games.maze [N]        streams [N, 1 + A + 1]: starts, seats, curricula
+    games.steps [N]         games.maze [N]        streams [N, 1 + A + 1]: starts, seats, teams
 
 A compiled entry is handed few flat arrays, as each costs its time at every call: what has the same
 shape lies stacked in one (`Memory`). The functions at the end give every layer its name, at once;
@@ -392,7 +392,7 @@ def bit_of(number: int) -> Any:
 
 
 STARTS_STREAM = 0
-"""The random stream of starts; then come one for each seat, and one for curricula."""
+"""The random stream of starts; then come one for each seat, and one for teams."""
 
 
 @inlined
@@ -402,5 +402,14 @@ def stream_of(seat: int) -> int:
 
 
 def num_streams(num_agents: int) -> int:
-    """Random streams of a game: starts, seats, curricula."""
+    """Random streams of a game: starts, seats, teams."""
     return 1 + num_agents + 1
+
+
+@inlined
+def team_stream(streams: Any) -> int:
+    """The stream, of those of a game, that agents who draw together look at.
+
+    It moves on as an episode begins, and by nothing else.
+    """
+    return streams.shape[0] - 1
