@@ -226,7 +226,7 @@ def make_vector_env(
     render_mode: str | None = None,
     seed: int | None = None,
     mask_bumps: bool = False,
-    autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
+    autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
     mask_in_observation: bool = False,
     max_episode_steps: int | None = None,
     **settings: Any,
@@ -248,33 +248,3 @@ def make_vector_env(
         autoreset_mode=autoreset_mode,
         mask_in_observation=mask_in_observation,
     )
-
-
-def chaser_env(**settings: Any) -> SingleAgentEnv:
-    """`pursuit/Chaser-v0`: chase an epsilon-greedy A* evader."""
-    return make_env("chase", "chaser", **settings)
-
-
-def evader_env(**settings: Any) -> SingleAgentEnv:
-    """`pursuit/Evader-v0`: evade an epsilon-greedy A* chaser."""
-    return make_env("chase", "evader", **settings)
-
-
-def maze_env(**settings: Any) -> SingleAgentEnv:
-    """`pursuit/Maze-v0`: collect all goals."""
-    return make_env("maze", "runner", **settings)
-
-
-def chaser_vector_env(num_envs: int = 1, **settings: Any) -> SingleAgentVectorEnv:
-    """`pursuit/Chaser-v0`, vectorised over the Simulator."""
-    return make_vector_env("chase", "chaser", num_envs, **settings)
-
-
-def evader_vector_env(num_envs: int = 1, **settings: Any) -> SingleAgentVectorEnv:
-    """`pursuit/Evader-v0`, vectorised over the Simulator."""
-    return make_vector_env("chase", "evader", num_envs, **settings)
-
-
-def maze_vector_env(num_envs: int = 1, **settings: Any) -> SingleAgentVectorEnv:
-    """`pursuit/Maze-v0`, vectorised over the Simulator."""
-    return make_vector_env("maze", "runner", num_envs, **settings)
