@@ -28,7 +28,7 @@ from pursuit.rules.layout import World
 from pursuit.seeds import checked_seed, some_seed
 from pursuit.simulator import Simulator
 from pursuit.task import Task, checked_task
-from pursuit.vector_env import LockstepVectorEnv
+from pursuit.vector_env import LockstepVectorEnv, StepLimitInSpec
 
 Policies = Mapping[str, Policy]
 
@@ -65,10 +65,11 @@ def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, lis
     return seat, filled
 
 
-class SingleAgentEnv(gymnasium.Env[Any, np.int64]):
+class SingleAgentEnv(StepLimitInSpec, gymnasium.Env[Any, np.int64]):
     """One seat of one game as a Gymnasium environment.
 
-    The episode ends with the game, or with the capture of your evader. Every action is legal.
+    The episode ends with the game, or with the capture of your evader. Every action is legal. The
+    info of the last step holds "episode_return" and "episode_length".
 
     Args:
         task: the rules and settings.
@@ -158,7 +159,11 @@ class SingleAgentEnv(gymnasium.Env[Any, np.int64]):
         if self.render_mode == "human":
             self.render()
         reward = float(simulator.rewards[0, self.seat])
-        return self._seen(), reward, terminated, truncated, self._info()
+        info = self._info()
+        if terminated or truncated:
+            info["episode_return"] = float(simulator.returns[0, self.seat])
+            info["episode_length"] = int(simulator.steps[0])
+        return self._seen(), reward, terminated, truncated, info
 
     def _seen(self) -> Any:
         observed = self.simulator.observe(self.observation, self.seat)[0]
@@ -190,7 +195,8 @@ class SingleAgentEnv(gymnasium.Env[Any, np.int64]):
             self._window = None
 
 
-class SingleAgentVectorEnv(LockstepVectorEnv):
+# skrl looks for Gymnasium's class among the direct bases only.
+class SingleAgentVectorEnv(LockstepVectorEnv, gymnasium.vector.VectorEnv[Any, Any, Any]):
     """One seat of many games as a Gymnasium vector environment; the `Simulator` underneath.
 
     How games begin anew, and what the infos then hold, says `pursuit.vector_env`.
@@ -225,7 +231,7 @@ class SingleAgentVectorEnv(LockstepVectorEnv):
         render_mode: str | None = None,
         seed: int | None = None,
         mask_bumps: bool = False,
-        autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         mask_in_observation: bool = False,
     ) -> None:
         num_envs = whole("num_envs", num_envs, 1, 2**63 - 1)
@@ -276,7 +282,7 @@ class SingleAgentVectorEnv(LockstepVectorEnv):
     def _returns(self) -> NDArray[np.float64]:
         return self.simulator.returns[:, self.seat]
 
-    def _infos(self) -> dict[str, Any]:
+    def _infos(self) -> dict[str, NDArray[Any]]:
         return {ACTION_MASK: self.action_masks().astype(np.int8)} if self.mask_bumps else {}
 
     def action_masks(self) -> NDArray[np.bool_]:

@@ -19,7 +19,7 @@ from train.files import write_json, write_text
 from train.result_table import ResultTable
 from train.runs.loop import machine, versions
 from train.runs.provenance import command_line
-from train.self_play.league import LeagueTable, enter, is_agent, play_league, rate
+from train.self_play.league import LeagueTable, enter, is_agent, is_model, play_league, rate
 from train.self_play.payoffs import league_table, ratings_table
 from train.self_play.people import (
     enter_people,
@@ -37,8 +37,9 @@ class LeagueCommand:
     """All chasers against all evaders: payoff matrix, Elo, openskill, Nash averaging, cycles.
 
     Give the folders of runs (`pursuit train` of a chaser or evader, `pursuit self-play` for both),
-    and the names of scripted agents: astar, random, optimal, searching, sweeping, belief. A folder
-    of games played by hand (`pursuit play --out`) has whoever played them rated with the rest.
+    saved Stable-Baselines3 models (.zip) and the names of scripted agents: astar, random, optimal,
+    searching, sweeping, belief. A folder of games played by hand (`pursuit play --out`) has whoever
+    played them rated with the rest.
     """
 
     entries: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
@@ -56,6 +57,11 @@ class LeagueCommand:
     names: tuple[str, ...] = ()
     """What the entries are called in tables and figures, in their order; if left out, the shortest
     ends of their paths that tell them apart."""
+    model_roles: tuple[str, ...] = ()
+    """Of Stable-Baselines3 models without a description beside them (as model.save() writes):
+    chaser or evader; one for all, or one for each in their order."""
+    model_observations: tuple[str, ...] = ()
+    """Likewise, what they observe, such as one_hot."""
     out: Path = Path("league")
     """Folder for league.json, league.png, the tables (table, chasers and evaders, each as .csv and
     .tex) and methods.md."""
@@ -73,7 +79,8 @@ def league(arguments: Sequence[str]) -> None:
         by_hand, names = split_people(given.entries)
         how = (given.maze, given.opponent_epsilon, given.greedy)
         played = settings_of_people(by_hand)
-        task, entries = enter(names, *how, played=played, called=given.names)
+        models = (given.model_roles, given.model_observations)
+        task, entries = enter(names, *how, played, given.names, *models)
         people = enter_people(by_hand, task, [entry.name for entry in entries])
     table = play_league(task, entries, given.games, given.seed)
     policies = {role: [e.policy for e in entries if e.role == role] for role in ROLES}
@@ -97,7 +104,7 @@ def league(arguments: Sequence[str]) -> None:
     tables |= {f"{role}s": ratings_table(role, content) for role in ROLES}
     for stem, each in tables.items():
         each.write(out, stem)
-    folders = [Path(name) for name in names if not is_agent(name)]
+    folders = [Path(name) for name in names if not is_agent(name) and not is_model(name)]
     write_text(out / METHODS, league_methods(content, folders))
     _print(task, table, tables, content)
     print(f"figures, tables and methods: {out}")

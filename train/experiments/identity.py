@@ -78,7 +78,9 @@ def policy_files(path: Path) -> dict[str, bytes]:
         return {file.name: file.read_bytes() for file in whole if file.is_file()}
     described = description_of(path)
     own = {MODEL: path.read_bytes()}
-    return own | {description_of(Path(MODEL)).name: described.read_bytes()}
+    if described.is_file():
+        own[description_of(MODEL).name] = described.read_bytes()
+    return own
 
 
 def digest_of(files: Mapping[str, bytes]) -> str:
@@ -117,9 +119,9 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     mazes = plain.get("lessons", {}).get("curriculum_mazes")
     if mazes is not None:
         plain["lessons"]["curriculum_mazes"] = [named_maze(n).to_text() for n in names_in(mazes)]
-    for name in ("view_radius", "line_of_sight", "unknown_maze"):
+    for name in ("view_radius", "line_of_sight", "unknown_maze", "opponent_observation"):
         if not plain["task"].get(name):
-            plain["task"].pop(name, None)  # runs of full sight are those of versions before it
+            plain["task"].pop(name, None)  # runs without are those of versions before it
     if plain.get("frame_stack") == 1:  # and so are those that remember nothing
         del plain["frame_stack"]
     if plain.get("clock") == "wall" or plain.get("frames") is not None:

@@ -77,7 +77,7 @@ KINDS = {
 }
 
 
-def start(kind: str, settings: Any, path: Path) -> Run:
+def start(kind: str, settings: Any, path: Path | str) -> Run:
     """A new run in a new folder, held: its settings are on disk before anything is learned.
 
     Args:
@@ -92,6 +92,7 @@ def start(kind: str, settings: Any, path: Path) -> Run:
         ValueError: settings that cannot run here (no folder is made then), or a folder that holds
             something, or that another process has begun to fill.
     """
+    path = Path(path)
     check_new(path)
     check_device(settings.device)
     KINDS[kind].check(settings)
@@ -123,8 +124,9 @@ def with_mazes(settings: Any) -> Any:
     return replace(settings, task=task, lessons=replace(lessons, curriculum_mazes=texts))
 
 
-def read_settings(folder: Path) -> tuple[str, Any]:
+def read_settings(folder: Path | str) -> tuple[str, Any]:
     """The kind of a run and its settings; ValueError for no run, or a side of self-play."""
+    folder = Path(folder)
     kind, plain = load_config(folder)
     check(
         kind in KINDS,
@@ -133,12 +135,13 @@ def read_settings(folder: Path) -> tuple[str, Any]:
     return kind, KINDS[kind].from_plain(plain, str(folder / CONFIG))
 
 
-def open_run(folder: Path) -> Run:
+def open_run(folder: Path | str) -> Run:
     """The run in a folder, held, where it was left: at its checkpoint, or without one at the start.
 
     Raises:
         ValueError: no run there, a damaged one, or one that another process works on.
     """
+    folder = Path(folder)
     kind, settings = read_settings(folder)
     check_sources(folder / CONFIG, settings, resuming=True)
     lock = hold(folder, "run", shared=True)
@@ -163,12 +166,13 @@ def is_drawn(folder: Path, kind: str) -> bool:
     return all((folder / name).exists() for name in KINDS[kind].pictures)
 
 
-def resume(folder: Path, kind: str) -> Run:
+def resume(folder: Path | str, kind: str) -> Run:
     """Go on with the run in `folder`; one that has only its results or pictures to write does that.
 
     Raises:
         ValueError: no run there, a damaged one, one of another kind, or complete.
     """
+    folder = Path(folder)
     check(folder.is_dir(), f"{folder}: no such folder")
     found, _ = read_settings(folder)
     check(

@@ -112,7 +112,7 @@ def defaults_of(kind: str, plain: Mapping[str, Any]) -> dict[str, Any]:
     return own | {"algorithm": algorithm, "curriculum": usual}
 
 
-def methods(folders: Sequence[Path]) -> str:
+def methods(folders: Sequence[Path | str]) -> str:
     """What was done, as Markdown, ready for a paper's section on methods.
 
     Args:
@@ -122,7 +122,7 @@ def methods(folders: Sequence[Path]) -> str:
         ValueError: a folder that holds no run, or a damaged one.
     """
     lines = ["# Methods", ""]
-    facts = [facts_of(folder) for folder in folders]
+    facts = [facts_of(Path(folder)) for folder in folders]
     for form in dict.fromkeys(map(_form_of, facts)):
         lines += _of_one_kind([run for run in facts if _form_of(run) == form])
     return "\n".join([*lines, *commands_told(run.command for run in facts)])

@@ -45,7 +45,7 @@ GAP_CURVE = replace(GAP, curve="optimality_gap", curve_axis=GAP.axis)
 Rows = list[dict[str, Any]]
 
 
-def overlay(folders: Sequence[Path], out: Path, look: Look = PLAIN) -> Path:
+def overlay(folders: Sequence[Path | str], out: Path | str, look: Look = PLAIN) -> Path:
     """Lay the learning curves of all that is in `folders` over each other.
 
     A run is a curve; a sweep has one for each of its settings, an ablation one for each arm, of
@@ -63,12 +63,13 @@ def overlay(folders: Sequence[Path], out: Path, look: Look = PLAIN) -> Path:
         ValueError: a folder without anything that is complete, or runs that are judged by different
             measures.
     """
+    out = Path(out)
     names = entry_names([str(folder) for folder in folders], lambda entry: False)
     rows: Rows = []
     by_run: dict[str, Rows] = {}
     paths: list[Path] = []
     for name, folder in zip(names, folders, strict=True):
-        found = _curves_of(folder)
+        found = _curves_of(Path(folder))
         for row, path in found:
             parts = (name if len(folders) > 1 or not row["_group"] else "", row["_group"])
             row["_group"] = ": ".join(filter(None, parts))

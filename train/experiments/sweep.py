@@ -316,7 +316,7 @@ def run_name(kind: str, label: Mapping[str, Any], seed: int, print_: str) -> str
     return re.sub(r"[^A-Za-z0-9_.+-]+", "_", text)[:80] + "-" + print_
 
 
-def prepare(sweep: Sweep, out: Path) -> list[tuple[SweepRun, Path]]:
+def prepare(sweep: Sweep, out: Path | str) -> list[tuple[SweepRun, Path]]:
     """Make the folders of all runs, with their `config.json`; those there already are checked.
 
     Returns:
@@ -325,6 +325,7 @@ def prepare(sweep: Sweep, out: Path) -> list[tuple[SweepRun, Path]]:
     Raises:
         ValueError: `out` is something else, or holds a run of other settings or another version.
     """
+    out = Path(out)
     check(not out.is_file(), f"{out}: a file; give a folder")
     there = [path.name for path in out.iterdir()] if out.is_dir() else []
     if set(there) - {".lock", "exact.md", INPUTS} and "runs" not in there:

@@ -130,8 +130,15 @@ def our_defaults(world: GridWorld) -> PPOSettings:
 
 
 def vector_env(world: GridWorld, games: int) -> SingleAgentVectorEnv:
-    """The games as Gymnasium's vector environments are."""
-    return SingleAgentVectorEnv(world.task, world.agent, world.opponents, games, OBSERVATION)
+    """Games as a Gymnasium vector environment; episodes begin in the step that ends the last."""
+    return SingleAgentVectorEnv(
+        world.task,
+        world.agent,
+        world.opponents,
+        games,
+        OBSERVATION,
+        autoreset_mode="SAME_STEP",
+    )
 
 
 class StableBaselines:

@@ -110,7 +110,12 @@ def run(recipe: Recipe) -> None:
     contest = contest_of(recipe.task, 1000)
     games = 32 if recipe.algorithm == "dqn" else 64
     envs = SingleAgentVectorEnv(
-        contest.task, contest.agent, contest.opponents, games, recipe.observation
+        contest.task,
+        contest.agent,
+        contest.opponents,
+        games,
+        recipe.observation,
+        autoreset_mode="SAME_STEP",
     )
     vec_env = StableBaselinesVecEnv(envs)
     vec_env.seed(recipe.seed)

@@ -64,13 +64,14 @@ def save_config(folder: Path, kind: str, settings: Any, maze_text: str | None) -
     write_json(folder / CONFIG, {**plain, PARTS: provenance(settings), COMMAND: command_line()})
 
 
-def load_config(folder: Path) -> tuple[str, dict[str, Any]]:
+def load_config(folder: Path | str) -> tuple[str, dict[str, Any]]:
     """The kind of run in a folder, and its settings; a maze that was a file is its text.
 
     Raises:
         ValueError: no run in this folder, a damaged one, or one that names parts which are neither
             ours nor allowed.
     """
+    folder = Path(folder)
     kind, plain = read_config(folder)
     check_trusted(folder / CONFIG, plain)
     return kind, plain
@@ -97,9 +98,9 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
     return found.kind, plain
 
 
-def load_results(folder: Path) -> dict[str, Any]:
+def load_results(folder: Path | str) -> dict[str, Any]:
     """What `results.json` holds; ValueError where it is missing or damaged."""
-    return forms.read_results(folder / RESULTS, RUN)
+    return forms.read_results(Path(folder) / RESULTS, RUN)
 
 
 def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
@@ -107,13 +108,14 @@ def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
     write_tensors(folder / CHECKPOINT, {"format": FORMAT, **state})
 
 
-def load_checkpoint(folder: Path) -> dict[str, Any]:
+def load_checkpoint(folder: Path | str) -> dict[str, Any]:
     """Read `checkpoint.pt` without running any code that it may hold.
 
     Raises:
         ValueError: missing, damaged, holding more than tensors and plain values, or of another
             version.
     """
+    folder = Path(folder)
     path = folder / CHECKPOINT
     if not path.exists():
         raise ValueError(
@@ -172,10 +174,11 @@ class MetricsFile:
         write_csv(self.path, self.rows)
 
 
-def read_metrics(folder: Path, *columns: str) -> list[dict[str, float]]:
+def read_metrics(folder: Path | str, *columns: str) -> list[dict[str, float]]:
     """The rows of `metrics.csv`; cells without a number are left out.
 
     Raises:
         ValueError: it cannot be read, or has other columns than "frames", "seconds" and `columns`.
     """
+    folder = Path(folder)
     return forms.read_numbers(folder / METRICS, ("frames", "seconds", *columns))

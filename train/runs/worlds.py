@@ -102,7 +102,7 @@ class GridWorld:
         """The policy of every role; ValueError as `opponents_of`."""
         given = self.settings
         how = (given.opponent, given.opponent_epsilon, given.opponent_policy)
-        return opponents_of(self.task, self.agent, *how)
+        return opponents_of(self.task, self.agent, *how, given.opponent_observation)
 
     @property
     def setting(self) -> Setting:

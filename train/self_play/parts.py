@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -93,7 +92,9 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     frozen = {
         role: scripted[name, role]
         if (name, role) in scripted
-        else frozen_policy(name, role, task, settings.task.opponent_policy)
+        else frozen_policy(
+            name, role, task, settings.task.opponent_policy, settings.task.opponent_observation
+        )
         for role in ROLES
         if role not in settings.learning
         for name in [str(getattr(settings, role))]
@@ -226,17 +227,20 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
 
 
-def frozen_policy(name: str, role: str, task: Task, played: str = "sampled") -> Policy:
+def frozen_policy(
+    name: str, role: str, task: Task, played: str = "sampled", observation: str | None = None
+) -> Policy:
     """Who plays a role that does not learn: a user's own, a run by its folder or a model's .zip.
 
-    It is `played` "sampled" or "greedy", as every learned opponent is.
+    It is `played` "sampled" or "greedy", as every learned opponent is. A model without a
+    description beside it has this `observation`.
 
     Raises:
         ValueError: none of them; or it is of another role, or of other games.
     """
     if is_own_policy(name):
         return own_policy(name, task, role)
-    policy = load_opponent(Path(name), played)
+    policy = load_opponent(name, played, task=task, agent=role, observation=observation)
     check_fits(policy, role, task, name)
     return policy
 

@@ -74,6 +74,9 @@ class TaskSettings:
     opponent_policy: str = "sampled"
     """How a learned opponent plays: sampled (as it was learned, where it is a distribution), or
     greedy (always the most probable action)."""
+    opponent_observation: str | None = None
+    """What a saved Stable-Baselines3 model observes that plays the other side, such as one_hot; of
+    one without a description beside it (as model.save() writes)."""
     start: str = "random"
     """random, or marks: the S and G of the maze (fixed goals)."""
     mask_bumps: bool = False
