@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from reference_rules import Game, Outcome, drawn, of_role, step
 
 from pursuit.maze import Maze, load_maze
 from pursuit.maze_generation import generate_maze
+from pursuit.rewards import rewards_text
 from pursuit.rules import batches, layout
 from pursuit.rules.layout import (
     CAPTURED,
@@ -33,8 +35,14 @@ ROOM = load_maze("3x3-open")  # cells 0 1 2 / 3 4 5 / 6 7 8
 
 amounts = st.sampled_from([-1.0, -0.1, 0.0, 0.3, 2.0])
 role_rewards = st.builds(Rewards, amounts, amounts, amounts, amounts, st.booleans())
+per_evader = st.builds(Rewards, amounts, amounts, amounts, per_evader=st.just(True))
 schemes = st.sampled_from(sorted(REWARD_SCHEMES)) | st.fixed_dictionaries(
-    {}, optional={role: role_rewards for role in ("chaser", "evader", "runner")}
+    {},
+    optional={
+        "chaser": role_rewards | per_evader,
+        "evader": role_rewards,
+        "runner": role_rewards,
+    },
 )
 
 
@@ -302,6 +310,57 @@ def test_zero_sum_returns_are_the_length_of_the_chase() -> None:
     lengths = simulator.episode_lengths
     assert (lengths > 0).all()
     np.testing.assert_array_equal(simulator.episode_returns, np.c_[-lengths, lengths])
+
+
+@pytest.mark.parametrize("move_order", ["simultaneous", "chasers_first"])
+@pytest.mark.parametrize(("chasers", "evaders"), [(2, 1), (1, 2), (2, 2)])
+def test_zero_sum_pays_by_the_evaders_that_were_free_in_every_state_and_for_all_actions(
+    chasers: int, evaders: int, move_order: Any
+) -> None:
+    """By enumeration: all cells, all that can be free, all joint actions."""
+    maze = Maze.from_text("+-+-+-+-+\n|       |\n+-+-+-+-+")
+    task = Task(maze, chasers, evaders, move_order=move_order, rewards="zero_sum")
+    agents = range(task.num_agents)
+    cases = [
+        (cells, free, actions)
+        for cells in itertools.product(range(4), repeat=task.num_agents)
+        for free in itertools.product((0, 1), repeat=evaders)
+        for actions in itertools.product((NORTH, EAST, WEST), repeat=task.num_agents)
+        if any(free)
+    ]
+    simulator = Simulator(task, len(cases), auto_restart=False)
+    simulator.positions[:] = [cells for cells, _, _ in cases]
+    simulator.active[:, chasers:] = [free for _, free, _ in cases]
+    simulator.step([actions for _, _, actions in cases])
+    expected = []
+    for _, free, _ in cases:
+        left = dict(zip(agents[chasers:], free, strict=True))
+        expected.append([left[agent] if agent in left else -sum(free) for agent in agents])
+    np.testing.assert_array_equal(simulator.rewards, expected)
+    # One chaser and all evaders: zero-sum in every step.
+    np.testing.assert_array_equal(simulator.rewards[:, [0, *agents[chasers:]]].sum(axis=1), 0.0)
+
+
+def test_zero_sum_of_goals_is_the_opposite_for_chasers() -> None:
+    heist: dict[str, Any] = {"maze": ROOM, "num_chasers": 2, "rewards": "zero_sum"}
+    game = play([0, 1, 3, 5], [NORTH, NORTH, EAST, WEST], [4, 8], num_evaders=2, **heist)
+    assert game.rewards.tolist() == [[-1.0, -1.0, 0.5, 0.5]]  # two evaders share a goal
+    game = play([0, 1, 3], [NORTH, NORTH, EAST], [4, 8], num_evaders=1, **heist)
+    assert game.rewards.tolist() == [[-1.0, -1.0, 1.0]]
+
+
+def test_rewards_per_evader_are_for_chasers_and_for_events_at_once() -> None:
+    for wrong in ({"distance": -1.0}, {"on_completion": True}):
+        with pytest.raises(ValueError, match="needs distance=0 and on_completion=False"):
+            Rewards(per_evader=True, **wrong)  # type: ignore[arg-type]
+    for role in ("evader", "runner"):
+        with pytest.raises(ValueError, match=f"of the {role}: per_evader=True; it is for chasers"):
+            Task(ROOM, 1, 1, rewards={role: Rewards(per_evader=True)})
+    with pytest.raises(ValueError, match="of the evader: per_evader=True"):
+        Task(ROOM, 1, 1, rewards="step=-1,per_evader=true")
+    text = "chaser.step=-1,chaser.per_evader=true"
+    assert Task(ROOM, 1, 1, rewards=text).role_rewards["chaser"] == Rewards(-1.0, per_evader=True)
+    assert rewards_text(text) == text
 
 
 # -- the rules compiled for known teams ------------------------------------------------------------

@@ -67,7 +67,9 @@ ROW, COLUMN, MARK_DISTANCE, MOVES, FACT_LAYERS = range(5)
     START_AT_MARKS,
     NUM_RULES,
 ) = range(9)
-PAY_STEP, PAY_CAPTURE, PAY_GOAL, PAY_DISTANCE, PAY_ON_COMPLETION, NUM_PAYS = range(6)
+PAY_STEP, PAY_CAPTURE, PAY_GOAL, PAY_DISTANCE, PAY_ON_COMPLETION, PAY_PER_EVADER, NUM_PAYS = range(
+    7
+)
 
 
 class Teams(NamedTuple):
@@ -87,6 +89,7 @@ class Pay(NamedTuple):
     goal: float
     distance: float
     on_completion: float
+    per_evader: float
 
 
 class Rules(NamedTuple):
@@ -319,7 +322,7 @@ def pay_of(paid: Any) -> Pay:
     """What a role is paid: [NUM_PAYS] float64."""
     return Pay(
         paid[PAY_STEP], paid[PAY_CAPTURE], paid[PAY_GOAL], paid[PAY_DISTANCE],
-        paid[PAY_ON_COMPLETION],
+        paid[PAY_ON_COMPLETION], paid[PAY_PER_EVADER],
     )  # fmt: skip
 
 
