@@ -100,13 +100,15 @@ def step_both(simulator: Simulator, actions: Any) -> Outcome:
     task, names = simulator.task, simulator.task.agent_names
     by_name = dict(zip(names, np.asarray(actions).tolist(), strict=True))
     expected = step(read(simulator), by_name, task.role_rewards, task.move_order, task.max_steps)
-    returns = simulator.returns[0].copy()
+    returns, collected = simulator.returns[0].copy(), simulator.collected[0].copy()
     simulator.step([actions])
     assert read(simulator) == expected.game
     assert simulator.events[0].tolist() == events_of(expected, names)
     paid = [expected.rewards[name] for name in names]
     np.testing.assert_allclose(simulator.rewards[0], paid, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(simulator.returns[0], returns + paid, rtol=1e-6, atol=1e-6)
+    taken = [sum(1 / len(t) for t in expected.collected.values() if n in t) for n in names]
+    np.testing.assert_allclose(simulator.collected[0], collected + taken)
     assert simulator.terminated[0] == expected.terminated
     assert simulator.truncated[0] == expected.truncated
     return expected
@@ -255,6 +257,16 @@ def test_runners_that_arrive_at_once_share_the_goal() -> None:
     assert game.goals.tolist() == [[-1, 0]] and not game.terminated[0]
 
 
+def test_goals_are_counted_by_agent_until_the_next_episode() -> None:
+    game = play([1, 3, 4], [EAST, WEST, WEST], [2, 0], num_runners=3)
+    assert game.collected.tolist() == [[0.5, 0.5, 0.0]]
+    step_both(game, [WEST, NORTH, NORTH])
+    step_both(game, [WEST, NORTH, NORTH])
+    assert game.terminated[0] and game.collected.tolist() == [[1.5, 0.5, 0.0]]
+    game.reset()
+    assert game.collected.tolist() == [[0.0, 0.0, 0.0]]
+
+
 def test_the_last_goal_ends_the_game() -> None:
     game = play([1], [EAST], [2], num_runners=1)
     assert game.terminated[0] and game.rewards.tolist() == [[1.0]]
@@ -294,6 +306,13 @@ def test_completion_pays_events_only_in_the_last_step() -> None:
     task = {"num_runners": 1, "rewards": "completion"}
     assert play([1], [EAST], [2, 4], **task).rewards.tolist() == [[np.float32(-0.1)]]
     assert play([1], [EAST], [2], **task).rewards.tolist() == [[1.0]]
+
+
+def test_completion_pays_a_captured_evader_though_the_game_goes_on() -> None:
+    chase = {"num_chasers": 1, "num_evaders": 2, "rewards": "completion"}
+    game = play([0, 1, 4], [EAST, NORTH, NORTH], **chase)
+    assert not game.terminated[0]
+    assert game.rewards.tolist() == [[np.float32(-0.1), -1.0, 1.0]]
 
 
 def test_distance_pays_by_rows_plus_columns_after_the_move() -> None:

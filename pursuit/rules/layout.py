@@ -41,7 +41,7 @@ UNCHANGED = -1.0  # the next episode's epsilon where none waits: the present one
 POSITION, ACTIVE, EVENT, FINAL_POSITION, FINAL_ACTIVE, FINAL_EVENT, AGENT_LAYERS = range(7)
 GOAL, FINAL_GOAL, GOAL_LAYERS = range(3)
 STEPS, MAZE, FINAL_STEPS, FINAL_MAZE, CLOCK_LAYERS = range(5)
-EPSILON, NEXT_EPSILON, RETURNS, EPISODE_RETURNS, REAL_LAYERS = range(5)
+EPSILON, NEXT_EPSILON, RETURNS, COLLECTED_GOALS, EPISODE_RETURNS, REAL_LAYERS = range(6)
 ENDED_BY_RULE, ENDED_BY_TIME, FLAG_LAYERS = range(3)
 SCRATCH_DISTANCE, SCRATCH_QUEUE, SCRATCH_AFTER = range(3)
 SCRATCH_CAPTORS, SCRATCH_TAKERS, SCRATCH_CAPTURED, SCRATCH_LAYERS = range(3, 7)
@@ -171,6 +171,7 @@ class Outcome(NamedTuple):
 
     rewards: [games, agents] float32, of the last step.
     returns: [games, agents] float64, of the episode so far.
+    collected: [games, agents] float64, goals collected in it so far, those shared in parts.
     terminated, truncated: [games] bool, of the last step.
     episode_returns: [games, agents] float64, of the last finished episode.
     final: the games as their last finished episode ended.
@@ -178,6 +179,7 @@ class Outcome(NamedTuple):
 
     rewards: Any
     returns: Any
+    collected: Any
     terminated: Any
     truncated: Any
     episode_returns: Any
@@ -283,8 +285,8 @@ def outcome_of(memory: Memory) -> Outcome:
         memory.goals[:, FINAL_GOAL], clocks[:, FINAL_STEPS], clocks[:, FINAL_MAZE],
     )  # fmt: skip
     return Outcome(
-        memory.rewards, reals[:, RETURNS], flags[ENDED_BY_RULE], flags[ENDED_BY_TIME],
-        reals[:, EPISODE_RETURNS], final,
+        memory.rewards, reals[:, RETURNS], reals[:, COLLECTED_GOALS], flags[ENDED_BY_RULE],
+        flags[ENDED_BY_TIME], reals[:, EPISODE_RETURNS], final,
     )  # fmt: skip
 
 

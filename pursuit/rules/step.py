@@ -82,6 +82,8 @@ def step(
         pay_events(games, game, rules, plan, outcome, captures, collected, end)
     if rules.chaser.per_evader != 0.0:
         pay_per_evader(games, game, rules, plan, outcome)
+    if collected > 0:
+        count_goals(games, game, teams, plan, outcome)
     for number in agents_of(teams):
         agent = np.uint64(number)
         games.position[game, agent] = plan.after[agent]
@@ -197,6 +199,16 @@ def ended(
 def is_free(games: Games, game: int, evader: int) -> int:
     """1 where an evader was free before the step, 0 where it had been captured."""
     return np.int64(games.active[game, evader] != 0)
+
+
+@inlined
+def count_goals(games: Games, game: int, teams: Teams, plan: Plan, outcome: Outcome) -> None:
+    """Add the goals of this step to those that each agent has collected; shared ones in parts."""
+    for goal in goals_of(teams):
+        for agent in collectors_of(teams):
+            here = plan.after[agent] == games.goal[game, goal]
+            if plan.takers[goal] > 0 and here and may_collect(games, game, agent, teams, plan):
+                outcome.collected[game, agent] += 1.0 / plan.takers[goal]
 
 
 # -- rewards ---------------------------------------------------------------------------------------
