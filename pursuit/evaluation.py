@@ -26,8 +26,8 @@ class Evaluation:
         gap: mean_steps / optimal_steps - 1. Evaders maximise the length, so theirs is at most 0.
         gap_ci95: the 95 % confidence interval of the gap (lower, upper), from the differences on
             equal starts (delta method of a ratio of means).
-        mean_return, optimal_return: of a heist, where steps say little: what the agent is paid in
-            an episode, and the most that it could be. None elsewhere, or where it is not known.
+        mean_return, optimal_return: of a race or heist, where steps say little: the mean return of
+            the agent, and the largest that it could have. None elsewhere, or where it is unknown.
     """
 
     episodes: int

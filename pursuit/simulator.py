@@ -64,6 +64,7 @@ class Simulator:
         streams: [num_games, ...] uint64, the random streams.
         rewards: [num_games, num_agents] float32, of the last step.
         returns: [num_games, num_agents] float64, the sum of rewards of the episode so far.
+        collected: [num_games, num_agents] float64, the goals collected in it; shared ones in parts.
         terminated, truncated: [num_games] bool, of the last step; never both.
         episode_returns: [num_games, num_agents] float64, of each game's last finished episode.
         episode_lengths: [num_games] int32, likewise.
@@ -135,6 +136,7 @@ class Simulator:
         self.maze_index: NDArray[np.int32] = games.maze
         self.rewards: NDArray[np.float32] = outcome.rewards
         self.returns: NDArray[np.float64] = outcome.returns
+        self.collected: NDArray[np.float64] = outcome.collected
         self.terminated: NDArray[np.bool_] = outcome.terminated
         self.truncated: NDArray[np.bool_] = outcome.truncated
         self.episode_returns: NDArray[np.float64] = outcome.episode_returns

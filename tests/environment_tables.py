@@ -218,10 +218,10 @@ def rewards(name: str) -> str:
             schemes = {f"{name}'s own (default)": task.role_rewards[role], **schemes}
         for scheme, paid in schemes.items():
             mark = " (default)" if scheme == task.rewards else ""
-            numbers = [
-                f"{getattr(paid, f.name):g}" for f in fields(paid) if f.name != "on_completion"
-            ]
+            flags = ("on_completion", "per_evader")
+            numbers = [f"{getattr(paid, f.name):g}" for f in fields(paid) if f.name not in flags]
             when = "only when it ends the game" if paid.on_completion else "at once"
+            when = "per evader" if paid.per_evader else when
             body.append((role, scheme + mark, *numbers, when))
     return rows(("role", "scheme", "step", "capture", "goal", "distance", "events pay"), body)
 

@@ -279,6 +279,7 @@ def test_every_shipped_ablation_is_sound_in_both_versions(name: str) -> None:
         ("[[arms]]", "[[variants]]", r"called \[\[arms\]\]"),
         ('curriculum = "num-goals"', 'curriculum = "opponent-epsilon"', "needs opponents"),
         ('task = "maze"', 'task = "heist"', "exact optimum of task 'heist' .* is not known"),
+        ('task = "maze"', 'task = "race"\nnum_goals = 2', "'race' is judged by goals, and an abl"),
     ],
 )
 def test_bad_files_are_refused_before_anything_runs(

@@ -91,7 +91,8 @@ def test_who_walks_to_and_fro_is_told_what_cures_it(
         {"name": "learned", "success_rate": greedy},
         {"name": "learned, sampled", "success_rate": drawn},
     ]
-    found = loops_told({"role": role, "scores": scores})
+    objective = {"column": "mean_steps", "unit": "steps", "less_is_better": True}
+    found = loops_told({"role": role, "scores": scores, "objective": objective})
     assert told in found and bool(found) == bool(told) == ("--frame-stack 2" in found)
 
 

@@ -41,7 +41,7 @@ UNCHANGED = -1.0  # the next episode's epsilon where none waits: the present one
 POSITION, ACTIVE, EVENT, FINAL_POSITION, FINAL_ACTIVE, FINAL_EVENT, AGENT_LAYERS = range(7)
 GOAL, FINAL_GOAL, GOAL_LAYERS = range(3)
 STEPS, MAZE, FINAL_STEPS, FINAL_MAZE, CLOCK_LAYERS = range(5)
-EPSILON, NEXT_EPSILON, RETURNS, EPISODE_RETURNS, REAL_LAYERS = range(5)
+EPSILON, NEXT_EPSILON, RETURNS, COLLECTED_GOALS, EPISODE_RETURNS, REAL_LAYERS = range(6)
 ENDED_BY_RULE, ENDED_BY_TIME, FLAG_LAYERS = range(3)
 SCRATCH_DISTANCE, SCRATCH_QUEUE, SCRATCH_AFTER = range(3)
 SCRATCH_CAPTORS, SCRATCH_TAKERS, SCRATCH_CAPTURED, SCRATCH_LAYERS = range(3, 7)
@@ -67,7 +67,9 @@ ROW, COLUMN, MARK_DISTANCE, MOVES, FACT_LAYERS = range(5)
     START_AT_MARKS,
     NUM_RULES,
 ) = range(9)
-PAY_STEP, PAY_CAPTURE, PAY_GOAL, PAY_DISTANCE, PAY_ON_COMPLETION, NUM_PAYS = range(6)
+PAY_STEP, PAY_CAPTURE, PAY_GOAL, PAY_DISTANCE, PAY_ON_COMPLETION, PAY_PER_EVADER, NUM_PAYS = range(
+    7
+)
 
 
 class Teams(NamedTuple):
@@ -87,6 +89,7 @@ class Pay(NamedTuple):
     goal: float
     distance: float
     on_completion: float
+    per_evader: float
 
 
 class Rules(NamedTuple):
@@ -168,6 +171,7 @@ class Outcome(NamedTuple):
 
     rewards: [games, agents] float32, of the last step.
     returns: [games, agents] float64, of the episode so far.
+    collected: [games, agents] float64, goals collected in it so far, those shared in parts.
     terminated, truncated: [games] bool, of the last step.
     episode_returns: [games, agents] float64, of the last finished episode.
     final: the games as their last finished episode ended.
@@ -175,6 +179,7 @@ class Outcome(NamedTuple):
 
     rewards: Any
     returns: Any
+    collected: Any
     terminated: Any
     truncated: Any
     episode_returns: Any
@@ -280,8 +285,8 @@ def outcome_of(memory: Memory) -> Outcome:
         memory.goals[:, FINAL_GOAL], clocks[:, FINAL_STEPS], clocks[:, FINAL_MAZE],
     )  # fmt: skip
     return Outcome(
-        memory.rewards, reals[:, RETURNS], flags[ENDED_BY_RULE], flags[ENDED_BY_TIME],
-        reals[:, EPISODE_RETURNS], final,
+        memory.rewards, reals[:, RETURNS], reals[:, COLLECTED_GOALS], flags[ENDED_BY_RULE],
+        flags[ENDED_BY_TIME], reals[:, EPISODE_RETURNS], final,
     )  # fmt: skip
 
 
@@ -319,7 +324,7 @@ def pay_of(paid: Any) -> Pay:
     """What a role is paid: [NUM_PAYS] float64."""
     return Pay(
         paid[PAY_STEP], paid[PAY_CAPTURE], paid[PAY_GOAL], paid[PAY_DISTANCE],
-        paid[PAY_ON_COMPLETION],
+        paid[PAY_ON_COMPLETION], paid[PAY_PER_EVADER],
     )  # fmt: skip
 
 

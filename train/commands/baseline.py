@@ -13,7 +13,6 @@ from train.commands.blindness import print_blindness
 from train.commands.parse import named_task, parse
 from train.commands.scores import (
     certificate_of,
-    pays_of,
     print_bounds,
     print_scores,
     print_whole_game,
@@ -55,7 +54,7 @@ def baseline(arguments: Sequence[str]) -> None:
         contest = replace(contest, most_work=MAX_EVALUATED_WORK)
     print(contest.line())
     scores = contest.baselines()
-    print_scores(scores, certificate_of(contest), pays_of(contest))
+    print_scores(scores, certificate_of(contest), contest.measure)
     if isinstance(contest, ArmContest):
         print_bounds(contest)
         return

@@ -14,7 +14,6 @@ from train.algorithms.registry import entry
 from train.commands.parse import heard, parse, warn
 from train.commands.scores import (
     certificate_of,
-    pays_of,
     print_bounds,
     print_floor,
     print_reference,
@@ -119,7 +118,7 @@ def evaluate(arguments: Sequence[str]) -> None:
             "--table and --picture are of a suite of mazes; give --maze suite:7x7-test",
         )
         scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
-        print_scores(scores, certificate_of(contest), pays_of(contest))
+        print_scores(scores, certificate_of(contest), contest.measure)
     if isinstance(contest, ArmContest):
         print_bounds(contest)
     floor = UNKNOWN if judged_by.gamma is None else objective_floor(contest, judged_by.gamma)

@@ -16,7 +16,6 @@ from train.commands.parse import Formats, budget_of, heard, named_task, parse
 from train.commands.progress import carry_out, leave
 from train.commands.scores import (
     certificate_of,
-    pays_of,
     print_bounds,
     print_floor,
     print_reference,
@@ -33,7 +32,7 @@ from train.runs.folder import CURVE, REPLAY, REPORT, RUN
 from train.runs.loop import Run
 from train.runs.parts import setting_of
 from train.runs.pictures import draw_learning_curve, save_replay
-from train.runs.report import loops_told, of_solved, write_report
+from train.runs.report import headline, loops_told, of_solved, write_report
 from train.runs.saved import load_settings
 from train.runs.single import SingleAgent
 from train.settings.algorithms import Hyperparameters
@@ -149,7 +148,7 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
     trainee: SingleAgent = run.trainee
     print()
     scores = [Score(**score) for score in content["scores"]]
-    print_scores(scores, certificate_of(trainee.contest), pays_of(trainee.contest))
+    print_scores(scores, certificate_of(trainee.contest), trainee.contest.measure)
     if isinstance(trainee.contest, ArmContest):
         print_bounds(trainee.contest)
     contest, teacher = trainee.contest, trainee.teacher
@@ -164,13 +163,15 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
         teacher.rows if teacher is not None else None,
         teacher.describes if teacher is not None else "",
         look,
+        content["objective"]["column"],
     )
     write_text(run.folder / METHODS, methods([run.folder]))
     save_replay(run.folder / REPLAY, contest, trainee.policy)
     evaluation = content["evaluation"]
     judged, settings = trainee.judged(evaluation["episodes"]), load_settings(run.folder)
     write_report(run.folder, settings, judged, trainee.policy, content)
-    if evaluation["optimality_gap"] is not None:
+    column = content["objective"]["column"]
+    if evaluation["optimality_gap"] is not None and column == "mean_steps":
         how = "exactly" if evaluation["exact"] else "on the same starts"
         print(
             f"\nlearned {evaluation['mean_steps']:.3f} steps, optimum "
@@ -180,11 +181,8 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
     remembers = settings.frame_stack > 1 or settings.hyper.recurrent is not None
     if settings.evaluate == "greedy" and not remembers and (told := loops_told(content)):
         print(told)
-    if evaluation.get("return_regret") is not None:
-        print(
-            f"\nlearned return {evaluation['mean_return']:.3f}, the best on the same starts "
-            f"{evaluation['optimal_return']:.3f}: {evaluation['return_regret']:.3f} below it"
-        )
+    if column != "mean_steps":
+        print(f"\n{headline(content)}")
     print_reference(content.get("reference", {}), judged)
     print_floor(evaluation, trainee.parts.hyper.last_gamma)
     print(f"results, curve, replay, methods and {REPORT}: {run.folder}")

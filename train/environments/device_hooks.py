@@ -21,7 +21,7 @@ NOTED = {
     "agents": slice(layout.POSITION, layout.EVENT + 1),
     "goals": slice(layout.GOAL, layout.GOAL + 1),
     "clocks": slice(layout.STEPS, layout.MAZE + 1),
-    "reals": slice(layout.RETURNS, layout.RETURNS + 1),
+    "reals": slice(layout.RETURNS, layout.COLLECTED_GOALS + 1),
 }
 """The layers of `layout.Memory` that are noted of a game, beside its flags."""
 

@@ -101,7 +101,7 @@ def _compared(contest: Any, policy: Any) -> Evaluation:
         ratio = played[1] / mean
         half = half_width(lengths - ratio * least) / mean
         known = (mean, ratio - 1.0, (ratio - 1.0 - half, ratio - 1.0 + half))
-    if not game or not contest.pays:
+    if not game or contest.measure.name == "steps":
         return Evaluation(*played, *known)
     best, paid = contest.optimal_return(), float(contest.returns(policy).mean())
     found = Evaluation(*played, *known)

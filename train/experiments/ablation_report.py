@@ -40,6 +40,11 @@ SPENT = 0.8
 def curve_of(row: dict[str, Any], evaluations: list[dict[str, Any]]) -> Curve:
     """The curve of a complete run; ValueError where the optimum of its task is not known."""
     check(
+        row["objective"] == "mean_steps",
+        f"{row['run']}: it is judged by {row['objective']}, and an ablation is measured by the gap "
+        "in steps; take a runner alone, or a chase",
+    )
+    check(
         row.get("optimality_gap") is not None,
         f"{row['run']}: the exact optimum of its task is not known, and an ablation is measured "
         "against it; take a task with one (a runner alone, or one chaser against one evader)",

@@ -180,7 +180,7 @@ def draw_overlay(
     elif measure.logarithmic:
         axis.set_yscale("log")
         plain_numbers(axis.yaxis)
-    else:
+    elif measure.curve != "mean_return":
         axis.set_ylim(bottom=0)
     time_axis(axis, look.log)
     axis.set_xlabel(time_head(unit))

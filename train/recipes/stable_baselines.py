@@ -125,7 +125,8 @@ def run(recipe: Recipe) -> None:
     policy = load_stable_baselines(recipe.out)
     print(contest.line())
     print(f"Stable-Baselines3 {recipe.algorithm}: {model.num_timesteps:,} frames")
-    print_scores([*contest.baselines(), contest.score("learned", policy)])
+    scores = [*contest.baselines(), contest.score("learned", policy)]
+    print_scores(scores, measure=contest.measure)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

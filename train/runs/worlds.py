@@ -25,6 +25,7 @@ from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
+from train.evaluation.scores import BY_LONG_LIFE, measure_of
 from train.evaluation.suite_contest import SuiteContest
 from train.networks.arm_policy import ArmSeat
 from train.networks.policy import Seat
@@ -137,11 +138,10 @@ class GridWorld:
     ) -> tuple[SimulatorEnv | DeviceEnv, Teacher | None]:
         """As `World`."""
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
-        evading = seat.role == "evader" and not seat.task.num_goals
         judge = Judge(
             lambda games: won_by(games, number),
             lambda games: games.returns[:, number],
-            not evading,
+            measure_of(seat.task, seat.role) != BY_LONG_LIFE,
         )
         if device != "cpu" and why_not_on_device(seat) is None:
             far = games_on_gpu(seat, num_games, seed, policies, device)

@@ -53,7 +53,7 @@ class TaskSettings:
     rewards: str = "default"
     """goal, completion, distance, zero_sum, or the task's own (default); coefficients, such as
     step=-0.1,capture=2 or chaser.step=-0.1,evader.capture=-2 (of step, capture, goal, distance,
-    on_completion); or package.module:Name of a function of your own."""
+    on_completion, for chasers per_evader); or package.module:Name of a function of your own."""
     view_radius: str | None = None
     """Path steps up to which agents see: a number for all, or by role or agent, such as
     chaser=2,evader_0=3; everything if left out. The scripted astar, random and optimal see
