@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from pursuit.declared import one_of
 from pursuit.replay import with_suffix
 from train.algorithms.registry import entry
 from train.commands.parse import heard, parse, warn
@@ -28,7 +29,8 @@ from train.evaluation.floor import objective_floor
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
-from train.files import write_json
+from train.figures import FORMATS
+from train.files import check_new_files, write_json
 from train.networks.policy import NO_WALLS
 from train.runs.loop import machine, versions
 from train.runs.opponents import load_policy
@@ -65,6 +67,8 @@ class EvaluateCommand:
     """Write the first episodes, as the policy of the run plays them, to this new replay (.json)."""
     replay_episodes: int = 10
     """How many of them."""
+    overwrite: bool = False
+    """Replace --out, --replays, --table and --picture where they exist."""
 
 
 def evaluate(arguments: Sequence[str]) -> None:
@@ -73,8 +77,9 @@ def evaluate(arguments: Sequence[str]) -> None:
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     check(given.run.is_dir(), f"{given.run}: no such folder")
     replays = None if given.replays is None else with_suffix(given.replays)
-    for path in filter(None, (given.out, replays, given.table, given.picture)):
-        check(not path.exists(), f"{path}: exists already")
+    check_new_files([given.out, replays, given.table, given.picture], given.overwrite)
+    if given.picture is not None:
+        one_of("format of a figure", given.picture.suffix[1:], FORMATS)
     check(given.replay_episodes >= 1, f"replay_episodes={given.replay_episodes}; at least 1")
     with heard():
         settings, policy = load_settings(given.run), load_policy(given.run)

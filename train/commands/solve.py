@@ -19,7 +19,8 @@ from scripted_agents import ChaseSolution, cop_number, independent_team, solve_c
 from train.commands.blindness import print_blindness, radii_of
 from train.commands.parse import Formats, parse
 from train.commands.progress import Alive
-from train.figures import BLUE, FORMATS, ORANGE, PLAIN, Look, draw_walls, pyplot, save
+from train.figures import BLUE, FORMATS, ORANGE, PLAIN, Look, draw_walls, names_of, pyplot, save
+from train.files import check_new_files
 from train.settings.checks import check
 
 
@@ -56,6 +57,8 @@ class SolveCommand:
     """The picture (.png, .pdf or .svg); solve-MAZE.png if left out."""
     format: Formats = ()
     """pdf, svg, or both: the picture is saved so, too."""
+    overwrite: bool = False
+    """Replace the picture where it exists."""
 
 
 def solve(arguments: Sequence[str]) -> None:
@@ -83,6 +86,7 @@ def solve(arguments: Sequence[str]) -> None:
     out = given.out or Path(f"solve-{Path(given.maze).stem}.png")
     look = Look(given.format)
     check(out.suffix[1:] in FORMATS, f"out={out}; give a .png, .pdf or .svg file")
+    check_new_files([out.with_name(name) for name in names_of(out.name, look)], given.overwrite)
     began = perf_counter()
     order: Any = given.move_order
     alive, solving = Alive(), f"solving {maze.name}"

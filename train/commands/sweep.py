@@ -19,8 +19,9 @@ from train.experiments.exact import write_exact
 from train.experiments.executors import run_locally, run_on_ray
 from train.experiments.power import power_lines
 from train.experiments.report import report
-from train.experiments.sweep import Sweep, load_sweep, shipped, status_of
+from train.experiments.sweep import Sweep, is_folder_of, load_sweep, shipped, status_of
 from train.figures import Look
+from train.files import check_output_folder
 from train.settings.checks import check
 
 DONE = ("complete", "stopped")
@@ -57,6 +58,8 @@ class SweepCommand:
     can show. But do none."""
     format: Formats = ()
     """pdf, svg, or both: figures are saved so, too, beside their .png."""
+    overwrite: bool = False
+    """Use --out though it is the folder of another sweep: its runs stay, its report is replaced."""
 
 
 def sweep(arguments: Sequence[str]) -> None:
@@ -92,7 +95,7 @@ def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
     if given.dry_run:
         list_runs(plan, out)
         return
-    check(not out.is_file(), f"{out}: a file; give a folder")
+    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     out.mkdir(parents=True, exist_ok=True)
     if plan.exact is not None:
         print(write_exact(plan.title, plan.exact, out))
