@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
+from played_by_hand import NORTH
 
+from train.commands import play as play_command
 from train.commands.main import main
 from train.files import check_new_files, check_output_folder
+from train.play.kept import load_games
 
 TINY = [
     *("--task", "maze", "--num-goals", "1", "--maze", "3x3", "--algorithm", "q_learning"),
@@ -171,3 +176,28 @@ def test_what_may_be_written(tmp_path: Path) -> None:
         check_output_folder(held / "note.txt", lambda folder: True, overwrite=True)
     with pytest.raises(ValueError, match="a folder; give the path of a file"):
         check_new_files([held], overwrite=True)
+
+
+def test_games_that_could_not_be_written_are_not_called_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    def play(session: Any, port: int, browser: bool, keeper: Any) -> None:
+        for broken in (False, True):
+            while not session.over:
+                session.move(NORTH)
+            if broken:
+                monkeypatch.setattr("train.play.kept.write_beside", full)
+            with contextlib.suppress(OSError):  # as the page and the terminal do, which show it
+                keeper.keep(session)
+            session.next_game()
+
+    monkeypatch.setattr(play_command, "on_page", play)
+    with pytest.raises(SystemExit) as ended:
+        main(["play", "--maze", "2x2", "--max-steps", "3", "--out", str(tmp_path / "hand")])
+    said = capsys.readouterr()
+    assert ended.value.code == 1 and f"kept: {tmp_path / 'hand'}" in said.out
+    assert "hand: 1 of 2 finished games could not be written and are lost" in said.err
+    assert len(load_games(tmp_path / "hand")) == 1

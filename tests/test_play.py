@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import os
 import re
@@ -302,31 +301,6 @@ def test_the_command_serves_a_game_keeps_it_and_ends_by_ctrl_c(
     (kept,) = load_games(tmp_path / "hand")
     assert (kept.name, kept.seed) == ("Ann", 2**62 + 4)  # no game that anybody has learned from
     assert Replay.load(tmp_path / "hand" / kept.file).check() == []
-
-
-def test_games_that_could_not_be_written_are_not_called_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    def play(session: Any, port: int, browser: bool, keeper: Any) -> None:
-        for broken in (False, True):
-            while not session.over:
-                session.move(NORTH)
-            if broken:
-                monkeypatch.setattr("train.play.kept.write_beside", full)
-            with contextlib.suppress(OSError):  # as the page and the terminal do, which show it
-                keeper.keep(session)
-            session.next_game()
-
-    monkeypatch.setattr(play_command, "on_page", play)
-    with pytest.raises(SystemExit) as ended:
-        main(["play", "--maze", "2x2", "--max-steps", "3", "--out", str(tmp_path / "hand")])
-    said = capsys.readouterr()
-    assert ended.value.code == 1 and f"kept: {tmp_path / 'hand'}" in said.out
-    assert "hand: 1 of 2 finished games could not be written and are lost" in said.err
-    assert len(load_games(tmp_path / "hand")) == 1
 
 
 @pytest.mark.parametrize(
