@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from gymnasium.spaces import Discrete
 
+from pursuit.declared import truth
 from pursuit.parts import check_trusted
 from pursuit.simulator import Simulator
 from train.files import read_json, write_json
@@ -106,7 +107,7 @@ def load_stable_baselines(path: Path, greedy: bool | None = True) -> NetworkPoli
     described = read_as(Description, content, where, RESTORE)
     task = read_as(TaskSettings, described.task, f"{where}: task", RESTORE)
     algorithm, encoding = described.algorithm, described.observation
-    greedy = algorithm == "dqn" if greedy is None else greedy
+    greedy = algorithm == "dqn" if greedy is None else truth("greedy", greedy)
     check(
         greedy or algorithm != "dqn",
         f"{path}: dqn learns no distribution over actions; take the greedy policy",
