@@ -32,6 +32,7 @@ from train.evaluation.suite_report import summary_of
 from train.figures import FORMATS
 from train.files import check_new_files, write_json
 from train.networks.policy import NO_WALLS
+from train.runs.effects import check_task_effects
 from train.runs.loop import machine, versions
 from train.runs.opponents import load_policy
 from train.runs.parts import contest_of, suite_contest_of
@@ -87,6 +88,7 @@ def evaluate(arguments: Sequence[str]) -> None:
         if isinstance(settings.task, ReacherSettings):
             raise ValueError(f"--opponent-epsilon, and {given.run} moves an arm; leave it out")
         task = replace(settings.task, opponent_epsilon=given.opponent_epsilon)
+        check_task_effects(task)
         settings = replace(settings, task=task)
     policies = {"learned": policy}
     if entry(settings.algorithm).learns_distribution:

@@ -18,7 +18,7 @@ from scripted_agents.tour import expected_tour_length
 from train.commands.parse import Formats, parse
 from train.figures import BLUE, FORMATS, GREEN, Look, draw_walls, pyplot, save
 from train.files import check_new_files, write_beside, write_text
-from train.settings.checks import check
+from train.settings.checks import check, check_default
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,9 @@ def maze(arguments: Sequence[str]) -> None:
         "--searchers, --view-radius, --line-of-sight and --evader-speed are of --search-number; "
         "give it too",
     )
+    if given.generate is None:
+        names = ("height", "width", "loops", "no_dead_ends", "seed")
+        check_default(given, MazeCommand, names, "it is of --generate")
     if given.generate is not None:
         made = generate_maze(
             given.generate,

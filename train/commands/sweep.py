@@ -65,6 +65,7 @@ class SweepCommand:
 def sweep(arguments: Sequence[str]) -> None:
     """`pursuit sweep`."""
     given = parse(SweepCommand, arguments, "sweep")
+    check_list(given)
     if given.list:
         for name in shipped():
             print(f"{name:<28}{load_sweep(name).title}")
@@ -72,6 +73,14 @@ def sweep(arguments: Sequence[str]) -> None:
     check(given.file is not None, "give a sweep file, or --list")
     plan = load_sweep(str(given.file), given.version)
     carry_out(plan, given, f"pursuit sweep {shlex.join(arguments)}")
+
+
+def check_list(given: SweepCommand) -> None:
+    """ValueError where a file is given with --list, which names the shipped ones."""
+    check(
+        given.file is None or not given.list,
+        f"{given.file!r} with --list, which names the shipped files; leave one of the two out",
+    )
 
 
 def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
@@ -84,6 +93,10 @@ def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
         KeyboardInterrupt: it was interrupted; what was learned is saved.
     """
     check(given.executor in ("local", "ray"), f"unknown executor {given.executor!r}; local or ray")
+    check(
+        given.address is None or given.executor == "ray",
+        f"address={given.address!r} is of a Ray cluster; give --executor ray, or leave it out",
+    )
     check(given.workers >= 0, f"workers={given.workers}; at least 0")
     check(
         plan.scheduler is None or given.executor == "ray",

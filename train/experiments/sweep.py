@@ -43,6 +43,7 @@ from train.experiments.kinds import KINDS, is_complete, read_settings, write_con
 from train.experiments.search import draw_samples
 from train.files import LOCK, write_json
 from train.runs.folder import CHECKPOINT, CONFIG, RUN
+from train.runs.forms import Final
 from train.schemas import read_as
 from train.settings.checks import check
 
@@ -349,7 +350,7 @@ def prepare(sweep: Sweep, out: Path) -> list[tuple[SweepRun, Path]]:
         copies = {name: str(copy_of(given, out)) for name, given in run.inputs.items()}
         settings = with_policies(run.settings, copies)
         if before.get(run.name) != settings:  # new, or the folder of the sweep was moved
-            write_config(run.kind, settings, folder)
+            write_config(run.kind, settings, folder, Final(sweep.episodes))
         write_json(folder / LABEL, {**run.given, **run.label})
     return folders
 
