@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from curricula.protocol import Change, Outcomes, check_state
+from curricula.protocol import Change, Outcomes, check_count, check_state
 from curricula.schedules import Progress
 
 SCORES = ("regret", "value_loss", "learnability")
@@ -80,8 +80,7 @@ class LevelReplay:
     ) -> None:
         if score not in SCORES:
             raise ValueError(f"unknown level score {score!r}; one of {', '.join(SCORES)}")
-        if capacity < 2:
-            raise ValueError(f"capacity={capacity}; at least 2 levels")
+        check_count("capacity", capacity, 2, "levels")
         if not 0.0 < temperature < np.inf:
             raise ValueError(f"temperature={temperature}; it is above 0")
         for name, share in (("replay_share", replay_share), ("staleness", staleness)):

@@ -26,8 +26,9 @@ class Evaluation:
         gap: mean_steps / optimal_steps - 1. Evaders maximise the length, so theirs is at most 0.
         gap_ci95: the 95 % confidence interval of the gap (lower, upper), from the differences on
             equal starts (delta method of a ratio of means).
-        mean_return, optimal_return: of a race or heist, where steps say little: the mean return of
-            the agent, and the largest that it could have. None elsewhere, or where it is unknown.
+        measure: what the task is judged by: "steps", "goals" (a race) or "return" (a heist).
+        mean, optimum: in that measure, the mean of the policy and of the best possible play; None
+            where it is not known.
     """
 
     episodes: int
@@ -37,8 +38,9 @@ class Evaluation:
     optimal_steps: float | None
     gap: float | None
     gap_ci95: tuple[float, float] | None
-    mean_return: float | None = None
-    optimal_return: float | None = None
+    measure: str
+    mean: float
+    optimum: float | None
 
 
 def evaluate(

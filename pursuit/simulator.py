@@ -385,7 +385,7 @@ class Simulator:
         """Write the action of every seat that has a policy into `actions` [games, agents].
 
         Raises:
-            ValueError: a wrong shape, another number of seats, or a policy that is none.
+            ValueError: a wrong shape, another number of seats, or a policy of no or another role.
         """
         play_all(policies, actions, self._actions_shape, self.view)
 

@@ -22,7 +22,7 @@ from pursuit.parallel_env import (
     render_game,
     scene_of,
 )
-from pursuit.policy import Policy
+from pursuit.policy import Policy, check_plays
 from pursuit.rendering import Window, draw_scene, scene_to_text
 from pursuit.rules.layout import World
 from pursuit.seeds import checked_seed, some_seed
@@ -42,7 +42,8 @@ def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, lis
         policies: by agent name, or by role for all agents of that role; a name goes first.
 
     Raises:
-        ValueError: a seat without a policy, or a policy for an agent that does not exist.
+        ValueError: a seat without a policy, a policy of another role, or one for an agent that does
+            not exist.
     """
     seat = checked_task(task).seat(own)
     if not isinstance(policies, Mapping):
@@ -59,8 +60,8 @@ def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, lis
         policy = policies.get(name, policies.get(role))
         if other != seat and policy is None:
             raise ValueError(f"nobody fills the seat of {name}; add policies={{{name!r}: ...}}")
-        if other != seat and not callable(getattr(policy, "act", None)):
-            raise ValueError(f"the policy of {name} is {policy!r}; a policy has a method `act`")
+        if other != seat:
+            check_plays(policy, task, other)
         filled.append(None if other == seat else policy)
     return seat, filled
 

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 import pursuit
 import train
-from scripted_agents import AStarChaser, AStarEvader, TablePolicy, TourRunner, best_response
+from scripted_agents import (
+    AStarChaser,
+    AStarEvader,
+    NearestGoalRunner,
+    TablePolicy,
+    TourRunner,
+    best_response,
+)
 from scripted_agents.environments import make_env, make_vector_env
 
 CHASE: dict[str, Any] = {"maze": "3x3", "opponent_epsilon": 0.2}
@@ -84,7 +91,10 @@ def test_tours_arms_and_heists() -> None:
         lambda seen: np.zeros(len(seen), dtype=int), "heist", "evader", maze="3x3", num_goals=1,
         episodes=20,
     )  # fmt: skip
-    assert heist.mean_return is not None
+    assert heist.measure == "return" and heist.optimum is not None and heist.mean < heist.optimum
+    race = pursuit.evaluate(NearestGoalRunner(), "race", maze="3x3", num_goals=2, episodes=300)
+    assert race.measure == "goals" and race.optimum is not None
+    assert 0.0 < race.mean <= race.optimum + 0.1
 
 
 def test_what_is_no_action_is_refused() -> None:

@@ -290,6 +290,13 @@ def test_a_solution_goes_on_and_comes_back_from_a_file(tmp_path: Path) -> None:
         (tmp_path / "other.npz").write_bytes(damaged)
         with pytest.raises(ValueError, match=r"other\.npz: no solution that can be read"):
             HiddenChaseSolution.load(tmp_path / "other.npz")
+    with np.load(tmp_path / "kept.npz") as file:
+        arrays = dict(file)
+    for wrong, said in ((("chaser", "x"), "unknown role 'x'"), (("0.95", "null"), "discount=None")):
+        about = np.array(str(arrays["about"]).replace(*wrong))
+        np.savez(tmp_path / "other.npz", **{**arrays, "about": about})
+        with pytest.raises(ValueError, match=rf"other\.npz: {said}"):
+            HiddenChaseSolution.load(tmp_path / "other.npz")
     with pytest.raises(ValueError, match="resume='kept'; give what solve_hidden_chase gave"):
         solve_hidden_chase(*arguments, resume="kept")
     with pytest.raises(ValueError, match="another problem"):

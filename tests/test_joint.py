@@ -313,7 +313,8 @@ def test_refusals_name_value_rule_and_remedy() -> None:
     with pytest.raises(ValueError, match="mazes"):
         count_joint_states(make_task("race", maze=("3x3", "4x4")))
     best = solve_joint(race, "runner_0", SCRIPTED, 5)
+    other = make_task("race", maze="4x4")
     with pytest.raises(ValueError, match="another maze"):
-        Simulator(heist, 1).act([best.policy, None], np.zeros((1, 2), dtype=np.int32))
+        Simulator(other, 1).act([best.policy, None], np.zeros((1, 2), dtype=np.int32))
     with pytest.raises(ValueError, match="not for 1"):
         Simulator(race, 1).act([None, best.policy], np.zeros((1, 2), dtype=np.int32))

@@ -197,6 +197,7 @@ def test_options_begin_an_episode_there() -> None:
         for wrong in (
             {"angles": [0.5, 0.5]},
             {"target": [0.0, 0.0]},
+            {"angels": [0.0, 0.0]},
             {**options, "target": [3.0, 0.0]},
             {**options, "angles": [np.nan, 0.0]},
             {**options, "angles": [0.0] * 3},

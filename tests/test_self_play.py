@@ -270,7 +270,8 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
     "changes",
     [
         pytest.param({"share_networks": True}, marks=pytest.mark.slow),
-        {"chaser_algorithm": "dqn", "evader_algorithm": "a2c", "frames": 30_000},
+        {"chaser_algorithm": "dqn", "evader_algorithm": "a2c", "frames": 30_000,
+         "hyper": self_play_ppo()},
         pytest.param(
             {"task": {"num_chasers": 2, "num_evaders": 2, "max_steps": 30}},
             marks=pytest.mark.slow,
@@ -285,7 +286,7 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
         ),
         {"task": {"task": "heist"}, "sampling": "uniform"},
     ],
-)
+)  # fmt: skip
 def test_teams_networks_and_algorithms_of_every_kind(tmp_path: Path, changes: Any) -> None:
     run = make_run(tmp_path / "run", **{"frames": 6000, **changes})
     before = {role: side.snapshot()["network"] for role, side in run.trainee.sides.items()}

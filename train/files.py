@@ -52,6 +52,55 @@ def cannot_write(path: Path, error: Exception) -> CannotWrite:
     )
 
 
+def check_new_files(paths: Iterable[Path | None], overwrite: bool = False) -> None:
+    """ValueError unless a command may write each of these files.
+
+    Args:
+        paths: of its outputs, all different; None for one that is not wanted.
+        overwrite: files that exist may be replaced; otherwise all must be new.
+    """
+    given = [path for path in paths if path is not None]
+    for number, path in enumerate(given):
+        if path in given[:number]:
+            raise ValueError(f"{path}: given for two outputs; give two files")
+        if path.is_dir():
+            raise ValueError(f"{path}: a folder; give the path of a file")
+        if path.exists() and not overwrite:
+            raise ValueError(f"{path}: exists already; give a new file, or --overwrite")
+        if not path.parent.is_dir():
+            raise ValueError(f"{path}: no folder {path.parent}; make it first")
+
+
+def check_output_folder(
+    folder: Path, is_own: Callable[[Path], bool], overwrite: bool | None = None
+) -> None:
+    """ValueError unless a command may write its output into a folder.
+
+    Args:
+        folder: of the output; new, empty, or one that the command wrote before.
+        is_own: whether the command wrote this folder, by the files in it.
+        overwrite: any other folder is allowed as well; None for a command without this option.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder}: a file; give a folder")
+    if overwrite or not folder.exists() or is_own(folder):
+        return
+    if any(path.name != LOCK and not is_leftover(path) for path in folder.iterdir()):
+        raise ValueError(
+            f"{folder}: holds files that this command did not write; give a new folder"
+            + (", or --overwrite" if overwrite is not None else "")
+        )
+
+
+def begins_with(path: Path, text: str) -> bool:
+    """Whether there is a file at `path` that begins with this text."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(text.encode())) == text.encode()
+    except OSError:
+        return False
+
+
 def is_leftover(path: Path) -> bool:
     """Whether `path` is the beginning of a file that a process which is gone did not finish."""
     named = _PART.match(path.name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from copy import deepcopy
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.declared import as_array, one_of, whole
+from pursuit.declared import as_array, one_of, reset_options, whole
 from pursuit.keys import Keys
 from pursuit.parallel_env import RENDER_MODES
 from pursuit.reacher.keys import arm_keys
@@ -66,15 +65,11 @@ def begin(simulator: ReacherSimulator, seed: int | None, options: Any) -> None:
     Raises:
         ValueError: a seed out of range, or options that make no start. Nothing is changed then.
     """
-    if options is not None and not isinstance(options, Mapping):
-        raise ValueError(f"options={options!r}; give a dict")
-    given = {"angles", "target"} & set(options or {})  # others' own: PettingZoo's test gives some
-    if options is None or not given:
-        simulator.reset(seed)
-    elif len(given) == 1:
-        raise ValueError(f"options={options!r}; give both angles and target, or neither")
+    given = reset_options(options, ("angles", "target"))
+    if given:
+        simulator.place(given["angles"], given["target"], seed)
     else:
-        simulator.place(options["angles"], options["target"], seed)
+        simulator.reset(seed)
 
 
 def checked_mode(render_mode: str | None) -> str | None:

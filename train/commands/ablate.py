@@ -11,7 +11,7 @@ from typing import Annotated
 import tyro
 
 from train.commands.parse import parse
-from train.commands.sweep import SweepCommand, carry_out
+from train.commands.sweep import SweepCommand, carry_out, check_list
 from train.experiments.ablation import ABLATIONS, load_ablation
 from train.experiments.sweep import shipped
 from train.settings.checks import check
@@ -37,6 +37,7 @@ class AblateCommand(SweepCommand):
 def ablate(arguments: Sequence[str]) -> None:
     """`pursuit ablate`."""
     given = parse(AblateCommand, arguments, "ablate")
+    check_list(given)
     if given.list:
         for name in shipped(ABLATIONS):
             plan = load_ablation(name)

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from pursuit.declared import one_of
 from pursuit.replay import with_suffix
 from train.algorithms.registry import entry
 from train.commands.parse import heard, parse, warn
@@ -27,8 +28,10 @@ from train.evaluation.floor import UNKNOWN, objective_floor
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
-from train.files import write_json
+from train.figures import FORMATS
+from train.files import check_new_files, write_json
 from train.networks.policy import NO_WALLS
+from train.runs.effects import check_task_effects
 from train.runs.loop import machine, versions
 from train.runs.opponents import check_fits, load_policy
 from train.runs.parts import contest_of, suite_contest_of
@@ -61,6 +64,8 @@ class Evaluated:
     """Write the first episodes, as the policy of the run plays them, to this new replay (.json)."""
     replay_episodes: int = 10
     """How many of them."""
+    overwrite: bool = False
+    """Replace --out, --replays, --table and --picture where they exist."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +97,9 @@ def evaluate(arguments: Sequence[str]) -> None:
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     check(is_model or given.run.is_dir(), f"{given.run}: no such folder")
     replays = None if given.replays is None else with_suffix(given.replays)
-    for path in filter(None, (given.out, replays, given.table, given.picture)):
-        check(not path.exists(), f"{path}: exists already")
+    check_new_files([given.out, replays, given.table, given.picture], given.overwrite)
+    if given.picture is not None:
+        one_of("format of a figure", given.picture.suffix[1:], FORMATS)
     check(given.replay_episodes >= 1, f"replay_episodes={given.replay_episodes}; at least 1")
     judged_by = model_to_judge(given) if is_model else run_to_judge(given)
     task, training, policies = judged_by.task, judged_by.training, judged_by.policies
@@ -172,6 +178,7 @@ def run_to_judge(given: EvaluateCommand) -> Judged:
         if isinstance(settings.task, ReacherSettings):
             raise ValueError(f"--opponent-epsilon, and {given.run} moves an arm; leave it out")
         task = replace(settings.task, opponent_epsilon=given.opponent_epsilon)
+        check_task_effects(task)
         settings = replace(settings, task=task)
     policies = {"learned": policy}
     if entry(settings.algorithm).learns_distribution:

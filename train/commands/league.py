@@ -15,7 +15,7 @@ from train.commands.parse import Formats, heard, parse
 from train.commands.tables import print_table
 from train.experiments.methods import METHODS, league_methods
 from train.figures import Look
-from train.files import write_json, write_text
+from train.files import check_output_folder, write_json, write_text
 from train.result_table import ResultTable
 from train.runs.loop import machine, versions
 from train.runs.provenance import command_line
@@ -30,6 +30,8 @@ from train.self_play.people import (
 from train.self_play.pictures import draw_league
 from train.settings.checks import check
 from train.settings.self_play import ROLES
+
+LEAGUE = "league.json"
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,8 @@ class LeagueCommand:
     .tex) and methods.md."""
     format: Formats = ()
     """pdf, svg, or both: the figure is saved so, too, beside its .png."""
+    overwrite: bool = False
+    """Write into --out though it holds files of others, and replace those of the same names."""
 
 
 def league(arguments: Sequence[str]) -> None:
@@ -74,7 +78,8 @@ def league(arguments: Sequence[str]) -> None:
     given = parse(LeagueCommand, arguments, "league")
     check(given.games >= 2, f"games={given.games}; at least 2")
     check(len(given.entries) > 0, "nobody to play; give folders of runs, or astar, random, optimal")
-    look = Look(given.format)
+    look, out = Look(given.format), given.out
+    check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     with heard():
         by_hand, names = split_people(given.entries)
         how = (given.maze, given.opponent_epsilon, given.greedy)
@@ -96,9 +101,8 @@ def league(arguments: Sequence[str]) -> None:
         "versions": versions(),
         "machine": machine(),
     }
-    out = given.out
     out.mkdir(parents=True, exist_ok=True)
-    write_json(out / "league.json", content)
+    write_json(out / LEAGUE, content)
     draw_league(out / "league.png", table, f"League on {task.mazes[0].name}", look)
     tables = {"table": league_table(table, content)}
     tables |= {f"{role}s": ratings_table(role, content) for role in ROLES}

@@ -8,6 +8,7 @@ import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import fields
 from typing import Any, NoReturn, TypeVar
 
 import tyro
@@ -60,6 +61,13 @@ def named_task(arguments: Sequence[str]) -> AnyTask:
             name = argument
         before = argument
     return task_form(name)()
+
+
+def named_options(form: type[Any], arguments: Sequence[str]) -> list[str]:
+    """The options of the dataclass `form` that the arguments name, whatever their values are."""
+    known = {"--" + field.name.replace("_", "-") for field in fields(form)}
+    given = [argument.partition("=")[0].replace("_", "-") for argument in arguments]
+    return [name for name in dict.fromkeys(given) if name in known]
 
 
 ALLOW_HELP = f"""everywhere:

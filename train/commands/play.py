@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from train.commands.parse import heard, named_task, parse
+from train.commands.parse import fail, heard, named_task, parse
 from train.play.browser import open_page
 from train.play.kept import Keeper
 from train.play.outcome import total_line
@@ -69,11 +69,18 @@ def play(arguments: Sequence[str]) -> None:
         in_terminal(session, keeper)
     else:
         on_page(session, given.port, not given.no_browser, keeper)
-    if keeper is not None and session.outcomes:
+    if keeper is not None and keeper.added:
         print(f"kept: {keeper.folder}")
     line = total_line(session.outcomes)
     if line:
         print(line)
+    if keeper is not None and keeper.added < len(session.outcomes):
+        lost = len(session.outcomes) - keeper.added
+        fail(
+            f"{keeper.folder}: {lost} of {len(session.outcomes)} finished games could not be "
+            "written and are lost; make room, or give a folder that can be written",
+            1,
+        )
 
 
 def option(name: str, arguments: Sequence[str]) -> str:

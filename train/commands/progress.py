@@ -11,7 +11,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from train.experiments.kinds import is_complete
-from train.runs.folder import CONFIG, load_results
+from train.figures import Look
+from train.runs.folder import CONFIG, load_final, load_results
+from train.runs.forms import Final
 from train.runs.loop import Run
 from train.runs.provenance import allow_options
 
@@ -97,6 +99,22 @@ class Watch(ProgressLines):
                     *run.trainee.told(row),
                 ]
             )
+
+
+def final_of(given: Any) -> Final:
+    """What the final results are made with: as the command says, else as the run's first one did.
+
+    Args:
+        given: a command with `episodes`, `format` and `resume`.
+
+    Raises:
+        ValueError: too few episodes, an unknown format, or no run to resume.
+    """
+    before = Final()
+    if given.resume is not None and (given.resume / CONFIG).exists():
+        before = load_final(given.resume)
+    episodes = before.episodes if given.episodes is None else given.episodes
+    return Final(episodes, Look(given.format or before.formats).formats)
 
 
 def carry_out(

@@ -14,9 +14,10 @@ import tyro
 from train.commands.parse import Formats, parse
 from train.experiments.sweep import shipped
 from train.figures import Look
+from train.files import check_output_folder
 from train.race.plan import FILES, Race, load_race
 from train.race.report import race_report
-from train.race.run import run_race
+from train.race.run import is_folder_of, run_race
 from train.settings.checks import check
 
 
@@ -45,6 +46,8 @@ class RaceCommand:
     """Check the file and say what would be done, but do nothing."""
     format: Formats = ()
     """pdf, svg, or both: the figure is saved so, too, beside its .png."""
+    overwrite: bool = False
+    """Use --out though it is the folder of another race: its bouts stay, its report is replaced."""
 
 
 def race(arguments: Sequence[str]) -> None:
@@ -57,6 +60,7 @@ def race(arguments: Sequence[str]) -> None:
     tell_plan(plan, out, given.workers)
     if given.dry_run:
         return
+    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     try:
         standing = run_race(plan, out, lambda line: print(line, flush=True), given.workers)
     except KeyboardInterrupt:

@@ -15,8 +15,9 @@ import tyro
 from train.commands.parse import parse
 from train.commands.sweep import SweepWatch
 from train.experiments.sweep import Sweep, status_of
+from train.files import check_output_folder
 from train.reproduction.plan import Replication, load_replication, tuning_sweep
-from train.reproduction.report import write_replication
+from train.reproduction.report import is_folder_of, write_replication
 from train.reproduction.run import TUNING, carry_out, folder_of, planned_sweep
 from train.settings.checks import check
 
@@ -51,6 +52,9 @@ class ReproduceCommand:
     """Say what there is to do, but do nothing."""
     page: bool = False
     """Only write the page, of the runs that are complete."""
+    overwrite: bool = False
+    """Use --out though it is the folder of another replication: its runs stay, its page is
+    replaced."""
 
 
 def reproduce(arguments: Sequence[str]) -> None:
@@ -69,6 +73,7 @@ def reproduce(arguments: Sequence[str]) -> None:
     if given.dry_run:
         tell_plan(plan, out, workers)
         return
+    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     if given.page:
         check(out.is_dir(), f"{out}: no such folder; leave --page out to begin")
         print(f"page: {write_replication(plan, out)}")

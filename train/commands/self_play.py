@@ -9,7 +9,7 @@ from time import strftime
 from typing import Any
 
 from train.commands.parse import Formats, budget_of, heard, parse
-from train.commands.progress import Alive, carry_out, leave
+from train.commands.progress import Alive, carry_out, final_of, leave
 from train.commands.tables import print_table
 from train.experiments.kinds import resume, start
 from train.experiments.methods import METHODS, methods
@@ -27,7 +27,6 @@ from train.self_play.report import (
     told_whole_game,
     write_self_play_report,
 )
-from train.settings.checks import check
 from train.settings.self_play import SelfPlaySettings
 
 
@@ -44,33 +43,34 @@ class SelfPlayCommand:
     """A new folder; runs/self-play-MAZE-TIME if left out."""
     resume: Path | None = None
     """Go on with the self-play in this folder instead; all other options are taken from there."""
-    episodes: int = 1000
-    """Episodes of the final evaluation, where it is not exact."""
+    episodes: int | None = None
+    """Episodes of the final evaluation, where it is not exact; if left out 1000, or with --resume
+    those of the first command."""
     format: Formats = ()
-    """pdf, svg, or both: the curve is saved so, too, beside its .png."""
+    """pdf, svg, or both: the curve is saved so, too, beside its .png; if left out with --resume,
+    those of the first command."""
 
 
 def self_play(arguments: Sequence[str]) -> None:
     """`pursuit self-play`."""
     default = SelfPlayCommand(SelfPlaySettings(**budget_of(arguments, 120.0)))
     given = parse(SelfPlayCommand, arguments, "self-play", default)
-    check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
-    look = Look(given.format)
+    final = final_of(given)
     name = f"self-play-{Path(given.settings.task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
     with heard():
         if given.resume is not None:
             run = resume(given.resume, SELF_PLAY)
         else:
-            run = start(SELF_PLAY, given.settings, given.out or Path("runs") / name)
+            run = start(SELF_PLAY, given.settings, given.out or Path("runs") / name, final)
     task, sampling = run.trainee.task, run.trainee.settings.sampling
     print(
         f"self-play: {task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "
         f"{task.num_evaders} evader(s); opponents: {sampling}"
     )
     run.trainee.tell = Alive()
-    content = carry_out(run, given.episodes, "pursuit self-play")
+    content = carry_out(run, final.episodes, "pursuit self-play")
     title = f"Self-play on {task.mazes[0].name} ({sampling})"
-    draw_self_play(run.folder / CURVE, run.metrics.rows, title, look)
+    draw_self_play(run.folder / CURVE, run.metrics.rows, title, Look(final.formats))
     write_self_play_report(run.folder, run.trainee, title, content)
     show(run, content)
     leave(run)

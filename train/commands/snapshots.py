@@ -13,7 +13,7 @@ import tyro
 from train.commands.parse import Formats, heard, parse
 from train.commands.tables import print_table
 from train.figures import Look
-from train.files import write_csv, write_json, write_text
+from train.files import begins_with, check_output_folder, write_csv, write_json, write_text
 from train.result_table import Column, ResultTable, words
 from train.runs.provenance import command_line
 from train.self_play.averages import averages, nash_convs, told_averages
@@ -32,7 +32,9 @@ from train.self_play.pictures import draw_snapshots
 from train.settings.checks import check
 from train.settings.self_play import ROLES
 
-FOLDER = "snapshots"
+FOLDER, PAGE = "snapshots", "snapshots.md"
+HEADS = ("# Snapshots of self-play on", "# Elo against exploitability")
+"""Begin the pages of one run and of several."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,8 @@ class SnapshotsCommand:
     it goes."""
     format: Formats = ()
     """pdf, svg, or both: the figures are saved so, too, beside their .png."""
+    overwrite: bool = False
+    """Write into a folder though it holds files of others, and replace those of the same names."""
 
 
 def snapshots(arguments: Sequence[str]) -> None:
@@ -57,23 +61,27 @@ def snapshots(arguments: Sequence[str]) -> None:
     given = parse(SnapshotsCommand, arguments, "snapshots")
     check(len(given.runs) > 0, "nothing to look at; give folders of self-play")
     look, several = Look(given.format), len(given.runs) > 1
+    outs = [folder / FOLDER for folder in given.runs]
+    if not several and given.out is not None:
+        outs = [given.out]
+    out = (given.out or Path(FOLDER)) if several else outs[0]
+    for each in {out, *outs}:
+        check_output_folder(each, is_own, given.overwrite)
+    with heard():
+        pasts = [read_past(folder) for folder in given.runs]
     rows: list[dict[str, Any]] = []
-    for folder in given.runs:
-        with heard():
-            past = read_past(folder)
+    for folder, place, past in zip(given.runs, outs, pasts, strict=True):
         found = standings(past)
-        out = folder / FOLDER if several or given.out is None else given.out
-        told = write_run(out, past, found, look)
+        told = write_run(place, past, found, look)
         rows += summary_rows(folder, past, found)
         if not several:
             print("\n".join(told))
             print(f"\nfigure and tables: {out}")
     table = summary_table(rows)
     if several:
-        out = given.out or Path(FOLDER)
         out.mkdir(parents=True, exist_ok=True)
         table.write(out)
-        write_text(out / "snapshots.md", f"# Elo against exploitability\n\n{table.markdown()}\n")
+        write_text(out / PAGE, f"{HEADS[1]}\n\n{table.markdown()}\n")
         print_table(table)
         print(f"\ntable: {out}; of every run: RUN/{FOLDER}")
 
@@ -83,8 +91,8 @@ def write_run(out: Path, past: Past, found: dict[str, Standings], look: Look) ->
     out.mkdir(parents=True, exist_ok=True)
     task, sides = past.task, list(found.values())
     maze, sampling = task.mazes[0].name, past.settings.sampling
-    title = f"Snapshots of self-play on {maze} ({sampling}, seed {past.settings.seed})"
-    draw_snapshots(out / "snapshots.png", sides, title, look)
+    head = f"{HEADS[0]} {maze} ({sampling}, seed {past.settings.seed})"
+    draw_snapshots(out / "snapshots.png", sides, head[2:], look)
     table = snapshot_table([row for one in sides for row in rows_of(one)])
     table.write(out)
     names, steps = past.names["evader"], found["chaser"].steps.tolist()
@@ -109,9 +117,14 @@ def write_run(out: Path, past: Past, found: dict[str, Standings], look: Look) ->
         ]
     lines += ["", distance_table(distances).markdown()]
     lines += ["", *average_lines(out, past)]
-    body = [f"# {title}", "", *lines, "", "![snapshots.png](snapshots.png)", "", table.markdown()]
-    write_text(out / "snapshots.md", "\n".join(body) + "\n")
+    body = [head, "", *lines, "", "![snapshots.png](snapshots.png)", "", table.markdown()]
+    write_text(out / PAGE, "\n".join(body) + "\n")
     return lines
+
+
+def is_own(folder: Path) -> bool:
+    """Whether this command wrote a folder."""
+    return any(begins_with(folder / PAGE, head) for head in HEADS)
 
 
 def average_lines(out: Path, past: Past) -> list[str]:

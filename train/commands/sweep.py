@@ -19,8 +19,9 @@ from train.experiments.exact import write_exact
 from train.experiments.executors import run_locally, run_on_ray
 from train.experiments.power import power_lines
 from train.experiments.report import report
-from train.experiments.sweep import Sweep, load_sweep, shipped, status_of
+from train.experiments.sweep import Sweep, is_folder_of, load_sweep, shipped, status_of
 from train.figures import Look
+from train.files import check_output_folder
 from train.settings.checks import check
 
 DONE = ("complete", "stopped")
@@ -57,11 +58,14 @@ class SweepCommand:
     can show. But do none."""
     format: Formats = ()
     """pdf, svg, or both: figures are saved so, too, beside their .png."""
+    overwrite: bool = False
+    """Use --out though it is the folder of another sweep: its runs stay, its report is replaced."""
 
 
 def sweep(arguments: Sequence[str]) -> None:
     """`pursuit sweep`."""
     given = parse(SweepCommand, arguments, "sweep")
+    check_list(given)
     if given.list:
         for name in shipped():
             print(f"{name:<28}{load_sweep(name).title}")
@@ -69,6 +73,14 @@ def sweep(arguments: Sequence[str]) -> None:
     check(given.file is not None, "give a sweep file, or --list")
     plan = load_sweep(str(given.file), given.version)
     carry_out(plan, given, f"pursuit sweep {shlex.join(arguments)}")
+
+
+def check_list(given: SweepCommand) -> None:
+    """ValueError where a file is given with --list, which names the shipped ones."""
+    check(
+        given.file is None or not given.list,
+        f"{given.file!r} with --list, which names the shipped files; leave one of the two out",
+    )
 
 
 def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
@@ -81,6 +93,10 @@ def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
         KeyboardInterrupt: it was interrupted; what was learned is saved.
     """
     check(given.executor in ("local", "ray"), f"unknown executor {given.executor!r}; local or ray")
+    check(
+        given.address is None or given.executor == "ray",
+        f"address={given.address!r} is of a Ray cluster; give --executor ray, or leave it out",
+    )
     check(given.workers >= 0, f"workers={given.workers}; at least 0")
     check(
         plan.scheduler is None or given.executor == "ray",
@@ -92,7 +108,7 @@ def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
     if given.dry_run:
         list_runs(plan, out)
         return
-    check(not out.is_file(), f"{out}: a file; give a folder")
+    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     out.mkdir(parents=True, exist_ok=True)
     if plan.exact is not None:
         print(write_exact(plan.title, plan.exact, out))

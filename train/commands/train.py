@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 import tyro
 
 from train.commands.parse import Formats, budget_of, heard, named_task, parse
-from train.commands.progress import carry_out, leave
+from train.commands.progress import carry_out, final_of, leave
 from train.commands.scores import (
     certificate_of,
     print_bounds,
@@ -36,7 +36,6 @@ from train.runs.report import headline, loops_told, of_solved, write_report
 from train.runs.saved import load_settings
 from train.runs.single import SingleAgent
 from train.settings.algorithms import Hyperparameters
-from train.settings.checks import check
 from train.settings.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
 from train.settings.run import TrainSettings
 from train.settings.task import AnyTask, TaskSettings
@@ -62,10 +61,12 @@ class TrainCommand(Generic[H]):
     """A new folder for the run; runs/TASK-ROLE-MAZE-TIME if left out."""
     resume: Path | None = None
     """Go on with the run in this folder instead; all other options are taken from there."""
-    episodes: int = 1000
-    """Episodes of the final evaluation."""
+    episodes: int | None = None
+    """Episodes of the final evaluation; if left out 1000, or with --resume those of the first
+    command."""
     format: Formats = ()
-    """pdf, svg, or both: the learning curve is saved so, too, beside its .png."""
+    """pdf, svg, or both: the learning curve is saved so, too, beside its .png; if left out with
+    --resume, those of the first command."""
 
 
 @dataclass(frozen=True)
@@ -85,25 +86,24 @@ def train(arguments: Sequence[str]) -> None:
     default = _defaults(arguments)
     form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
     given: TrainCommand[Any] = parse(form, arguments, "train", default)
-    check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
-    settings, look = given.settings, Look(given.format)
+    settings, final = given.settings, final_of(given)
     name = f"{settings.task.label}-{strftime('%Y%m%d-%H%M%S')}"
     with heard():
         if given.resume is not None:
             run = resume(given.resume, RUN)
         else:
-            run = start(RUN, settings, given.out or Path("runs") / name)
+            run = start(RUN, settings, given.out or Path("runs") / name, final)
     trainee: SingleAgent = run.trainee
     print(trainee.contest.line())
     if trainee.teacher is not None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
     content = carry_out(
         run,
-        given.episodes,
+        final.episodes,
         "pursuit train",
         lambda: say_what_is_solved(trainee.contest, run.stopped),
     )
-    show(run, content, look)
+    show(run, content, Look(final.formats))
     leave(run)
 
 

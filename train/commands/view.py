@@ -15,6 +15,7 @@ from pursuit.viewer.data import Builder, Extras
 from train.commands.parse import heard, parse
 from train.evaluation.closeups import recorded, sides_of
 from train.experiments.kinds import KINDS, open_run
+from train.files import check_new_files
 from train.pages import PLAYER_ROOM, paragraph, write_page
 from train.play.browser import open_page
 from train.runs.folder import RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
@@ -42,6 +43,8 @@ class ViewCommand:
     """The page; replay.html if left out and no run's report is asked for."""
     episodes: int = 4
     """Episodes of each run, where several things are shown."""
+    overwrite: bool = False
+    """Replace --out where it exists."""
     no_open: bool = False
     """Only write the page, and open no browser."""
 
@@ -53,6 +56,7 @@ def view(arguments: Sequence[str]) -> None:
     check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
     for path in given.paths:
         check(path.exists(), f"{path}: no such file or folder")
+    check_new_files([given.out], given.overwrite)
     with heard():
         alone = len(given.paths) == 1 and given.paths[0].is_dir()
         alone = alone and read_config(given.paths[0])[0] != SIDE
@@ -83,7 +87,7 @@ def report_again(folder: Path, out: Path | None) -> Path:
 def together(given: ViewCommand) -> Path:
     """One page for several runs and replays."""
     page = given.out or Path("replay.html")
-    check(given.out is not None or not page.exists(), f"{page}: exists already; give --out")
+    check_new_files([page], given.overwrite)
     builder = Builder()
     for path in given.paths:
         add_run(builder, path, given.episodes) if path.is_dir() else add_replay(builder, path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.games import half_width, is_table_in
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
+from train.evaluation.scores import BY_GOALS
 from train.settings.checks import check, evaluation_seed
 
 
@@ -84,25 +84,30 @@ def evaluate(
 
 
 def _compared(contest: Any, policy: Any) -> Evaluation:
+    """The scores of a policy in a contest, beside its optimum."""
     game = isinstance(contest, GameContest)
     if game and contest.is_exact and is_table_in(contest.task, policy):
         score, best = contest.score("policy", policy), contest.optimal()
         steps = None if best is None else best.mean_steps
         gap = None if steps is None else score.mean_steps / steps - 1.0
         both = None if gap is None else (gap, gap)
-        won = score.success_rate
-        return Evaluation(score.episodes, score.mean_steps, 0.0, won, steps, gap, both)
+        mean = score.mean_steps
+        played = (score.episodes, mean, 0.0, score.success_rate)
+        return Evaluation(*played, steps, gap, both, "steps", mean, steps)
     lengths, won = contest.play(policy)
     least = contest.optimal_lengths()
-    played = (len(lengths), float(lengths.mean()), half_width(lengths), float(won.mean()))
-    known: Any = (None, None, None)
+    mean = float(lengths.mean())
+    played = (len(lengths), mean, half_width(lengths), float(won.mean()))
+    optimum, known = None, (None, None, None)
     if least is not None:
-        mean = float(least.mean())
-        ratio = played[1] / mean
-        half = half_width(lengths - ratio * least) / mean
-        known = (mean, ratio - 1.0, (ratio - 1.0 - half, ratio - 1.0 + half))
+        optimum = float(least.mean())
+        ratio = mean / optimum
+        half = half_width(lengths - ratio * least) / optimum
+        known: Any = (optimum, ratio - 1.0, (ratio - 1.0 - half, ratio - 1.0 + half))
     if not game or contest.measure.name == "steps":
-        return Evaluation(*played, *known)
-    best, paid = contest.optimal_return(), float(contest.returns(policy).mean())
-    found = Evaluation(*played, *known)
-    return replace(found, mean_return=paid, optimal_return=best and best.mean_return)
+        return Evaluation(*played, *known, "steps", mean, optimum)
+    measure = contest.measure
+    best = contest.optimal_goals() if measure == BY_GOALS else contest.optimal_return()
+    reached = None if best is None else measure.of(best)
+    value = float(contest.values(policy).mean())
+    return Evaluation(*played, *known, measure.name, value, reached)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pursuit.maze import load_maze
 from scripted_agents.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
-from train.experiments.forms import Exact
+from train.experiments.forms import EXACT, Exact
 from train.files import write_text
 
 
@@ -34,5 +34,5 @@ def write_exact(title: str, exact: Exact, out: Path) -> str:
         lines.append(f"| {name} | {maze.num_cells} | " + " | ".join(cells) + " |")
     lines += ["", "Means over all placements; those with ± are of samples, the others exact."]
     text = "\n".join(lines) + "\n"
-    write_text(out / "exact.md", text)
+    write_text(out / EXACT, text)
     return text

@@ -9,6 +9,7 @@ from typing import Any
 
 from train.files import hold, remove_leftovers
 from train.runs.by_name import settings_of
+from train.runs.effects import check_effects
 from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -24,6 +25,7 @@ from train.runs.folder import (
     load_results,
     save_config,
 )
+from train.runs.forms import Final
 from train.runs.loop import Run
 from train.runs.parts import parts_of
 from train.runs.provenance import check_sources
@@ -77,38 +79,41 @@ KINDS = {
 }
 
 
-def start(kind: str, settings: Any, path: Path | str) -> Run:
+def start(kind: str, settings: Any, path: Path | str, final: Final | None = None) -> Run:
     """A new run in a new folder, held: its settings are on disk before anything is learned.
 
     Args:
         kind: "single", one agent that learns, or "self-play".
         settings: `TrainSettings` of the one, `SelfPlaySettings` of the other.
         path: of the folder.
+        final: what its final results are to be made with, also after it was resumed;
+            None for the defaults.
 
     Returns:
         The run: `train()` learns, `results()` evaluates and writes `results.json`.
 
     Raises:
-        ValueError: settings that cannot run here (no folder is made then), or a folder that holds
-            something, or that another process has begun to fill.
+        ValueError: settings that cannot run here or have no effect (no folder is made then), or a
+            folder that holds something, or that another process has begun to fill.
     """
     path = Path(path)
     check_new(path)
     check_device(settings.device)
     KINDS[kind].check(settings)
+    check_effects(settings)
     lock = hold(path, "run", shared=True)
     check_new(path)
     remove_leftovers(path)
     run = KINDS[kind].make(settings, path, None)
     run.lock = lock
-    write_config(kind, settings, path)
+    write_config(kind, settings, path, final)
     return run
 
 
-def write_config(kind: str, settings: Any, folder: Path) -> None:
+def write_config(kind: str, settings: Any, folder: Path, final: Final | None = None) -> None:
     """Write `config.json`; the mazes of a curriculum that were files stand in it as their texts."""
     plain = replace(with_mazes(settings), task=settings.task)
-    save_config(folder, kind, plain, maze_text_of(settings.task))
+    save_config(folder, kind, plain, maze_text_of(settings.task), final)
 
 
 def with_mazes(settings: Any) -> Any:

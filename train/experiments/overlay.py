@@ -32,7 +32,7 @@ from train.figures import (
     time_head,
     time_scale,
 )
-from train.files import write_text
+from train.files import begins_with, write_text
 from train.runs.folder import CONFIG, RESULTS, read_metrics
 from train.self_play.names import entry_names
 from train.settings.checks import check
@@ -41,6 +41,9 @@ DASHES = ("-", "--", "-.", ":")
 """Of curves beyond the palette, which begins again."""
 GAP_CURVE = replace(GAP, curve="optimality_gap", curve_axis=GAP.axis)
 """Runs that know their optimum are laid over each other by the gap: whatever their tasks are."""
+
+TITLE = "Learning curves of"
+"""Begins the titles of these reports."""
 
 Rows = list[dict[str, Any]]
 
@@ -85,13 +88,12 @@ def overlay(folders: Sequence[Path | str], out: Path | str, look: Look = PLAIN) 
     )
     measure = measure_of(rows)
     measure = GAP_CURVE if measure is GAP else measure
-    check(not out.is_file(), f"{out}: a file; give a folder")
     out.mkdir(parents=True, exist_ok=True)
     draw_overlay(out / "curves.png", rows, by_run, measure, look)
     table = table_of(rows, summary(rows, None), None)
     table.write(out)
     write_text(out / METHODS, methods(paths))
-    title = f"Learning curves of {', '.join(names)}"
+    title = f"{TITLE} {', '.join(names)}"
     files = ", ".join(f"[{name}]({name})" for name in names_of("curves.png", look))
     lines = [f"# {title}", "", table.markdown(), ""]
     lines += [told_bands(rows), ""]
@@ -99,6 +101,11 @@ def overlay(folders: Sequence[Path | str], out: Path | str, look: Look = PLAIN) 
     write_text(out / "report.md", "\n".join(lines))
     page_of(out / "report.md")
     return out
+
+
+def is_overlay(folder: Path) -> bool:
+    """Whether `overlay` wrote this folder."""
+    return begins_with(folder / "report.md", f"# {TITLE}")
 
 
 def told_bands(rows: Rows) -> str:

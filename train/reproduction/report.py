@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import median
 
 from train.experiments.page import page_of
-from train.files import write_bytes, write_csv, write_text
+from train.files import begins_with, write_bytes, write_csv, write_text
 from train.reproduction.exact import states_table, tours_table
 from train.reproduction.plan import SHIPPED, Claim, Replication, Study, Tuning
 from train.reproduction.rules import (
@@ -24,6 +24,7 @@ from train.reproduction.rules import (
     worse_by,
 )
 from train.reproduction.run import (
+    RULES_KEPT,
     TUNING,
     changed_rules,
     complete_runs,
@@ -73,6 +74,13 @@ def write_replication(plan: Replication, out: Path) -> Path:
     write_text(folder / PAGE, page(plan, studies, out))
     page_of(folder / PAGE)
     return folder / PAGE
+
+
+def is_folder_of(plan: Replication, out: Path) -> bool:
+    """Whether `out` was begun for these claims, and has no page of others."""
+    page = out / "report" / PAGE
+    own = not page.exists() or begins_with(page, f"# {plan.title}\n")
+    return own and (out / RULES_KEPT).exists()
 
 
 def decided(study: Study, plan: Replication, out: Path) -> Decided:

@@ -27,6 +27,7 @@ CONFIG, METRICS, RESULTS, CHECKPOINT = (
     "checkpoint.pt",
 )
 CURVE, REPLAY = "learning_curve.png", "replay.gif"
+FINAL = "final"
 REPORT, REPLAYS = "report.html", "replays.json"
 FORMAT = 5
 """Of `config.json` and `checkpoint.pt`; raised whenever older ones can no longer be read."""
@@ -57,10 +58,19 @@ def new_folder(path: Path) -> Path:
     return path
 
 
-def save_config(folder: Path, kind: str, settings: Any, maze_text: str | None) -> None:
-    """Write `config.json`: the kind of run, its settings, the maze as text where there is one,
-    users' own parts with the hashes of their source, and the command that runs."""
+def save_config(
+    folder: Path,
+    kind: str,
+    settings: Any,
+    maze_text: str | None,
+    final: forms.Final | None = None,
+) -> None:
+    """Write `config.json`: the kind of run, its settings, the maze as text where there is one, what
+    its final results are made with, users' own parts with the hashes of their source, and the
+    command that runs."""
     plain = {"format": FORMAT, "kind": kind, **asdict(settings), "maze_text": maze_text}
+    if final is not None:
+        plain[FINAL] = {"episodes": final.episodes, "formats": list(final.formats)}
     write_json(folder / CONFIG, {**plain, PARTS: provenance(settings), COMMAND: command_line()})
 
 
@@ -90,12 +100,18 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
         "version, or a new folder",
     )
     found = read_as(forms.Config, plain, path, forms.RESTORE)
-    for name in ("kind", "maze_text", PARTS, COMMAND):
+    for name in ("kind", "maze_text", FINAL, PARTS, COMMAND):
         plain.pop(name, None)
     maze = found.task.get("maze")
     if found.maze_text is not None and maze not in library_names() and not is_suite(maze):
         plain["task"]["maze"] = found.maze_text
     return found.kind, plain
+
+
+def load_final(folder: Path) -> forms.Final:
+    """What the final results of a run are made with; the defaults where nothing is recorded."""
+    path = folder / CONFIG
+    return read_as(forms.Config, read_json(path), path, forms.RESTORE).final
 
 
 def load_results(folder: Path | str) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from pursuit.declared import truth
 from pursuit.policy import Policy
 from pursuit.task import Task
 from scripted_agents.environments import (
@@ -32,9 +33,10 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
         greedy: take the most probable action; False draws, as it was learned.
 
     Raises:
-        ValueError: no run, a damaged one, or one without the distribution asked for.
+        ValueError: no run, a damaged one, or one without the distribution asked for; or `greedy`
+            is no truth value.
     """
-    folder = Path(folder)
+    folder, greedy = Path(folder), truth("greedy", greedy)
     settings, state = load_settings(folder), load_checkpoint(folder)
     algorithm = entry(settings.algorithm)
     check(

@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from gymnasium.spaces import Discrete
 
+from pursuit.declared import truth
 from pursuit.parts import check_trusted
 from pursuit.simulator import Simulator
 from pursuit.task import Task
@@ -133,7 +134,7 @@ def load_stable_baselines(
         described = _found_in(path, weights, str(observation))
     assert task is not None and agent is not None
     algorithm, encoding = described.algorithm, described.observation
-    greedy = algorithm == "dqn" if greedy is None else greedy
+    greedy = algorithm == "dqn" if greedy is None else truth("greedy", greedy)
     check(
         greedy or algorithm != "dqn",
         f"{path}: dqn learns no distribution over actions; take the greedy policy",
