@@ -26,7 +26,7 @@ from train.algorithms.registry import entry
 from train.environments.device_env import why_not_on_device
 from train.environments.device_policies import check_plays
 from train.networks.policy import Seat
-from train.runs.by_name import check_names, picked, typed
+from train.runs.by_name import INNER, check_names, picked, typed
 from train.runs.forms import RESTORE
 from train.runs.opponents import check_fits, load_opponent
 from train.runs.parts import build_of, setting_of
@@ -252,7 +252,7 @@ def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
     """
     default = self_play_ppo()
     check_names(flat, (TaskSettings, default, SelfPlaySettings), set(), " of self-play")
-    own = {k: v for k, v in typed(SelfPlaySettings, flat).items() if k not in ("task", "hyper")}
+    own = typed(SelfPlaySettings, {k: v for k, v in flat.items() if k not in INNER})
     settings = SelfPlaySettings(
         task=picked(TaskSettings, flat, {"rewards": "zero_sum"}),
         hyper=picked(PPOSettings, flat, vars(default)),
