@@ -62,7 +62,7 @@ class _First:
 class SelfPlayCommand:
     """Chasers and evaders learn against each other; every evaluation has the exact exploitability.
 
-    Each role meets opponents from a pool of the other role's snapshots, another one in every game.
+    Each role meets the latest policy of the other role, or with another --sampling its snapshots.
     To compare settings over several seeds: `pursuit sweep self_play_sampling`. The options of PPO's
     settings are for every role that learns by it. Those of another algorithm have the role before
     their names: `pursuit self-play --chaser-algorithm dqn --help` shows --chaser-batch-size.

@@ -283,6 +283,8 @@ def _learner(name: str) -> str:
 def _opponents(run: Facts) -> str:
     """Against what the sides of self-play learn; a side that does not is said to be played."""
     fixed = [role for role in ROLES if run.settings[role] != LEARN]
+    if not fixed and run.settings["sampling"] == "latest":
+        return "Both sides learn against each other's latest policies."
     if not fixed:
         return (
             "Both sides learn against snapshots of each other, drawn by the scheme "
