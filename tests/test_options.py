@@ -43,7 +43,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ([*PLAY, "--sampling", "latest", "--window", "9"], "window=9 has no effect"),
         ([*PLAY, "--sampling", "uniform", "--pfsp-power", "3"], "pfsp_power=3.0 has no effect"),
         ([*PLAY, "--central-critic"], "central_critic=True has no effect"),
-        ([*DQN, "--clip", "0.3"], "clip=0.3 has no effect"),
+        ([*DQN, "--clip", "0.3"], "Unrecognized options: --clip"),
         (
             ["baseline", *TINY[:4], "--opponent-epsilon", "0.5"],
             "no other agent",

@@ -134,6 +134,30 @@ def parse(
         raise ValueError(f"{in_words(boxed.getvalue())} (see pursuit {prog} --help)") from None
 
 
+def parse_known(default: Form, arguments: Sequence[str]) -> Form:
+    """Those of `arguments` that the dataclass of `default` has; `default` where one is wrong.
+
+    For options that decide what the other options are; errors are reported by `parse`.
+    """
+    with (
+        contextlib.suppress(SystemExit, ValueError),
+        contextlib.redirect_stderr(io.StringIO()),
+    ):
+        found, _ = tyro.cli(
+            type(default),
+            args=[a for a in arguments if a not in ("-h", "--help")],
+            return_unknown_args=True,
+            default=default,
+            config=(
+                tyro.conf.OmitArgPrefixes,
+                tyro.conf.FlagCreatePairsOff,
+                tyro.conf.AvoidSubcommands,
+            ),
+        )
+        return found
+    return default
+
+
 def in_words(boxed: str) -> str:
     """tyro's box of an error as one line, without Python's types."""
     text = re.sub(r"\x1b\[[0-9;]*m|[─╭╮╰╯│]+|-{5,}", " ", boxed)

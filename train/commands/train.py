@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import strftime
 from typing import Any, Generic, TypeVar
 
-import tyro
-
-from train.commands.parse import Formats, budget_of, heard, named_task, parse
+from train.commands.parse import Formats, budget_of, heard, named_task, parse, parse_known
 from train.commands.progress import carry_out, final_of, leave
 from train.commands.scores import (
     certificate_of,
@@ -113,22 +109,7 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
     Raises:
         ValueError: an unknown algorithm or preset, or two that do not go together.
     """
-    first = _First(named_task(arguments))
-    with (
-        contextlib.suppress(SystemExit, ValueError),
-        contextlib.redirect_stderr(io.StringIO()),  # errors are told when all is parsed
-    ):
-        first, _ = tyro.cli(
-            _First,
-            args=[a for a in arguments if a not in ("-h", "--help")],
-            return_unknown_args=True,
-            default=first,
-            config=(
-                tyro.conf.OmitArgPrefixes,
-                tyro.conf.FlagCreatePairsOff,
-                tyro.conf.AvoidSubcommands,
-            ),
-        )
+    first = parse_known(_First(named_task(arguments)), arguments)
     algorithm = first.algorithm or preset_algorithm(first.preset) or "ppo"
     setting = replace(setting_of(first.task), recurrent=first.recurrent is not None)
     hyper = hyperparameters(algorithm, setting, first.preset, first.gamma is not None)

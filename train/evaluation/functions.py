@@ -98,12 +98,13 @@ def _compared(contest: Any, policy: Any) -> Evaluation:
     least = contest.optimal_lengths()
     mean = float(lengths.mean())
     played = (len(lengths), mean, half_width(lengths), float(won.mean()))
-    optimum, known = None, (None, None, None)
+    optimum: float | None = None
+    known: Any = (None, None, None)
     if least is not None:
         optimum = float(least.mean())
         ratio = mean / optimum
         half = half_width(lengths - ratio * least) / optimum
-        known: Any = (optimum, ratio - 1.0, (ratio - 1.0 - half, ratio - 1.0 + half))
+        known = (optimum, ratio - 1.0, (ratio - 1.0 - half, ratio - 1.0 + half))
     if not game or contest.measure.name == "steps":
         return Evaluation(*played, *known, "steps", mean, optimum)
     measure = contest.measure

@@ -133,12 +133,13 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     if plain.get("processes") == 1:
         del plain["processes"]  # and those of the one process that there was
     plain.pop("graphs", None)  # they compute the same
-    for added, before in ADDED_HYPER.items():  # and those from before there were these
-        if plain["hyper"].get(added) == before:
-            plain["hyper"].pop(added, None)
-    if plain["hyper"].get("recurrent") is None:
-        for name in ("recurrent", "burn_in"):
-            plain["hyper"].pop(name, None)
+    for hyper in filter(None, (plain.get(n) for n in ("hyper", "chaser_hyper", "evader_hyper"))):
+        for added, before in ADDED_HYPER.items():  # and those from before there were these
+            if hyper.get(added) == before:
+                hyper.pop(added, None)
+        if hyper.get("recurrent") is None:
+            for name in ("recurrent", "burn_in"):
+                hyper.pop(name, None)
     if parts := provenance(settings):
         plain["parts"] = parts  # users' modules count by their source
     text = json.dumps({"kind": kind, "episodes": episodes, **plain}, sort_keys=True)

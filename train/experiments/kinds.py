@@ -34,6 +34,7 @@ from train.runs.single import make_run
 from train.runs.tasks import maze_text_of
 from train.runs.threads import check_device
 from train.self_play.parts import (
+    complete,
     self_play_from_plain,
     self_play_parts,
     self_play_settings_of,
@@ -51,6 +52,7 @@ class Kind:
         settings_of: settings by their names on the command line, checked.
         from_plain: settings from `config.json`.
         check: ValueError for settings that cannot run.
+        complete: the same settings with all that a run would fill in.
         make: the run of settings in a folder, from its beginning (None) or from a checkpoint.
         again: the command that goes on with one.
         pictures: what that command draws of the results.
@@ -59,6 +61,7 @@ class Kind:
     settings_of: Callable[..., Any]
     from_plain: Callable[[dict[str, Any], str], Any]
     check: Callable[[Any], object]
+    complete: Callable[[Any], Any]
     make: Callable[[Any, Path, dict[str, Any] | None], Run]
     again: str
     pictures: tuple[str, ...]
@@ -66,12 +69,19 @@ class Kind:
 
 KINDS = {
     RUN: Kind(
-        settings_of, from_plain, parts_of, make_run, "pursuit train", (CURVE, REPLAY, REPORT)
+        settings_of,
+        from_plain,
+        parts_of,
+        lambda settings: settings,
+        make_run,
+        "pursuit train",
+        (CURVE, REPLAY, REPORT),
     ),
     SELF_PLAY: Kind(
         self_play_settings_of,
         self_play_from_plain,
         self_play_parts,
+        complete,
         make_self_play,
         "pursuit self-play",
         (CURVE, REPORT),
@@ -101,6 +111,7 @@ def start(kind: str, settings: Any, path: Path | str, final: Final | None = None
     check_device(settings.device)
     KINDS[kind].check(settings)
     check_effects(settings)
+    settings = KINDS[kind].complete(settings)
     lock = hold(path, "run", shared=True)
     check_new(path)
     remove_leftovers(path)

@@ -46,6 +46,7 @@ from train.runs.folder import CHECKPOINT, CONFIG, RUN
 from train.runs.forms import Final
 from train.schemas import read_as
 from train.settings.checks import check
+from train.settings.self_play import ROLES
 
 EXPERIMENTS = Path(__file__).with_name("files")
 ERROR, PROGRESS, STOPPED = "error.txt", "progress.txt", "stopped_early.json"
@@ -279,7 +280,10 @@ def flat_plain(nested: Mapping[str, Any]) -> dict[str, Any]:
     plain = dict(nested)
     flat = {"variant": None, "kind": None} | plain.pop("task")
     for name in ("hyper", "lessons"):
-        plain |= {k: v for k, v in plain.pop(name, {}).items() if k not in plain}
+        plain |= {k: v for k, v in (plain.pop(name, None) or {}).items() if k not in plain}
+    for role in ROLES:  # self-play by another algorithm than PPO
+        own = plain.pop(f"{role}_hyper", None) or {}
+        plain |= {f"{role}_{name}": value for name, value in own.items()}
     flat |= plain
     return {MEASURED.get(name, name): value for name, value in flat.items()}
 

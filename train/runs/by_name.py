@@ -61,7 +61,7 @@ WORDS = {
     "str": "a text",
 }
 """The types of settings, as messages call them; the first that fits."""
-INNER = frozenset({"task", "hyper", "lessons"})
+INNER = frozenset({"task", "hyper", "lessons", "chaser_hyper", "evader_hyper"})
 
 
 # -- what settings of every kind are read with -----------------------------------------------------

@@ -55,6 +55,8 @@ def check_self_play_effects(settings: SelfPlaySettings) -> None:
             other = f"sampling={settings.sampling!r} does not use it (sampling={scheme!r} does)"
             check_default(settings, SelfPlaySettings, [name], other)
     by_ppo = [role for role in settings.learning if settings.algorithm(role) == "ppo"]
+    if hyper is None:
+        return
     if not by_ppo:
         names = [field.name for field in fields(hyper) if field.name not in SHARED]
         check_default(hyper, default, names, "it is a setting of ppo, by which no role learns")
