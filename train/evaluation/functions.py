@@ -96,19 +96,17 @@ def _compared(contest: Any, policy: Any) -> Evaluation:
         return Evaluation(*played, steps, gap, both, "steps", mean, steps)
     lengths, won = contest.play(policy)
     least = contest.optimal_lengths()
-    mean = float(lengths.mean())
-    played = (len(lengths), mean, half_width(lengths), float(won.mean()))
-    optimum: float | None = None
-    known: Any = (None, None, None)
+    mean, optimum, gap, interval = float(lengths.mean()), None, None, None
     if least is not None:
         optimum = float(least.mean())
-        ratio = mean / optimum
-        half = half_width(lengths - ratio * least) / optimum
-        known = (optimum, ratio - 1.0, (ratio - 1.0 - half, ratio - 1.0 + half))
-    if not game or contest.measure.name == "steps":
-        return Evaluation(*played, *known, "steps", mean, optimum)
-    measure = contest.measure
-    best = contest.optimal_goals() if measure == BY_GOALS else contest.optimal_return()
-    reached = None if best is None else measure.of(best)
-    value = float(contest.values(policy).mean())
-    return Evaluation(*played, *known, measure.name, value, reached)
+        gap = mean / optimum - 1.0
+        half = half_width(lengths - (gap + 1.0) * least) / optimum
+        interval = (gap - half, gap + half)
+    measure, value, reached = "steps", mean, optimum
+    if game and contest.measure.name != "steps":
+        measure, value = contest.measure.name, float(contest.values(policy).mean())
+        paid = contest.measure != BY_GOALS
+        best = contest.optimal_return() if paid else contest.optimal_goals()
+        reached = None if best is None else contest.measure.of(best)
+    figures = (half_width(lengths), float(won.mean()), optimum, gap, interval)
+    return Evaluation(len(lengths), mean, *figures, measure, value, reached)
