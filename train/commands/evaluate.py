@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import tyro
 
 from pursuit.replay import with_suffix
-from train.algorithms.registry import entry
 from train.commands.parse import heard, parse, warn
 from train.commands.scores import (
     certificate_of,
@@ -29,12 +28,6 @@ from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.files import write_json
-from train.networks.policy import NO_WALLS
-from train.runs.loop import machine, versions
-from train.runs.opponents import load_policy
-from train.runs.parts import contest_of, suite_contest_of
-from train.runs.saved import load_settings
-from train.runs.single import evaluation_of
 from train.settings.checks import check
 from train.settings.task import ReacherSettings, in_maze
 
@@ -76,6 +69,14 @@ def evaluate(arguments: Sequence[str]) -> None:
     for path in filter(None, (given.out, replays, given.table, given.picture)):
         check(not path.exists(), f"{path}: exists already")
     check(given.replay_episodes >= 1, f"replay_episodes={given.replay_episodes}; at least 1")
+    from train.algorithms.registry import entry  # torch is slow to import
+    from train.networks.policy import NO_WALLS
+    from train.runs.loop import machine, versions
+    from train.runs.opponents import load_policy
+    from train.runs.parts import contest_of, suite_contest_of
+    from train.runs.saved import load_settings
+    from train.runs.single import evaluation_of
+
     with heard():
         settings, policy = load_settings(given.run), load_policy(given.run)
     if given.opponent_epsilon is not None:

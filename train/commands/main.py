@@ -162,8 +162,6 @@ def obey(given: list[str]) -> None:
     if name not in COMMANDS:
         fail(f"unknown command {name!r}; one of {', '.join(COMMANDS)}")
     look_in(Path.cwd())  # where users keep parts of their own
-    if name == "train":
-        import_module("train.commands.ahead").compile_ahead(rest)
     command(name)(rest)
 
 
@@ -196,7 +194,8 @@ def usage() -> str:
 def command(name: str) -> Callable[[Sequence[str]], None]:
     """The function of a subcommand: that of its name, in the file of its name.
 
-    Imported only when it is called: torch takes seconds.
+    Imported only when it is called, as some of what they need is slow to import. What imports torch
+    is imported by the subcommand itself, once its options are accepted.
     """
     module = name.replace("-", "_")
     function: Any = getattr(import_module(f"train.commands.{module}"), module)

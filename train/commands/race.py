@@ -7,17 +7,16 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from train.commands.parse import Formats, parse
-from train.experiments.sweep import shipped
 from train.figures import Look
-from train.race.plan import FILES, Race, load_race
-from train.race.report import race_report
-from train.race.run import run_race
 from train.settings.checks import check
+
+if TYPE_CHECKING:
+    from train.race.plan import Race
 
 
 @dataclass(frozen=True)
@@ -52,6 +51,10 @@ def race(arguments: Sequence[str]) -> None:
     given = parse(RaceCommand, arguments, "race")
     check(given.workers >= 1, f"workers={given.workers}; at least 1")
     look = Look(given.format)
+    from train.race.plan import load_race  # torch is slow to import
+    from train.race.report import race_report
+    from train.race.run import run_race
+
     plan = load_race(given.file, given.version, given.clock)
     out = given.out or Path("races") / f"{Path(given.file).stem}-{given.version}"
     tell_plan(plan, out, given.workers)
@@ -72,6 +75,9 @@ def race(arguments: Sequence[str]) -> None:
 
 def tell_plan(plan: Race, out: Path, workers: int) -> None:
     """Say what is to be done."""
+    from train.experiments.sweep import shipped  # torch is slow to import
+    from train.race.plan import FILES
+
     trials, finals = plan.count()
     print(f"{plan.title}: {', '.join(plan.contestants)}")
     for on in plan.tasks:

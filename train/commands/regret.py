@@ -18,9 +18,6 @@ from train.evaluation.regret import REMEDY, Regret, group_rows, regret_of
 from train.figures import PLAIN, Look, draw_walls, pyplot, save
 from train.files import write_csv, write_text
 from train.result_table import Column, ResultTable
-from train.runs.opponents import load_policy
-from train.runs.parts import contest_of
-from train.runs.saved import load_settings
 from train.settings.checks import check
 
 WORST = 5
@@ -54,6 +51,10 @@ def regret(arguments: Sequence[str]) -> None:
     given = parse(RegretCommand, arguments, "regret")
     check(given.run.is_dir(), f"{given.run}: no such folder")
     check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
+    from train.runs.opponents import load_policy  # torch is slow to import
+    from train.runs.parts import contest_of
+    from train.runs.saved import load_settings
+
     with heard():
         settings = load_settings(given.run)
         policy = load_policy(given.run, greedy=not given.sampled)

@@ -19,10 +19,7 @@ from scripted_agents import (
 from scripted_agents.environments import DEFAULTS
 from train.commands.parse import heard, named_task, parse
 from train.evaluation.arm_contest import ArmContest
-from train.runs.opponents import load_policy
-from train.runs.parts import contest_of
 from train.runs.pictures import save_replay
-from train.runs.saved import load_settings
 from train.settings.checks import check
 from train.settings.task import AnyTask, TaskSettings
 
@@ -48,9 +45,13 @@ def render(arguments: Sequence[str]) -> None:
     given = parse(RenderCommand, arguments, "render", default)
     check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
     check(not given.out.exists(), f"{given.out}: exists already; give a new file")
+    check(given.run is None or given.run.is_dir(), f"{given.run}: no such folder")
+    from train.runs.opponents import load_policy  # torch is slow to import
+    from train.runs.parts import contest_of
+    from train.runs.saved import load_settings
+
     policy: Any
     if given.run is not None:
-        check(given.run.is_dir(), f"{given.run}: no such folder")
         with heard():
             policy, contest = load_policy(given.run), contest_of(load_settings(given.run).task, 2)
     else:

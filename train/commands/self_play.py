@@ -6,29 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import strftime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from train.commands.parse import Formats, budget_of, heard, parse
 from train.commands.progress import Alive, carry_out, leave
 from train.commands.tables import print_table
-from train.experiments.kinds import resume, start
-from train.experiments.methods import METHODS, methods
-from train.experiments.sweep_report import reduction
 from train.figures import Look
 from train.files import write_text
-from train.runs.folder import CURVE, REPORT, SELF_PLAY
-from train.runs.loop import Run
+from train.runs.folder import CURVE, REPORT, SELF_PLAY, check_new
 from train.self_play.averages import told_averages
-from train.self_play.payoffs import matches_table
-from train.self_play.pictures import draw_self_play
-from train.self_play.report import (
-    meaning_of_nash_conv,
-    told_independent,
-    told_whole_game,
-    write_self_play_report,
-)
 from train.settings.checks import check
 from train.settings.self_play import SelfPlaySettings
+
+if TYPE_CHECKING:
+    from train.runs.loop import Run
 
 
 @dataclass(frozen=True)
@@ -57,11 +48,20 @@ def self_play(arguments: Sequence[str]) -> None:
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     look = Look(given.format)
     name = f"self-play-{Path(given.settings.task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
+    out = given.out or Path("runs") / name
+    if given.resume is None:
+        check_new(out)
+    else:
+        check(given.resume.is_dir(), f"{given.resume}: no such folder")
+    from train.experiments.kinds import resume, start  # torch is slow to import
+    from train.self_play.pictures import draw_self_play
+    from train.self_play.report import write_self_play_report
+
     with heard():
-        if given.resume is not None:
-            run = resume(given.resume, SELF_PLAY)
+        if given.resume is None:
+            run = start(SELF_PLAY, given.settings, out)
         else:
-            run = start(SELF_PLAY, given.settings, given.out or Path("runs") / name)
+            run = resume(given.resume, SELF_PLAY)
     task, sampling = run.trainee.task, run.trainee.settings.sampling
     print(
         f"self-play: {task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "
@@ -78,6 +78,11 @@ def self_play(arguments: Sequence[str]) -> None:
 
 def show(run: Run, content: dict[str, Any]) -> None:
     """Print what was found."""
+    from train.experiments.methods import METHODS, methods  # torch is slow to import
+    from train.experiments.sweep_report import reduction
+    from train.self_play.payoffs import matches_table
+    from train.self_play.report import meaning_of_nash_conv, told_independent, told_whole_game
+
     found, matches = content["evaluation"], content["matches"]
     table = matches_table(matches)
     table.write(run.folder)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
@@ -17,19 +17,11 @@ from train.files import write_csv, write_json, write_text
 from train.result_table import Column, ResultTable, words
 from train.runs.provenance import command_line
 from train.self_play.averages import averages, nash_convs, told_averages
-from train.self_play.past import (
-    Past,
-    Standings,
-    agreement,
-    parted_by_distance,
-    read_past,
-    rows_of,
-    standings,
-    widest,
-)
-from train.self_play.pictures import draw_snapshots
 from train.settings.checks import check
 from train.settings.self_play import ROLES
+
+if TYPE_CHECKING:
+    from train.self_play.past import Past, Standings
 
 FOLDER = "snapshots"
 
@@ -56,6 +48,8 @@ def snapshots(arguments: Sequence[str]) -> None:
     given = parse(SnapshotsCommand, arguments, "snapshots")
     check(len(given.runs) > 0, "nothing to look at; give folders of self-play")
     look, several = Look(given.format), len(given.runs) > 1
+    from train.self_play.past import read_past, standings  # torch is slow to import
+
     rows: list[dict[str, Any]] = []
     for folder in given.runs:
         with heard():
@@ -79,6 +73,14 @@ def snapshots(arguments: Sequence[str]) -> None:
 
 def write_run(out: Path, past: Past, found: dict[str, Standings], look: Look) -> list[str]:
     """Write the figure and the tables of a run; the lines that say what came out."""
+    from train.self_play.past import (  # torch is slow to import
+        agreement,
+        parted_by_distance,
+        rows_of,
+        widest,
+    )
+    from train.self_play.pictures import draw_snapshots
+
     out.mkdir(parents=True, exist_ok=True)
     task, sides = past.task, list(found.values())
     maze, sampling = task.mazes[0].name, past.settings.sampling
@@ -172,6 +174,8 @@ def distance_table(rows: list[dict[str, Any]]) -> ResultTable:
 
 def summary_rows(folder: Path, past: Past, found: dict[str, Standings]) -> list[dict[str, Any]]:
     """A row for each side of a run, and one of their means."""
+    from train.self_play.past import agreement  # torch is slow to import
+
     settings = past.settings
     head = {"run": str(folder), "sampling": settings.sampling, "seed": settings.seed}
     rows = []

@@ -16,9 +16,9 @@ from train.experiments.where_and_how import commands_told, where_it_ran
 from train.files import read_json
 from train.result_table import Column, ResultTable, Row, words
 from train.runs.folder import CONFIG, RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
-from train.runs.parts import setting_of
 from train.runs.provenance import COMMAND
 from train.runs.saved import ADDED_HYPER
+from train.runs.tasks import setting_of
 from train.settings.algorithms import HYPERPARAMETERS
 from train.settings.presets import hyperparameters, lessons_for
 from train.settings.run import TrainSettings

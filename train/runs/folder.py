@@ -18,7 +18,6 @@ from train.runs import forms
 from train.runs.provenance import COMMAND, PARTS, command_line, provenance
 from train.schemas import read_as
 from train.settings.checks import check
-from train.tensors import Misfit, read_tensors, write_tensors
 
 CONFIG, METRICS, RESULTS, CHECKPOINT = (
     "config.json",
@@ -104,6 +103,8 @@ def load_results(folder: Path) -> dict[str, Any]:
 
 def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
     """Write `checkpoint.pt`: tensors and plain values only."""
+    from train.tensors import write_tensors  # torch is slow to import
+
     write_tensors(folder / CHECKPOINT, {"format": FORMAT, **state})
 
 
@@ -114,6 +115,8 @@ def load_checkpoint(folder: Path) -> dict[str, Any]:
         ValueError: missing, damaged, holding more than tensors and plain values, or of another
             version.
     """
+    from train.tensors import read_tensors  # torch is slow to import
+
     path = folder / CHECKPOINT
     if not path.exists():
         raise ValueError(
@@ -128,6 +131,8 @@ def load_checkpoint(folder: Path) -> dict[str, Any]:
 
 def part_of(state: dict[str, Any], *names: str) -> dict[str, Any]:
     """The table of these names in a checkpoint, one within the other; Misfit if there is none."""
+    from train.tensors import Misfit  # torch is slow to import
+
     found: Any = state
     for number, name in enumerate(names, start=1):
         found = found.get(name)
