@@ -12,13 +12,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from train.commands import progress
-from train.commands import self_play as self_play_command
 from train.commands import train as train_command
 from train.commands.main import main
 from train.experiments.identity import fingerprint
@@ -36,6 +37,7 @@ from train.runs.folder import (
     read_metrics,
 )
 from train.runs.loop import Budget
+from train.self_play import pictures
 from train.self_play.parts import self_play_settings_of
 
 SMALL = {"maze": "2x2", "num_games": 16, "rollout_steps": 8, "minibatch_size": 64, "width": 8}
@@ -57,7 +59,7 @@ def quick_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: Any = lambda path, *rest: path.write_bytes(b"picture")  # noqa: E731
     monkeypatch.setattr(train_command, "draw_learning_curve", drawn)
     monkeypatch.setattr(train_command, "save_replay", drawn)
-    monkeypatch.setattr(self_play_command, "draw_self_play", drawn)
+    monkeypatch.setattr(pictures, "draw_self_play", drawn)
 
 
 @pytest.fixture(scope="module", params=["train", "self-play"])
@@ -286,6 +288,39 @@ def test_a_signal_ends_a_run_with_its_status_once_everything_is_saved(
     assert load_checkpoint(tmp_path / "run")["trainee"]["learner"]["frames"] < FRAMES["frames"]
     assert (tmp_path / "run" / "learning_curve.png").exists()
     assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+@pytest.mark.parametrize("command", ["train", "self-play"])
+def test_a_run_that_was_interrupted_has_the_rows_of_one_that_was_not(
+    command: str, tmp_path: Path
+) -> None:
+    def interrupted(run: Any, row: dict[str, float]) -> None:
+        if not row and run.trainee.frames == 1024:  # evaluations are due every 512
+            signal.raise_signal(signal.SIGINT)
+
+    kind, settings = KIND[command], MAKE[command]()
+    settings = replace(settings, frames=10240)
+    whole = start(kind, settings, tmp_path / "whole")
+    whole.train()
+    run = start(kind, settings, tmp_path / "run")
+    run.train(interrupted)
+    assert run.stopped and run.metrics.rows[-1]["frames"] % 512 != 0
+    run.lock.release()
+    run = open_run(tmp_path / "run")
+    run.train()
+    frames = [[row["frames"] for row in read_metrics(f)] for f in (whole.folder, run.folder)]
+    assert frames[0] == frames[1] and set(np.diff(frames[0])) == {512.0}
+
+
+def test_a_run_without_readable_metrics_does_not_go_on(
+    finished: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_of(finished[1], tmp_path / "run")
+    (folder / "results.json").unlink()
+    (folder / "metrics.csv").unlink()
+    assert "metrics.csv: cannot be read" in error_of(capsys, finished[0], "--resume", folder)
+    (folder / "metrics.csv").symlink_to("metrics.csv")
+    assert "metrics.csv: cannot be read" in error_of(capsys, finished[0], "--resume", folder)
 
 
 def test_a_second_signal_ends_it_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

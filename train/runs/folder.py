@@ -161,13 +161,14 @@ class MetricsFile:
     Args:
         folder: of the run.
         up_to_frames: rows beyond are dropped (they will be made again); None starts anew.
+            Before every checkpoint there is a row: without the file a run cannot go on.
         column: that every row has, what the run is judged by.
     """
 
     def __init__(self, folder: Path, up_to_frames: int | None = None, column: str = "") -> None:
         self.path = folder / METRICS
         self.rows: list[dict[str, float]] = []
-        if up_to_frames is not None and self.path.exists():
+        if up_to_frames is not None:
             rows = read_metrics(folder, *([column] if column else []))
             self.rows = [row for row in rows if row["frames"] <= up_to_frames]
 

@@ -174,6 +174,17 @@ class Run:
             self._saved_frames = trainee.frames
         column = trainee.objective.column
         self.metrics = MetricsFile(folder, None if state is None else trainee.frames, column)
+        self._drop_row_of_interruption()
+
+    def _drop_row_of_interruption(self) -> None:
+        """Forget a last row that only a signal caused: an uninterrupted run has none there."""
+        rows = self.metrics.rows
+        done = [
+            int(EVALUATIONS * self.budget.progress(row["seconds"], int(row["frames"])))
+            for row in [{"seconds": 0.0, "frames": 0.0}, *rows][-2:]
+        ]
+        if rows and rows[-1]["frames"] > 0 and done[0] == done[1]:
+            rows.pop()
 
     @property
     def progress(self) -> float:
