@@ -13,7 +13,7 @@ from typing import Any
 from pursuit.maze import library_names
 from pursuit.parts import check_trusted
 from pursuit.suite_files import is_suite
-from train.files import LOCK, is_leftover, read_json, write_csv, write_json
+from train.files import LOCK, check_utf8, is_leftover, read_json, write_csv, write_json
 from train.runs import forms
 from train.runs.provenance import COMMAND, PARTS, command_line, provenance
 from train.schemas import read_as
@@ -39,6 +39,7 @@ def check_new(path: Path) -> None:
 
     What a process left that ended before it wrote `config.json` is nothing.
     """
+    check_utf8(path)
     if path.is_file():
         raise ValueError(f"{path}: a file; give a new folder")
     if (path / CONFIG).exists():
