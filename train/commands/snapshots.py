@@ -14,7 +14,7 @@ from train.commands.parse import Formats, heard, parse
 from train.commands.tables import print_table
 from train.figures import Look
 from train.files import write_csv, write_json, write_text
-from train.result_table import Column, ResultTable, words
+from train.result_table import Column, ResultTable, in_markdown, words
 from train.runs.provenance import command_line
 from train.self_play.averages import averages, nash_convs, told_averages
 from train.settings.checks import check
@@ -110,7 +110,15 @@ def write_run(out: Path, past: Past, found: dict[str, Standings], look: Look) ->
         ]
     lines += ["", distance_table(distances).markdown()]
     lines += ["", *average_lines(out, past)]
-    body = [f"# {title}", "", *lines, "", "![snapshots.png](snapshots.png)", "", table.markdown()]
+    body = [
+        f"# {in_markdown(title)}",
+        "",
+        *lines,
+        "",
+        "![snapshots.png](snapshots.png)",
+        "",
+        table.markdown(),
+    ]
     write_text(out / "snapshots.md", "\n".join(body) + "\n")
     return lines
 

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from train.result_table import one_line
+
 
 def where_it_ran(results: Sequence[Mapping[str, Any]]) -> str:
     """One sentence on the versions and the machines in results."""
@@ -35,10 +37,13 @@ def _machine(results: Mapping[str, Any]) -> str:
 
 def commands_told(given: Iterable[str]) -> list[str]:
     """Commands as lines of Markdown, each once."""
-    commands = list(dict.fromkeys(_as_typed(command) for command in given if command))
+    commands = list(dict.fromkeys(one_line(_as_typed(command)) for command in given if command))
     if not commands:
         return []
-    return [f"Command{'s' if len(commands) > 1 else ''}:", "", "```", *commands, "```", ""]
+    fence = "```"
+    while fence in "".join(commands):
+        fence += "`"
+    return [f"Command{'s' if len(commands) > 1 else ''}:", "", fence, *commands, fence, ""]
 
 
 def _as_typed(command: str) -> str:
