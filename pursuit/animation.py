@@ -60,6 +60,10 @@ def save_animation(
     try:
         writers[suffix](partial, _frames(path, scenes, size), fps)
         os.replace(partial, path)
+    except OSError as error:
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         partial.unlink(missing_ok=True)
 

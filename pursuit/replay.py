@@ -181,6 +181,8 @@ class Replay:
         try:
             partial.write_bytes(text + b"\n")
             os.replace(partial, path)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(path)) from None
         finally:
             partial.unlink(missing_ok=True)
         return path

@@ -201,14 +201,13 @@ class Run:
             Diverged: there is nothing to be learned any more; the last checkpoint is kept.
         """
         trainee, cores = self.trainee, os.cpu_count() or 1
-        board = TensorboardLogger("tensorboard", str(self.folder))
         # A change of threads changes the last bits, so runs that must repeat exactly keep theirs.
         free = self.budget.free_threads and cores > 1
         choice = ThreadChoice(cores) if free else None
         with (
             Interruption() as interruption,
             contextlib.closing(trainee),
-            contextlib.closing(board.experiment),
+            self._tensorboard() as board,
         ):
             if trainee.evaluates_first and not self.metrics.rows:
                 self._record({}, board, report)
@@ -244,12 +243,30 @@ class Run:
         self._check_learned()
         self.metrics.add(row)
         self.save()
-        try:
+        with self._writes_tensorboard():
             for name, value in row.items():
                 board.log_scalar(name, value, step=frames)
+        report(self, row)
+
+    @contextlib.contextmanager
+    def _tensorboard(self) -> Iterator[Any]:
+        """The logger of TensorBoard, closed at the end."""
+        with self._writes_tensorboard():
+            board = TensorboardLogger("tensorboard", str(self.folder))
+            events = board.experiment
+        try:
+            yield board
+        finally:
+            with self._writes_tensorboard():
+                events.close()
+
+    @contextlib.contextmanager
+    def _writes_tensorboard(self) -> Iterator[None]:
+        """Have errors of the system name the folder of events."""
+        try:
+            yield
         except OSError as error:
             raise cannot_write(self.folder / "tensorboard", error) from None
-        report(self, row)
 
     @contextlib.contextmanager
     def _watched(self) -> Iterator[None]:
