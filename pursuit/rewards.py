@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -99,7 +100,20 @@ def is_rewards(part: Any) -> bool:
             isinstance(paid, Rewards) and (role == "chaser" or not paid.per_evader)
             for role, paid in part.items()
         )
-    return callable(part) and not isinstance(part, type)
+    return callable(part) and not isinstance(part, type) and takes_three(part)
+
+
+def takes_three(function: Callable[..., Any]) -> bool:
+    """Whether three arguments fit a function; True where its arguments are not known."""
+    try:
+        signature = inspect.signature(function)
+    except ValueError:  # some functions written in C
+        return True
+    try:
+        signature.bind(None, None, None)
+    except TypeError:
+        return False
+    return True
 
 
 REWARDS: Registry[Mapping[str, Rewards] | RewardFunction] = Registry(

@@ -424,10 +424,10 @@ def test_every_command_has_a_help_that_names_its_options(
 @pytest.mark.parametrize(
     ("command", "work"),
     [
-        (("race", "ppo"), "race.run_race"),
-        (("sweep", "reacher_by_joints"), "sweep.run_locally"),
-        (("ablate", "opponent-epsilon"), "sweep.run_locally"),
-        (("reproduce", "table-3.1"), "reproduce.carry_out"),
+        (("race", "ppo"), "race.run.run_race"),
+        (("sweep", "reacher_by_joints"), "experiments.executors.run_locally"),
+        (("ablate", "opponent-epsilon"), "experiments.executors.run_locally"),
+        (("reproduce", "table-3.1"), "reproduction.run.carry_out"),
     ],
 )
 def test_who_interrupts_is_given_a_command_that_a_shell_takes(
@@ -440,7 +440,7 @@ def test_who_interrupts_is_given_a_command_that_a_shell_takes(
     def interrupted(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(f"train.commands.{work}", interrupted)
+    monkeypatch.setattr(f"train.{work}", interrupted)
     again = [*command, "--out", str(tmp_path / "it's mine; or $HOME")]
     with pytest.raises(SystemExit):
         main(again)

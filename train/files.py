@@ -39,6 +39,16 @@ def write_beside(path: Path, write: Callable[[Path], object]) -> None:
             beside.unlink(missing_ok=True)
 
 
+def check_utf8(name: object) -> None:
+    """ValueError for a name, of a file say, that is not text in UTF-8: no record could hold it."""
+    try:
+        str(name).encode()
+    except UnicodeEncodeError:
+        raise ValueError(
+            f"{name}: not UTF-8; rename it, or, where this is no UTF-8 terminal, set PYTHONUTF8=1"
+        ) from None
+
+
 class CannotWrite(OSError):
     """A file could not be written; in words, and without the name of any temporary file."""
 
@@ -142,7 +152,10 @@ def read_json(path: Path) -> Any:
     """The JSON in `path`; ValueError naming the file where there is none."""
     try:
         text = path.read_text(encoding="utf-8")
-        return json.loads(text, parse_constant=_number, parse_float=_number)
+        content = json.loads(text, parse_constant=_number, parse_float=_number)
+        if "\\ud" in text.lower():  # an escape, of one half of a character perhaps
+            json.dumps(content, ensure_ascii=False).encode()
+        return content
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
     except (ValueError, RecursionError):  # the latter where it is nested without end

@@ -36,7 +36,7 @@ from train.networks.policy import Seat
 from train.runs.by_name import settings_of
 from train.runs.folder import RUN
 from train.runs.loop import Run
-from train.runs.parts import setting_of
+from train.runs.tasks import setting_of
 from train.settings.algorithms import DQNSettings, PPOSettings
 from train.settings.presets import tuned
 from train.settings.run import TrainSettings

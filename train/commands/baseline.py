@@ -22,7 +22,6 @@ from train.evaluation.contest import GameContest
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.runs.effects import check_task_effects
-from train.runs.parts import contest_of
 from train.settings.checks import check
 from train.settings.task import AnyTask, TaskSettings
 
@@ -49,6 +48,8 @@ def baseline(arguments: Sequence[str]) -> None:
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     check(0.0 <= given.blindness < inf, f"blindness={given.blindness}; seconds, 0 or more")
     check_task_effects(given.task)
+    from train.runs.parts import contest_of  # torch is slow to import
+
     contest = contest_of(given.task, given.episodes, given.seed)
     if given.blindness > 0.0:
         check(

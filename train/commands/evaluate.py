@@ -11,7 +11,6 @@ import tyro
 
 from pursuit.declared import one_of
 from pursuit.replay import with_suffix
-from train.algorithms.registry import entry
 from train.commands.parse import heard, parse, warn
 from train.commands.scores import (
     certificate_of,
@@ -30,15 +29,8 @@ from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.figures import FORMATS
 from train.files import check_new_files, write_json
-from train.networks.policy import NO_WALLS
 from train.runs.effects import check_task_effects
-from train.runs.loop import machine, versions
-from train.runs.opponents import check_fits, load_policy
-from train.runs.parts import contest_of, suite_contest_of
-from train.runs.saved import load_settings
-from train.runs.single import evaluation_of
 from train.runs.tasks import agent_of, task_of
-from train.runs.third_party import load_stable_baselines
 from train.settings.checks import check
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings, in_maze
 
@@ -101,6 +93,10 @@ def evaluate(arguments: Sequence[str]) -> None:
     if given.picture is not None:
         one_of("format of a figure", given.picture.suffix[1:], FORMATS)
     check(given.replay_episodes >= 1, f"replay_episodes={given.replay_episodes}; at least 1")
+    from train.runs.loop import machine, versions  # torch is slow to import
+    from train.runs.parts import contest_of, suite_contest_of
+    from train.runs.single import evaluation_of
+
     judged_by = model_to_judge(given) if is_model else run_to_judge(given)
     task, training, policies = judged_by.task, judged_by.training, judged_by.policies
     evaluated = "learned" if judged_by.greedy else "learned, sampled"
@@ -172,6 +168,11 @@ class Judged:
 
 def run_to_judge(given: EvaluateCommand) -> Judged:
     """The policies of a run, and its task with what the options change."""
+    from train.algorithms.registry import entry  # torch is slow to import
+    from train.networks.policy import NO_WALLS
+    from train.runs.opponents import load_policy
+    from train.runs.saved import load_settings
+
     with heard():
         settings, policy = load_settings(given.run), load_policy(given.run)
     if given.opponent_epsilon is not None:
@@ -196,6 +197,9 @@ def run_to_judge(given: EvaluateCommand) -> Judged:
 
 def model_to_judge(given: EvaluateModelCommand) -> Judged:
     """The policies of a saved model, in the task of the options."""
+    from train.runs.opponents import check_fits  # torch is slow to import
+    from train.runs.third_party import load_stable_baselines
+
     built = task_of(given.task)
     agent = agent_of(given.task, built)
     trained: dict[str, Any] = {"task": built, "agent": agent, "observation": given.observation}

@@ -6,30 +6,22 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from pursuit.task import Task
 from train.commands.parse import Formats, heard, parse
 from train.commands.tables import print_table
-from train.experiments.methods import METHODS, league_methods
 from train.figures import Look
 from train.files import check_output_folder, write_json, write_text
 from train.result_table import ResultTable
-from train.runs.loop import machine, versions
 from train.runs.provenance import command_line
-from train.self_play.league import LeagueTable, enter, is_agent, is_model, play_league, rate
-from train.self_play.payoffs import league_table, ratings_table
-from train.self_play.people import (
-    enter_people,
-    play_along,
-    settings_of_people,
-    split_people,
-)
-from train.self_play.pictures import draw_league
 from train.settings.checks import check
 from train.settings.self_play import ROLES
+
+if TYPE_CHECKING:
+    from train.self_play.league import LeagueTable
 
 LEAGUE = "league.json"
 
@@ -80,6 +72,18 @@ def league(arguments: Sequence[str]) -> None:
     check(len(given.entries) > 0, "nobody to play; give folders of runs, or astar, random, optimal")
     look, out = Look(given.format), given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
+    from train.experiments.methods import METHODS, league_methods  # torch is slow to import
+    from train.runs.loop import machine, versions
+    from train.self_play.league import enter, is_agent, is_model, play_league, rate
+    from train.self_play.payoffs import league_table, ratings_table
+    from train.self_play.people import (
+        enter_people,
+        play_along,
+        settings_of_people,
+        split_people,
+    )
+    from train.self_play.pictures import draw_league
+
     with heard():
         by_hand, names = split_people(given.entries)
         how = (given.maze, given.opponent_epsilon, given.greedy)

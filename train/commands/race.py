@@ -7,18 +7,17 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from train.commands.parse import Formats, parse
-from train.experiments.sweep import shipped
 from train.figures import Look
 from train.files import check_output_folder
-from train.race.plan import FILES, Race, load_race
-from train.race.report import race_report
-from train.race.run import is_folder_of, run_race
 from train.settings.checks import check
+
+if TYPE_CHECKING:
+    from train.race.plan import Race
 
 
 @dataclass(frozen=True)
@@ -55,6 +54,10 @@ def race(arguments: Sequence[str]) -> None:
     given = parse(RaceCommand, arguments, "race")
     check(given.workers >= 1, f"workers={given.workers}; at least 1")
     look = Look(given.format)
+    from train.race.plan import load_race  # torch is slow to import
+    from train.race.report import race_report
+    from train.race.run import is_folder_of, run_race
+
     plan = load_race(given.file, given.version, given.clock)
     out = given.out or Path("races") / f"{Path(given.file).stem}-{given.version}"
     tell_plan(plan, out, given.workers)
@@ -76,6 +79,9 @@ def race(arguments: Sequence[str]) -> None:
 
 def tell_plan(plan: Race, out: Path, workers: int) -> None:
     """Say what is to be done."""
+    from train.experiments.sweep import shipped  # torch is slow to import
+    from train.race.plan import FILES
+
     trials, finals = plan.count()
     print(f"{plan.title}: {', '.join(plan.contestants)}")
     for on in plan.tasks:

@@ -17,10 +17,7 @@ from train.evaluation.contest import GameContest
 from train.evaluation.regret import REMEDY, Regret, group_rows, regret_of
 from train.figures import PLAIN, Look, draw_walls, pyplot, save
 from train.files import begins_with, check_output_folder, write_csv, write_text
-from train.result_table import Column, ResultTable
-from train.runs.opponents import load_policy
-from train.runs.parts import contest_of
-from train.runs.saved import load_settings
+from train.result_table import Column, ResultTable, in_markdown
 from train.settings.checks import check
 
 WORST = 5
@@ -61,6 +58,10 @@ def regret(arguments: Sequence[str]) -> None:
     check_output_folder(
         out, lambda folder: begins_with(folder / "regret.md", HEAD), given.overwrite
     )
+    from train.runs.opponents import load_policy  # torch is slow to import
+    from train.runs.parts import contest_of
+    from train.runs.saved import load_settings
+
     with heard():
         settings = load_settings(given.run)
         policy = load_policy(given.run, greedy=not given.sampled)
@@ -75,10 +76,11 @@ def regret(arguments: Sequence[str]) -> None:
     maze = contest.task.mazes[0]
     kind = "sampled" if given.sampled else "greedy"
     draw_map(out / "map.png", maze, found, f"{contest.role}, {kind}", look)
-    lines = [contest.line(), "", *told(found, kind), "", table.markdown(), ""]
+    lines = ["", *told(found, kind), "", table.markdown(), ""]
     lines += [f"The worst states of {len(found.cell)} that are visited:", "", *worst(maze, found)]
-    write_text(out / "regret.md", HEAD + "\n".join(lines) + "\n\n![map.png](map.png)\n")
-    print("\n".join(lines))
+    page = [HEAD + in_markdown(contest.line()), *lines, "", "![map.png](map.png)", ""]
+    write_text(out / "regret.md", "\n".join(page))
+    print("\n".join([contest.line(), *lines]))
     print(f"\ntable.csv, states.csv, regret.md and map.png: {out}")
 
 

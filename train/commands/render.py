@@ -21,10 +21,7 @@ from train.commands.parse import heard, named_options, named_task, parse
 from train.evaluation.arm_contest import ArmContest
 from train.files import check_new_files
 from train.runs.effects import check_task_effects
-from train.runs.opponents import load_policy
-from train.runs.parts import contest_of
 from train.runs.pictures import save_replay
-from train.runs.saved import load_settings
 from train.settings.checks import check
 from train.settings.task import AnyTask, TaskSettings
 
@@ -52,15 +49,20 @@ def render(arguments: Sequence[str]) -> None:
     given = parse(RenderCommand, arguments, "render", default)
     check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
     check_new_files([given.out], given.overwrite)
-    policy: Any
+    check(given.run is None or given.run.is_dir(), f"{given.run}: no such folder")
     if given.run is not None:
-        check(given.run.is_dir(), f"{given.run}: no such folder")
         named = named_options(type(given.task), arguments)
         check(
             not named,
             f"{', '.join(named)} with {given.run}, which is rendered in the task of its training; "
             "leave them out, or leave out the run",
         )
+    from train.runs.opponents import load_policy  # torch is slow to import
+    from train.runs.parts import contest_of
+    from train.runs.saved import load_settings
+
+    policy: Any
+    if given.run is not None:
         with heard():
             policy, contest = load_policy(given.run), contest_of(load_settings(given.run).task, 2)
     else:

@@ -10,9 +10,6 @@ from typing import Annotated
 import tyro
 
 from train.commands.parse import Formats, heard, parse
-from train.experiments.overlay import is_overlay, overlay
-from train.experiments.report import report as make_report
-from train.experiments.sweep import status_of
 from train.figures import Look
 from train.files import check_output_folder
 from train.runs.folder import CONFIG
@@ -51,6 +48,10 @@ def report(arguments: Sequence[str]) -> None:
     for folder in given.folders:
         check(folder.is_dir(), f"{folder}: no such folder")
     look = Look(given.format, given.x, given.log)
+    from train.experiments.overlay import is_overlay, overlay  # torch is slow to import
+    from train.experiments.report import report as make_report
+    from train.experiments.sweep import status_of
+
     only = given.folders[0] if len(given.folders) == 1 else None
     sweep = only is not None and not (only / CONFIG).exists() and given.out is None
     out = given.out or (Path("comparison") if only is None else only / "report")

@@ -6,31 +6,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, make_dataclass, replace
 from pathlib import Path
 from time import strftime
-from typing import Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import tyro
 
 from train.commands.parse import Formats, budget_of, heard, parse, parse_known
 from train.commands.progress import Alive, carry_out, final_of, leave
 from train.commands.tables import print_table
-from train.experiments.kinds import resume, start
-from train.experiments.methods import METHODS, methods
-from train.experiments.sweep_report import reduction
 from train.figures import Look
 from train.files import write_text
-from train.runs.folder import CURVE, REPORT, SELF_PLAY
-from train.runs.loop import Run
+from train.runs.folder import CURVE, REPORT, SELF_PLAY, check_new
 from train.self_play.averages import told_averages
-from train.self_play.parts import complete
-from train.self_play.payoffs import matches_table
-from train.self_play.pictures import draw_self_play
-from train.self_play.report import (
-    meaning_of_nash_conv,
-    told_independent,
-    told_whole_game,
-    write_self_play_report,
-)
 from train.settings.algorithms import Hyperparameters
+from train.settings.checks import check
 from train.settings.self_play import LEARN, SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
 
@@ -55,6 +43,10 @@ class _First:
     gamma: float = self_play_ppo().gamma
     gamma_end: float | None = None
     recurrent: str | None = None
+
+
+if TYPE_CHECKING:
+    from train.runs.loop import Run
 
 
 @dataclass(frozen=True)
@@ -86,11 +78,20 @@ def self_play(arguments: Sequence[str]) -> None:
     given, settings = parsed(arguments)
     final = final_of(given)
     name = f"self-play-{Path(given.settings.task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
+    out = given.out or Path("runs") / name
+    if given.resume is None:
+        check_new(out)
+    else:
+        check(given.resume.is_dir(), f"{given.resume}: no such folder")
+    from train.experiments.kinds import resume, start  # torch is slow to import
+    from train.self_play.pictures import draw_self_play
+    from train.self_play.report import write_self_play_report
+
     with heard():
-        if given.resume is not None:
-            run = resume(given.resume, SELF_PLAY)
+        if given.resume is None:
+            run = start(SELF_PLAY, settings, out, final)
         else:
-            run = start(SELF_PLAY, settings, given.out or Path("runs") / name, final)
+            run = resume(given.resume, SELF_PLAY)
     task, sampling = run.trainee.task, run.trainee.settings.sampling
     print(
         f"self-play: {task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "
@@ -111,6 +112,8 @@ def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlaySettings]
     Raises:
         ValueError: options that there are not, or values that are not allowed.
     """
+    from train.self_play.parts import complete  # torch is slow to import
+
     first = vars(parse_known(_First(), arguments))
     same = {name: first.pop(name) for name in ("gamma", "gamma_end", "recurrent")}
     whole = complete(
@@ -154,6 +157,11 @@ def other_options(others: Mapping[str, Hyperparameters]) -> Any:
 
 def show(run: Run, content: dict[str, Any]) -> None:
     """Print what was found."""
+    from train.experiments.methods import METHODS, methods  # torch is slow to import
+    from train.experiments.sweep_report import reduction
+    from train.self_play.payoffs import matches_table
+    from train.self_play.report import meaning_of_nash_conv, told_independent, told_whole_game
+
     found, matches = content["evaluation"], content["matches"]
     table = matches_table(matches)
     table.write(run.folder)

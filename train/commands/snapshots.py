@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
@@ -14,23 +14,14 @@ from train.commands.parse import Formats, heard, parse
 from train.commands.tables import print_table
 from train.figures import Look
 from train.files import begins_with, check_output_folder, write_csv, write_json, write_text
-from train.result_table import Column, ResultTable, words
+from train.result_table import Column, ResultTable, in_markdown, words
 from train.runs.provenance import command_line
 from train.self_play.averages import averages, nash_convs, told_averages
-from train.self_play.past import (
-    GAMES,
-    Past,
-    Standings,
-    agreement,
-    parted_by_distance,
-    read_past,
-    rows_of,
-    standings,
-    widest,
-)
-from train.self_play.pictures import draw_snapshots
 from train.settings.checks import check
 from train.settings.self_play import ROLES
+
+if TYPE_CHECKING:
+    from train.self_play.past import Past, Standings
 
 FOLDER, PAGE = "snapshots", "snapshots.md"
 HEADS = ("# Snapshots of self-play on", "# Elo against exploitability")
@@ -67,6 +58,8 @@ def snapshots(arguments: Sequence[str]) -> None:
     out = (given.out or Path(FOLDER)) if several else outs[0]
     for each in {out, *outs}:
         check_output_folder(each, is_own, given.overwrite)
+    from train.self_play.past import read_past, standings  # torch is slow to import
+
     with heard():
         pasts = [read_past(folder) for folder in given.runs]
     rows: list[dict[str, Any]] = []
@@ -88,11 +81,19 @@ def snapshots(arguments: Sequence[str]) -> None:
 
 def write_run(out: Path, past: Past, found: dict[str, Standings], look: Look) -> list[str]:
     """Write the figure and the tables of a run; the lines that say what came out."""
+    from train.self_play.past import (  # torch is slow to import
+        agreement,
+        parted_by_distance,
+        rows_of,
+        widest,
+    )
+    from train.self_play.pictures import draw_snapshots
+
     out.mkdir(parents=True, exist_ok=True)
     task, sides = past.task, list(found.values())
     maze, sampling = task.mazes[0].name, past.settings.sampling
-    head = f"{HEADS[0]} {maze} ({sampling}, seed {past.settings.seed})"
-    draw_snapshots(out / "snapshots.png", sides, head[2:], look)
+    told = f"{maze} ({sampling}, seed {past.settings.seed})"
+    draw_snapshots(out / "snapshots.png", sides, f"{HEADS[0][2:]} {told}", look)
     table = snapshot_table([row for one in sides for row in rows_of(one)])
     table.write(out)
     names, steps = past.names["evader"], found["chaser"].steps.tolist()
@@ -117,7 +118,15 @@ def write_run(out: Path, past: Past, found: dict[str, Standings], look: Look) ->
         ]
     lines += ["", distance_table(distances).markdown()]
     lines += ["", *average_lines(out, past)]
-    body = [head, "", *lines, "", "![snapshots.png](snapshots.png)", "", table.markdown()]
+    body = [
+        f"{HEADS[0]} {in_markdown(told)}",
+        "",
+        *lines,
+        "",
+        "![snapshots.png](snapshots.png)",
+        "",
+        table.markdown(),
+    ]
     write_text(out / PAGE, "\n".join(body) + "\n")
     return lines
 
@@ -156,6 +165,8 @@ def told_pair(one: Standings, first: int, second: int) -> str:
 
 def snapshot_table(rows: list[dict[str, Any]]) -> ResultTable:
     """A row for each snapshot."""
+    from train.self_play.past import GAMES  # torch is slow to import
+
     columns = [
         words("side", "role"),
         words("snapshot"),
@@ -186,6 +197,8 @@ def distance_table(rows: list[dict[str, Any]]) -> ResultTable:
 
 def summary_rows(folder: Path, past: Past, found: dict[str, Standings]) -> list[dict[str, Any]]:
     """A row for each side of a run, and one of their means."""
+    from train.self_play.past import agreement  # torch is slow to import
+
     settings = past.settings
     head = {"run": str(folder), "sampling": settings.sampling, "seed": settings.seed}
     rows = []

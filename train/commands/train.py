@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import strftime
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from train.commands.ahead import compile_ahead
 from train.commands.parse import Formats, budget_of, heard, named_task, parse, parse_known
 from train.commands.progress import carry_out, final_of, leave
 from train.commands.scores import (
@@ -20,21 +21,21 @@ from train.commands.scores import (
 )
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.scores import Score
-from train.experiments.kinds import resume, start
-from train.experiments.methods import METHODS, methods
 from train.figures import PLAIN, Look
 from train.files import write_text
-from train.runs.folder import CURVE, REPLAY, REPORT, RUN
-from train.runs.loop import Run
-from train.runs.parts import setting_of
+from train.runs.folder import CURVE, REPLAY, REPORT, RUN, check_new
 from train.runs.pictures import draw_learning_curve, save_replay
 from train.runs.report import headline, loops_told, of_solved, write_report
-from train.runs.saved import load_settings
-from train.runs.single import SingleAgent
+from train.runs.tasks import setting_of
 from train.settings.algorithms import Hyperparameters
+from train.settings.checks import check
 from train.settings.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
 from train.settings.run import TrainSettings
 from train.settings.task import AnyTask, TaskSettings
+
+if TYPE_CHECKING:
+    from train.runs.loop import Run
+    from train.runs.single import SingleAgent
 
 H = TypeVar("H", bound=Hyperparameters, covariant=True)
 
@@ -84,11 +85,19 @@ def train(arguments: Sequence[str]) -> None:
     given: TrainCommand[Any] = parse(form, arguments, "train", default)
     settings, final = given.settings, final_of(given)
     name = f"{settings.task.label}-{strftime('%Y%m%d-%H%M%S')}"
+    out = given.out or Path("runs") / name
+    if given.resume is None:
+        check_new(out)
+    else:
+        check(given.resume.is_dir(), f"{given.resume}: no such folder")
+    compile_ahead(arguments)
+    from train.experiments.kinds import resume, start  # torch is slow to import
+
     with heard():
-        if given.resume is not None:
-            run = resume(given.resume, RUN)
+        if given.resume is None:
+            run = start(RUN, settings, out, final)
         else:
-            run = start(RUN, settings, given.out or Path("runs") / name, final)
+            run = resume(given.resume, RUN)
     trainee: SingleAgent = run.trainee
     print(trainee.contest.line())
     if trainee.teacher is not None:
@@ -126,6 +135,9 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
 
 def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
     """Print and draw what was found: what stands at the end of every run, interrupted or not."""
+    from train.experiments.methods import METHODS, methods  # torch is slow to import
+    from train.runs.saved import load_settings
+
     trainee: SingleAgent = run.trainee
     print()
     scores = [Score(**score) for score in content["scores"]]

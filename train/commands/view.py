@@ -14,17 +14,12 @@ from pursuit.replay import Replay
 from pursuit.viewer.data import Builder, Extras
 from train.commands.parse import heard, parse
 from train.evaluation.closeups import recorded, sides_of
-from train.experiments.kinds import KINDS, open_run
 from train.files import check_new_files
 from train.pages import PLAYER_ROOM, paragraph, write_page
 from train.play.browser import open_page
 from train.runs.folder import RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
 from train.runs.forms import read_results
-from train.runs.opponents import load_policy
-from train.runs.parts import contest_of
 from train.runs.report import write_report
-from train.runs.saved import load_settings
-from train.self_play.report import write_self_play_report
 from train.settings.checks import check
 
 
@@ -68,6 +63,12 @@ def view(arguments: Sequence[str]) -> None:
 
 def report_again(folder: Path, out: Path | None) -> Path:
     """The report of a run, of what stands in its folder now."""
+    from train.experiments.kinds import KINDS, open_run  # torch is slow to import
+    from train.runs.opponents import load_policy
+    from train.runs.parts import contest_of
+    from train.runs.saved import load_settings
+    from train.self_play.report import write_self_play_report
+
     kind, _ = read_config(folder)
     check(
         (folder / RESULTS).exists(),
@@ -102,6 +103,10 @@ def together(given: ViewCommand) -> Path:
 
 def add_run(builder: Builder, folder: Path, episodes: int) -> None:
     """The first episodes of the evaluation of a run."""
+    from train.runs.opponents import load_policy  # torch is slow to import
+    from train.runs.parts import contest_of
+    from train.runs.saved import load_settings
+
     settings = load_settings(folder)
     policy = load_policy(folder, greedy=settings.evaluate == "greedy")
     contest: Any = contest_of(settings.task, max(episodes, 2))

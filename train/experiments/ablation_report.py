@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -29,7 +30,7 @@ from train.experiments.statistics import (
 from train.experiments.tables import collect
 from train.figures import PLAIN, Look
 from train.files import write_text
-from train.result_table import Column, ResultTable
+from train.result_table import Column, ResultTable, in_markdown
 from train.settings.checks import check
 
 LEVEL = 0.05
@@ -127,7 +128,7 @@ def ablation_report(out: Path, look: Look = PLAIN) -> Path:
     figures = ["final.png"]
     draw_final(folder / "final.png", rows, control, hints.title, look)
     for task in dict.fromkeys(curve.task for curves in arms.values() for curve in curves):
-        name = f"arms{'-' + task if task else ''}.png".replace("/", "_")
+        name = re.sub(r"[^A-Za-z0-9_.+-]+", "_", f"arms{'-' + task if task else ''}.png")
         here = {arm: [c for c in curves if c.task == task] for arm, curves in arms.items()}
         title = hints.title + (f" ({task})" if task else "")
         draw_arms(folder / name, {a: c for a, c in here.items() if c}, control, title, look)
@@ -304,7 +305,7 @@ def markdown(
     power: str,
 ) -> str:
     """The report as Markdown; `power` has the sentences on the power of its test."""
-    lines = [f"# {hints.title}", "", table.markdown()]
+    lines = [f"# {in_markdown(hints.title)}", "", table.markdown()]
     budgets = {(row["budget_seconds"], row["budget_frames"]) for row in rows}
     told = "; ".join(f"{s:g} s" if s is not None else f"{f:,} frames" for s, f in budgets)
     seeds = sorted({row["seed"] for row in rows})
@@ -313,7 +314,8 @@ def markdown(
     if hints.primary is None:
         asked = "No arm was named as the primary one before the runs, so all p are corrected. "
     else:
-        asked = f"Asked for before the runs: {hints.primary} against {hints.control}. "
+        pair = in_markdown(f"{hints.primary} against {hints.control}")
+        asked = f"Asked for before the runs: {pair}. "
     if hints.margin is not None:
         asked += (
             f"Equal is said where the 90 % interval of the difference of the means (Welch) lies "
@@ -322,7 +324,7 @@ def markdown(
     lines += [
         "",
         f"{len(rows)} runs of {told} each, seeds {', '.join(map(str, seeds))}, "
-        f"on {'; '.join(machines)}.",
+        f"on {in_markdown('; '.join(machines))}.",
         "",
         "Every arm is evaluated on the same task at its final difficulty, throughout training. The "
         f"gap is by how many per cent the {' or '.join(kinds)} policy is worse than the exact "
@@ -347,7 +349,9 @@ def markdown(
     missing = [row for row in everything if row["status"] != "complete"]
     if missing:
         lines += ["", f"Not complete: {len(missing)} runs.", ""]
-        lines += [f"- {r['run']}: {r['status']} {r['error'] or ''}".rstrip() for r in missing]
+        for row in missing:
+            status = f"{row['run']}: {row['status']} {row['error'] or ''}"
+            lines.append(f"- {in_markdown(status)}")
     lines += [""] + [f"![{name}]({name})\n" for name in figures]
     return "\n".join(lines)
 

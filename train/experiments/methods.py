@@ -14,7 +14,7 @@ from train.experiments.forms import read_label
 from train.experiments.sweep import MEASURED, flat_plain
 from train.experiments.where_and_how import commands_told, parts_told, where_it_ran
 from train.files import read_json
-from train.result_table import Column, ResultTable, Row, words
+from train.result_table import Column, ResultTable, Row, in_markdown, words
 from train.runs.folder import CONFIG, RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
 from train.runs.provenance import COMMAND, Records, recorded_parts
 from train.runs.saved import ADDED_HYPER
@@ -108,7 +108,7 @@ def _form_of(run: Facts) -> tuple[str, bool]:
 def _of_one_kind(runs: Sequence[Facts]) -> list[str]:
     """The paragraph of runs of one kind, and the tables that it needs."""
     varying = _varying(runs)
-    lines = [" ".join(_sentences(runs)), ""]
+    lines = [in_markdown(" ".join(_sentences(runs))), ""]
     shared = [
         name
         for name in _names(runs)
@@ -160,7 +160,9 @@ def league_methods(content: Mapping[str, Any], folders: Sequence[Path]) -> str:
         "and Nash averaging (Balduzzi et al., 2018). " + where_it_ran([content])
     )
     runs = dict.fromkeys(_run_of(folder) for folder in folders)
-    text = "\n".join(["# Methods", "", told, "", *commands_told([str(content["command"])])])
+    text = "\n".join(
+        ["# Methods", "", in_markdown(told), "", *commands_told([str(content["command"])])]
+    )
     return text if not runs else text + "\n" + methods(list(runs)).replace("# Methods", "## Runs")
 
 

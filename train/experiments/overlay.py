@@ -33,6 +33,7 @@ from train.figures import (
     time_scale,
 )
 from train.files import begins_with, write_text
+from train.result_table import in_markdown
 from train.runs.folder import CONFIG, RESULTS, read_metrics
 from train.self_play.names import entry_names
 from train.settings.checks import check
@@ -95,7 +96,7 @@ def overlay(folders: Sequence[Path | str], out: Path | str, look: Look = PLAIN) 
     write_text(out / METHODS, methods(paths))
     title = f"{TITLE} {', '.join(names)}"
     files = ", ".join(f"[{name}]({name})" for name in names_of("curves.png", look))
-    lines = [f"# {title}", "", table.markdown(), ""]
+    lines = [f"# {in_markdown(title)}", "", table.markdown(), ""]
     lines += [told_bands(rows), ""]
     lines += [METHODS_LINE, "", "![curves.png](curves.png)", "", f"Figure: {files}", ""]
     write_text(out / "report.md", "\n".join(lines))

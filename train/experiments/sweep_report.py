@@ -17,7 +17,7 @@ from train.experiments.sweep_figures import draw_curves, draw_final
 from train.experiments.tables import collect
 from train.figures import PALETTE, PLAIN, Look
 from train.files import write_text
-from train.result_table import Column, ResultTable
+from train.result_table import Column, ResultTable, in_markdown
 from train.runs.folder import RUN
 from train.settings.checks import check
 
@@ -183,12 +183,13 @@ def markdown(
     """The report as Markdown."""
     measure = measure_of(rows)
     unit = measure.name
-    lines = [f"# {title}", "", table.markdown()]
+    lines = [f"# {in_markdown(title)}", "", table.markdown()]
     machines = sorted({f"{row['machine']}" for row in rows})
     seeds = sorted({row["seed"] for row in rows})
     lines += [
         "",
-        f"{len(rows)} runs, seeds {', '.join(map(str, seeds))}, on {'; '.join(machines)}.",
+        f"{len(rows)} runs, seeds {', '.join(map(str, seeds))}, "
+        f"on {in_markdown('; '.join(machines))}.",
     ]
     single = all(row["kind"] == RUN for row in rows)
     lines.append(
@@ -219,6 +220,7 @@ def markdown(
     missing = [row for row in everything if row["status"] != "complete"]
     if missing:
         lines += ["", f"Not complete: {len(missing)} runs.", ""]
-        lines += [f"- {r['run']}: {r['status']} {r['error'] or ''}".rstrip() for r in missing]
+        told = [f"{r['run']}: {r['status']} {r['error'] or ''}" for r in missing]
+        lines += [f"- {in_markdown(line)}" for line in told]
     lines += ["", METHODS_LINE, ""] + [f"![{name}]({name})\n" for name in figures]
     return "\n".join(lines)

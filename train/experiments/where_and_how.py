@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from train.result_table import ResultTable, words
+from train.result_table import ResultTable, one_line, words
 from train.runs.provenance import Records
 
 
@@ -53,10 +53,13 @@ def parts_told(given: Iterable[Records]) -> list[str]:
 
 def commands_told(given: Iterable[str]) -> list[str]:
     """Commands as lines of Markdown, each once."""
-    commands = list(dict.fromkeys(_as_typed(command) for command in given if command))
+    commands = list(dict.fromkeys(one_line(_as_typed(command)) for command in given if command))
     if not commands:
         return []
-    return [f"Command{'s' if len(commands) > 1 else ''}:", "", "```", *commands, "```", ""]
+    fence = "```"
+    while fence in "".join(commands):
+        fence += "`"
+    return [f"Command{'s' if len(commands) > 1 else ''}:", "", fence, *commands, fence, ""]
 
 
 def _as_typed(command: str) -> str:

@@ -29,7 +29,7 @@ from train.race.tables import (
     table_rows,
     trial_rows,
 )
-from train.result_table import Column, ResultTable, Row, words
+from train.result_table import Column, ResultTable, Row, in_markdown, words
 
 CLOCK_WORDS = {"wall": "wall clock", "cpu": "processor time (of the run's own process)"}
 
@@ -88,20 +88,20 @@ def title_of(name: str) -> str:
 def page(race: Race, standing: Standing, rows: list[Row]) -> str:
     """The whole report as Markdown."""
     parts = [
-        f"# {race.title}",
+        f"# {in_markdown(race.title)}",
         how(race, standing),
         "## Who wins what",
         winners(race, standing, rows),
     ]
     parts += ["![All runs: the gap to the optimum over seconds](curves.png)"]
     for on in race.tasks:
-        parts += [f"## {on.name}", times_table(race, standing, on.name, rows)]
+        parts += [f"## {in_markdown(on.name)}", times_table(race, standing, on.name, rows)]
         parts += [ends_table(race, standing, on.name)]
     parts += ["## Settings", settings_words(race), settings_table(race, standing)]
     failed = [" ".join(map(str, key)) for key, found in standing.finals.items() if found is None]
     if failed:
         parts += ["## Failed", "These runs failed, and count as not having reached any target: "]
-        parts += [f"- {each}" for each in failed]
+        parts += [f"- {in_markdown(each)}" for each in failed]
     return "\n\n".join(parts) + "\n"
 
 
@@ -123,7 +123,8 @@ def how(race: Race, standing: Standing) -> str:
         "at the first evaluation whose gap to the exact optimum is no larger; evaluations lie a "
         "twentieth of the budget apart, two more before the first of them. Medians stand only "
         "where more than half of the runs reached the target within the budget.\n\n"
-        f"Processor: {', '.join(kinds['processor'])}. The runs had {core} of their core. "
+        f"Processor: {in_markdown(', '.join(kinds['processor']))}. "
+        f"The runs had {core} of their core. "
         f"Libraries: {', '.join(kinds['library'])}; torch {', '.join(kinds['torch'])}. "
         f"Commit: {', '.join(each[:12] for each in kinds['commit'])}."
     )

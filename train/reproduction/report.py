@@ -33,6 +33,7 @@ from train.reproduction.run import (
     trial_scores,
     tuned_settings,
 )
+from train.result_table import in_markdown
 
 PAGE = "replication.md"
 PICTURES = ("final.png", "learning_curves_frames.png")
@@ -184,8 +185,8 @@ def evidence(claim: Claim, verdict: Verdict) -> list[str]:
         frames = [run.row["frames"] / 1e6 for run in found.values()]
         if values:
             lines.append(
-                f"| {named(cell)} | {', '.join(map(figure, values))} | {figure(median(values))} "
-                f"| {min(frames):.2g} to {max(frames):.2g} |"
+                f"| {in_markdown(named(cell))} | {', '.join(map(figure, values))} "
+                f"| {figure(median(values))} | {min(frames):.2g} to {max(frames):.2g} |"
             )
     if verdict.ps:
         told = ", ".join(f"{p:.3f}" if p >= 0.001 else "below 0.001" for p in verdict.ps)
@@ -202,7 +203,12 @@ def figure(value: float) -> str:
 
 def page(plan: Replication, studies: Sequence[Decided], out: Path) -> str:
     """All of it as Markdown."""
-    parts = [f"# {plan.title}", *head(plan, studies, out), "## Verdicts", *summary(studies)]
+    parts = [
+        f"# {in_markdown(plan.title)}",
+        *head(plan, studies, out),
+        "## Verdicts",
+        *summary(studies),
+    ]
     if plan.tuning is not None:
         parts += ["## Settings", *settings_part(plan, plan.tuning, out)]
     for each in studies:
@@ -223,7 +229,7 @@ def head(plan: Replication, studies: Sequence[Decided], out: Path) -> list[str]:
     search = " with the search of settings" if plan.tuning is not None else ""
     lines = [
         f"The **{plan.version}** version: {done} of {planned} runs are complete, {hours:.1f} core "
-        f"hours of learning{search}, on {', '.join(machines) or 'no machine'} "
+        f"hours of learning{search}, on {in_markdown(', '.join(machines) or 'no machine')} "
         f"(commit {', '.join(commits) or 'none'}), on {mazes}. A claim is **confirmed** where at "
         "least four fifths of its seeds say so (five seeds at least), **refuted** where at most a "
         "fifth do, else **undecided**; the rules were written down before the runs. Distances are "
@@ -231,9 +237,8 @@ def head(plan: Replication, studies: Sequence[Decided], out: Path) -> list[str]:
         f"`pursuit reproduce all --claims {plan.name} --version {plan.version}`."
     ]
     if plan.left_out:
-        lines.append(
-            f"Part of the other version alone, and not run here: {', '.join(plan.left_out)}."
-        )
+        left_out = in_markdown(", ".join(plan.left_out))
+        lines.append(f"Part of the other version alone, and not run here: {left_out}.")
     if plan.version == "short" and plan.name == "thesis":
         lines.append(
             "Minutes, or seconds, stand here for the half hours of the thesis. A verdict is one "
@@ -251,7 +256,8 @@ def summary(studies: Sequence[Decided]) -> list[str]:
     for each in studies:
         for claim, verdict, _ in each.verdicts:
             seeds = f"{sum(verdict.says.values())} of {len(verdict.says)}" if verdict.says else "–"
-            lines.append(f"| {each.study.id} | {claim.text} | **{verdict.verdict}** | {seeds} |")
+            cells = (in_markdown(each.study.id), in_markdown(claim.text))
+            lines.append(f"| {' | '.join(cells)} | **{verdict.verdict}** | {seeds} |")
     return [f"{told}.", "\n".join(lines)]
 
 
@@ -265,9 +271,9 @@ def settings_part(plan: Replication, tuning: Tuning, out: Path) -> list[str]:
         lines.append(f"| {algorithm} | {own or SHIPPED} | {len(scores.get(algorithm, {}))} |")
     return [
         f"For every algorithm {trials.samples} settings, {trials.seconds:g} s each on each of "
-        f"{', '.join(tuning.mazes)}: those shipped and draws around them; the least mean "
-        "logarithm of the gap was taken. Settings as shipped had been searched before, PPO's for "
-        "longer than the others'.",
+        f"{in_markdown(', '.join(tuning.mazes))}: those shipped and draws around them; the least "
+        "mean logarithm of the gap was taken. Settings as shipped had been searched before, PPO's "
+        "for longer than the others'.",
         "\n".join(lines),
     ]
 
@@ -276,22 +282,22 @@ def study_part(each: Decided, out: Path, who: str) -> list[str]:
     """One study, and who claims it."""
     study = each.study
     parts = [
-        f"## {study.id}: {study.title}",
-        f"**{who}**: {study.thesis} **Here**: {study.differs}",
+        f"## {in_markdown(f'{study.id}: {study.title}')}",
+        f"**{who}**: {in_markdown(study.thesis)} **Here**: {in_markdown(study.differs)}",
     ]
     if each.planned and len(each.runs) < each.planned:
         parts.append(f"**{len(each.runs)} of {each.planned} runs are complete.**")
     if each.warning:
-        parts.append(f"**{each.warning}**")
+        parts.append(f"**{in_markdown(each.warning)}**")
     for claim, verdict, lines in each.verdicts:
         said = f", {sum(verdict.says.values())} of {len(verdict.says)}" if verdict.says else ""
-        note = f" ({verdict.note})" if verdict.note else ""
-        parts.append(f"### {claim.text}")
+        note = f" ({in_markdown(verdict.note)})" if verdict.note else ""
+        parts.append(f"### {in_markdown(claim.text)}")
         parts.append(f"{rule_words(claim)} **{verdict.verdict.capitalize()}{said}**{note}.")
         if lines:
             parts.append("\n".join(lines))
         if verdict.verdict in claim.cause:
-            parts.append(f"Our reading: {claim.cause[verdict.verdict]}")
+            parts.append(f"Our reading: {in_markdown(claim.cause[verdict.verdict])}")
     if (out / "report" / f"{study.id}.png").exists():
-        parts.append(f"![{study.title}: all runs]({study.id}.png)")
+        parts.append(f"![{in_markdown(study.title)}: all runs]({study.id}.png)")
     return parts

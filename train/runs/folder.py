@@ -13,12 +13,11 @@ from typing import Any
 from pursuit.maze import library_names
 from pursuit.parts import check_trusted
 from pursuit.suite_files import is_suite
-from train.files import LOCK, is_leftover, read_json, write_csv, write_json
+from train.files import LOCK, check_utf8, is_leftover, read_json, write_csv, write_json
 from train.runs import forms
 from train.runs.provenance import COMMAND, PARTS, command_line, provenance
 from train.schemas import read_as
 from train.settings.checks import check
-from train.tensors import Misfit, read_tensors, write_tensors
 
 CONFIG, METRICS, RESULTS, CHECKPOINT = (
     "config.json",
@@ -41,6 +40,7 @@ def check_new(path: Path) -> None:
 
     What a process left that ended before it wrote `config.json` is nothing.
     """
+    check_utf8(path)
     if path.is_file():
         raise ValueError(f"{path}: a file; give a new folder")
     if (path / CONFIG).exists():
@@ -121,6 +121,8 @@ def load_results(folder: Path | str) -> dict[str, Any]:
 
 def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
     """Write `checkpoint.pt`: tensors and plain values only."""
+    from train.tensors import write_tensors  # torch is slow to import
+
     write_tensors(folder / CHECKPOINT, {"format": FORMAT, **state})
 
 
@@ -131,6 +133,8 @@ def load_checkpoint(folder: Path | str) -> dict[str, Any]:
         ValueError: missing, damaged, holding more than tensors and plain values, or of another
             version.
     """
+    from train.tensors import read_tensors  # torch is slow to import
+
     folder = Path(folder)
     path = folder / CHECKPOINT
     if not path.exists():
@@ -146,6 +150,8 @@ def load_checkpoint(folder: Path | str) -> dict[str, Any]:
 
 def part_of(state: dict[str, Any], *names: str) -> dict[str, Any]:
     """The table of these names in a checkpoint, one within the other; Misfit if there is none."""
+    from train.tensors import Misfit  # torch is slow to import
+
     found: Any = state
     for number, name in enumerate(names, start=1):
         found = found.get(name)
@@ -174,13 +180,14 @@ class MetricsFile:
     Args:
         folder: of the run.
         up_to_frames: rows beyond are dropped (they will be made again); None starts anew.
+            Before every checkpoint there is a row: without the file a run cannot go on.
         column: that every row has, what the run is judged by.
     """
 
     def __init__(self, folder: Path, up_to_frames: int | None = None, column: str = "") -> None:
         self.path = folder / METRICS
         self.rows: list[dict[str, float]] = []
-        if up_to_frames is not None and self.path.exists():
+        if up_to_frames is not None:
             rows = read_metrics(folder, *([column] if column else []))
             self.rows = [row for row in rows if row["frames"] <= up_to_frames]
 

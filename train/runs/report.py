@@ -10,6 +10,7 @@ from typing import Any
 from pursuit.task import Task
 from pursuit.viewer.data import Builder, Extras
 from train.evaluation.closeups import Losses, losses_of, recorded, sides_of
+from train.evaluation.hidden_contest import Certificate
 from train.evaluation.scores import Reference
 from train.files import read_json
 from train.pages import PLAYER_ROOM, details, pairs, paragraph, picture, section, table, write_page
@@ -185,7 +186,7 @@ def summary(results: Mapping[str, Any]) -> str:
 def score_table(results: Mapping[str, Any]) -> str:
     """The learned policy beside the references."""
     optimum = results["evaluation"]["optimal_steps"]
-    certified = "certified_lower" in results["evaluation"]
+    certificate = certificate_in(results)
     column = results["objective"]["column"]
     own = () if column == "mean_steps" else (results["objective"]["unit"],)
     rows = []
@@ -195,21 +196,38 @@ def score_table(results: Mapping[str, Any]) -> str:
         rows.append(
             (
                 "optimal steps" if own and score["name"] == "optimal" else score["name"],
-                *([_plain(score.get(column))] * len(own)),
+                *(
+                    (f"{score[column]:.3f}" if score.get(column) is not None else "",)
+                    if own
+                    else ()
+                ),
                 score["mean_steps"],
                 "exact" if score["exact"] else f"{score['ci95']:.3f}",
                 f"{100 * score['success_rate']:.1f} %",
                 *([] if own else [shown]),
-                *([_plain(score["discounted_steps"])] if certified else ()),
+                *(() if certificate is None else _certified(certificate, score)),
             )
         )
     gaps = () if own else ("gap to optimum",)
-    head = ("", *own, "steps", "± 95 %", "success", *gaps)
-    return table((*head, "discounted") if certified else head, rows)
+    more = () if certificate is None else ("discounted", certificate.head)
+    return table(("", *own, "steps", "± 95 %", "success", *gaps, *more), rows)
 
 
-def _plain(number: float | None) -> str:
-    return "" if number is None else f"{number:.3f}"
+def certificate_in(results: Mapping[str, Any]) -> Certificate | None:
+    """What is proven of the optimum; None unless the agent has limited sight."""
+    found = results["evaluation"]
+    if "certified_lower" not in found:
+        return None
+    interval = (found["certified_lower"], found["certified_upper"])
+    return Certificate(results["role"], found["discount"], *interval)
+
+
+def _certified(certificate: Certificate, score: Mapping[str, Any]) -> tuple[str, str]:
+    """The discounted steps of a score, and their gap to the end of the interval."""
+    steps = score["discounted_steps"]
+    if steps is None:
+        return "", ""
+    return f"{steps:.3f}", f"{100 * certificate.gap(steps):+.2f} %"
 
 
 def lost_parts(contest: Any, losses: Losses) -> list[str]:

@@ -32,7 +32,6 @@ from train.networks.policy import Seat
 from train.runs.opponents import opponents_of
 from train.runs.tasks import agent_of, task_of
 from train.settings.checks import EVALUATION_SEED
-from train.settings.presets import Setting
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
 from train.teaching.arm_axes import ArmGround
 from train.teaching.axes import Ground
@@ -46,10 +45,6 @@ class World(Protocol):
     @property
     def task(self) -> Any:
         """What is evaluated."""
-
-    @property
-    def setting(self) -> Setting:
-        """What the presets go by."""
 
     @property
     def ground(self) -> Terrain:
@@ -104,21 +99,6 @@ class GridWorld:
         given = self.settings
         how = (given.opponent, given.opponent_epsilon, given.opponent_policy)
         return opponents_of(self.task, self.agent, *how, given.opponent_observation)
-
-    @property
-    def setting(self) -> Setting:
-        """By task, role and size."""
-        given, task = self.settings, self.task
-        role = self.agent.split("_")[0]
-        return Setting(
-            given.task,
-            role,
-            task.max_cells,
-            random_start=given.start == "random",
-            duel=task.is_duel,
-            many_mazes=len(task.mazes) > 1,
-            goals=task.num_goals,
-        )
 
     @property
     def ground(self) -> Ground:
@@ -180,11 +160,6 @@ class ArmWorld:
     def task(self) -> ReacherTask:
         """The task."""
         return self.settings.build()
-
-    @property
-    def setting(self) -> Setting:
-        """By the number of joints."""
-        return Setting("reacher", "arm", 0, joints=self.task.joints)
 
     @property
     def ground(self) -> ArmGround:

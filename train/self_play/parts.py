@@ -28,10 +28,10 @@ from train.networks.policy import Seat
 from train.runs.by_name import INNER, check_names, picked, typed
 from train.runs.forms import RESTORE
 from train.runs.opponents import check_fits, load_opponent
-from train.runs.parts import build_of, setting_of
+from train.runs.parts import build_of
 from train.runs.saved import read_own, read_part
 from train.runs.sizes import check_memory
-from train.runs.tasks import check_one_maze, task_of
+from train.runs.tasks import check_one_maze, setting_of, task_of
 from train.self_play.side import SideParts
 from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparameter_form
 from train.settings.checks import check
