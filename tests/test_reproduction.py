@@ -164,7 +164,7 @@ def test_a_claim_of_two_cells_has_two_verdicts() -> None:
     verdicts = verdicts_of([LOWER], runs)
     assert verdicts == ["refuted", "confirmed", "undecided"]
     assert headline(verdicts) == "confirmed in 1 of 3 cells, refuted in 1, undecided in 1"
-    assert headline(["confirmed", "confirmed"]) == "confirmed in all 2 cells"
+    assert headline(["confirmed", "confirmed"]) == "confirmed in both cells"
     assert headline(["undecided"]) == "undecided"
 
 
@@ -396,7 +396,7 @@ def test_the_page_says_claim_rule_verdict_and_evidence(tmp_path: Path) -> None:
     assert "9 of 30 runs are complete" in text and "**Confirmed**." in text
     assert "more than half of all runs end no more than 2 % worse than the scripted" in text
     assert "| 9 of 9 |" in text and "| 9 runs against a threshold | 1 | 0.0039 |" in text
-    assert "p = 0.0039, by Holm 0.0039." in text
+    assert "p = 0.0039, for the claim; by Holm 0.0039." in text
     path = write_replication(plan, tmp_path)  # without any run
     claims = (path.parent / "claims.csv").read_text().splitlines()
     assert len(claims) == 1 + sum(len(study.claims) for study in plan.studies)

@@ -97,13 +97,21 @@ def claim_rows(studies: Sequence[DecidedStudy]) -> list[dict[str, object]]:
         for found in each.claims:
             claim = {"study": each.study.id, "claim": found.claim.text, "rule": found.claim.rule}
             if not found.cells:
-                nothing = {"cell": "", "p": "", "p_holm": "", "least_p": "", "runs": ""}
+                nothing = {
+                    "cell": "",
+                    "supports": "",
+                    "p": "",
+                    "p_holm": "",
+                    "least_p": "",
+                    "runs": "",
+                }
                 rows.append({**claim, **nothing, "verdict": found.exact, "note": found.note})
             for cell in found.cells:
                 rows.append(
                     {
                         **claim,
                         "cell": named(cell.groups[0].cell) if cell.groups else "",
+                        "supports": "" if math.isnan(cell.test.p) else cell.test.supports,
                         "p": _number(cell.test.p),
                         "p_holm": _number(cell.corrected),
                         "least_p": _number(cell.test.least),
@@ -147,11 +155,12 @@ def value_rows(studies: Sequence[DecidedStudy]) -> list[dict[str, object]]:
 def named(cell: Cell) -> str:
     """A cell in words."""
     counts = {"joints": "joint", "num_goals": "goal"}
-    return ", ".join(
-        f"{value} {counts[name]}{'s' * (value != 1)}"
-        if name in counts and isinstance(value, int)
-        else str(value)
-        if isinstance(value, str)
-        else f"{name} {value}"
-        for name, value in cell.items()
-    )
+    words = []
+    for name, value in cell.items():
+        values = value if isinstance(value, list) else [value]
+        shown = " and ".join(map(str, values))
+        if name in counts:
+            words.append(f"{shown} {counts[name]}{'s' * (values != [1])}")
+        else:
+            words.append(shown if isinstance(values[0], str) else f"{name} {shown}")
+    return ", ".join(words)

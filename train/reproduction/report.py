@@ -5,12 +5,18 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from statistics import fmean
 
 from train.experiments.page import page_of
-from train.experiments.statistics import difference_interval, least_p, mean_interval
+from train.experiments.statistics import (
+    difference_interval,
+    distance_interval,
+    least_p,
+    mean_interval,
+)
 from train.files import write_bytes, write_csv, write_text
 from train.reproduction.decisions import (
     DecidedStudy,
@@ -29,6 +35,7 @@ from train.reproduction.rules import (
     REFUTED,
     UNDECIDED,
     Decision,
+    correct,
     headline,
 )
 from train.reproduction.run import TUNING, complete_runs, folder_of, trial_scores, tuned_settings
@@ -37,6 +44,7 @@ PAGE = "replication.md"
 PICTURES = ("final.png", "learning_curves_frames.png")
 """Of a study's report, the first that there is."""
 PART_WORDS = {"floor": "the objective's floor", "learning": "not learned", "loops": "loops"}
+SIDES = {True: "for", False: "against"}
 REFERENCES = {
     "optimal": "the optimum",
     "scripted": "the scripted reference",
@@ -73,7 +81,7 @@ def rule_words(claim: Claim) -> str:
     others = " and of ".join(named(other) for other in claim.than)
     reference = f"{claim.percent:g} % worse than {REFERENCES[claim.to]}"
     stuck = "more than half of the starts stay unsolved and nothing falls in the last third of it"
-    part = f"{claim.percent:g} % of its gap are {PART_WORDS[claim.part]}"
+    part = f"{claim.percent:g} % of the gap is {PART_WORDS[claim.part]}"
     more = "The claim holds if more than half of all runs"
     nearer = "The claim holds if the distance to the optimum"
     return {
@@ -83,8 +91,8 @@ def rule_words(claim: Claim) -> str:
         "higher": f"{nearer} is larger than that of {others}.",
         "within": f"{more} end no more than {reference}.",
         "beyond": f"{more} end more than {reference}.",
-        "part_above": f"{more} are such that at least {part}.",
-        "part_below": f"{more} are such that less than {part}.",
+        "part_above": f"{more} end so that at least {part}.",
+        "part_below": f"{more} end so that less than {part}.",
         "states": "Confirmed where all numbers are the same.",
         "tours": "Confirmed where all lie within 5 % (the table's are means over 1000 episodes).",
     }[claim.rule]
@@ -105,6 +113,7 @@ def evidence(claim: Claim, cells: Sequence[Decision]) -> list[str]:
     elif claim.rule in ("within", "beyond"):
         what = f"worse than {REFERENCES[claim.to]} by, %"
     compared = claim.rule in COMPARISONS
+    interval_of = mean_interval if claim.rule in ("within", "beyond") else distance_interval
     lines = [
         f"| setting | {what}, each run | mean [95 %] | "
         + ("difference [95 %] | " if compared else "meet the rule | ")
@@ -123,7 +132,7 @@ def evidence(claim: Claim, cells: Sequence[Decision]) -> list[str]:
                 mean = fmean(map(fmean, ours)) - fmean(map(fmean, values))
                 last = bounded(mean, difference_interval(ours, values))
             shown = ", ".join(figure(value) for maze in values for value in maze)
-            mean = bounded(fmean(map(fmean, values)), mean_interval(values))
+            mean = bounded(fmean(map(fmean, values)), interval_of(values))
             lines.append(
                 f"| {named(group.cell)} | {shown} | {mean} | {last} | "
                 f"{' to '.join(dict.fromkeys((frames[0], frames[-1])))} |"
@@ -196,17 +205,39 @@ def summary(studies: Sequence[DecidedStudy]) -> list[str]:
     """All verdicts in one table: a row for each cell."""
     cells = Counter(cell.verdict for cell in cells_of_page(studies))
     told = ", ".join(f"{cells[name]} {name}" for name in (CONFIRMED, REFUTED, UNDECIDED))
-    lines = ["| study | claim | cell | verdict | p | p by Holm |", "|---|---|---|---|---|---|"]
+    lines = [
+        "| study | claim | cell | verdict | side | p | p by Holm |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for each in studies:
         for found in each.claims:
             start = f"| {each.study.id} | {found.claim.text} |"
             if not found.cells:
-                lines.append(f"{start} no runs needed | **{found.exact}** | – | – |")
+                lines.append(f"{start} no runs needed | **{found.exact}** | – | – | – |")
             for cell in found.cells:
                 name = named(cell.groups[0].cell) if cell.groups else "–"
                 p, by_holm = p_words(cell.test.p), p_words(cell.corrected)
-                lines.append(f"{start} {name} | **{cell.verdict}** | {p} | {by_holm} |")
-    return [f"Of {cells.total()} cells of claims about runs: {told}.", "\n".join(lines)]
+                side = "–" if math.isnan(cell.test.p) else SIDES[cell.test.supports]
+                lines.append(f"{start} {name} | **{cell.verdict}** | {side} | {p} | {by_holm} |")
+    return [
+        f"Of {cells.total()} cells of claims about runs: {told}. {attainable(studies)}".rstrip(),
+        "\n".join(lines),
+        "Side: whether the runs lie on that of the claim. –: not tested, or not counted by Holm's "
+        "correction because no result could decide the cell.",
+    ]
+
+
+def attainable(studies: Sequence[DecidedStudy]) -> str:
+    """How many cells have too few runs for a verdict, in words."""
+    cells = [cell for cell in cells_of_page(studies) if not math.isnan(cell.test.p)]
+    late = sum(not best < LEVEL for best in at_best(cells))
+    return f"No result of so few runs could have decided {late} of them." if late else ""
+
+
+def at_best(cells: Sequence[Decision]) -> list[float]:
+    """The corrected p of cells if all had their smallest attainable p; nan where not counted."""
+    least = [replace(cell, test=replace(cell.test, p=cell.test.least)) for cell in cells]
+    return [cell.corrected for cell in correct(least)]
 
 
 def how(studies: Sequence[DecidedStudy]) -> list[str]:
@@ -224,26 +255,25 @@ def how(studies: Sequence[DecidedStudy]) -> list[str]:
         "**undecided**, which does not mean that there is no effect. Intervals are Student's, and "
         "Welch's of a difference; they cover 95 % each and are not corrected."
     ]
-    kinds: dict[tuple[bool, float, str], int] = {}
-    for cell in cells:
+    kinds: dict[tuple[bool, float, str], list[float]] = {}
+    for cell, best in zip(cells, at_best(cells), strict=True):
         compared = len(cell.groups) > 1
         sizes = dict.fromkeys(str(len(group.runs)) for group in cell.groups)
         told = " against ".join(sizes if len(sizes) > 1 else [*sizes] * (1 + compared)) + " runs"
         rivals = len(cell.groups) - 1
         told += f", {rivals} rival{'s' * (rivals > 1)}" if compared else " against a threshold"
-        key = compared, cell.test.least, told
-        kinds[key] = kinds.get(key, 0) + 1
+        kinds.setdefault((compared, cell.test.least, told), []).append(best)
     if not kinds:
         return paragraphs
     lines = [
-        "| runs of a cell | cells | smallest attainable p | first step of Holm's correction "
+        "| runs of a cell | cells | smallest attainable p | by Holm, if all cells had theirs "
         f"| to decide with all {len(cells)} cells counted |",
         "|---|---|---|---|---|",
     ]
-    for (compared, least, told), number in sorted(kinds.items(), key=lambda item: item[0][1]):
-        by_holm = p_words(min(1.0, family * least)) if least < LEVEL else "not counted"
+    for (compared, least, told), bests in sorted(kinds.items(), key=lambda item: item[0][1]):
+        by_holm = p_words(max(bests)) if least < LEVEL else "not counted"
         lines.append(
-            f"| {told} | {number} | {p_words(least)} | {by_holm} "
+            f"| {told} | {len(bests)} | {p_words(least)} | {by_holm} "
             f"| {runs_needed(compared, len(cells))} |"
         )
     return [*paragraphs, "What so many runs can decide:", "\n".join(lines)]
@@ -298,7 +328,8 @@ def study_part(each: DecidedStudy, out: Path, who: str) -> list[str]:
         if lines:
             parts.append("\n".join(lines))
         if tested:
-            parts.append("; ".join(cell_words(cell, len(tested) > 1) for cell in tested) + ".")
+            bullet = "- " if len(tested) > 1 else ""
+            parts.append("\n".join(bullet + cell_words(cell, bool(bullet)) for cell in tested))
         parts += [
             f"Our reading: {claim.cause[verdict]}"
             for verdict in dict.fromkeys(verdicts)
@@ -312,10 +343,7 @@ def study_part(each: DecidedStudy, out: Path, who: str) -> list[str]:
 def cell_words(cell: Decision, several: bool) -> str:
     """Verdict and p of a cell, in words."""
     start = f"{named(cell.groups[0].cell)}: **{cell.verdict}**, p" if several else "p"
+    words = f"{start} = {p_words(cell.test.p)}, {SIDES[cell.test.supports]} the claim"
     if math.isnan(cell.corrected):
-        return (
-            f"{start} = {p_words(cell.test.p)}; so many runs cannot give less than "
-            f"{p_words(cell.test.least)}"
-        )
-    by_holm = p_words(cell.corrected)
-    return f"{start} = {p_words(cell.test.p)}, by Holm {by_holm}".replace("= below", "below")
+        return f"{words}; so many runs cannot give less than {p_words(cell.test.least)}."
+    return f"{words}; by Holm {p_words(cell.corrected)}.".replace("= below", "below")

@@ -258,7 +258,9 @@ def correct(decisions: Sequence[Decision]) -> list[Decision]:
 def headline(verdicts: Sequence[str]) -> str:
     """The verdicts of a claim's cells: "confirmed", or "confirmed in 2 of 3 cells, ..."."""
     if len(set(verdicts)) == 1:
-        return verdicts[0] + (f" in all {len(verdicts)} cells" if len(verdicts) > 1 else "")
+        number = len(verdicts)
+        every = "both" if number == 2 else f"all {number}"
+        return verdicts[0] + (f" in {every} cells" if number > 1 else "")
     count = Counter(verdicts)
     found = [(name, count[name]) for name in (CONFIRMED, REFUTED, UNDECIDED) if count[name]]
     first, *others = [f"{name} in {number}" for name, number in found]
