@@ -129,8 +129,8 @@ def evidence(claim: Claim, cells: Sequence[Decision]) -> list[str]:
             last = "" if compared else f"{cell.meets} of {len(group.runs)}"
             if compared and number:
                 ours = cell.groups[0].values(claim)
-                mean = fmean(map(fmean, ours)) - fmean(map(fmean, values))
-                last = bounded(mean, difference_interval(ours, values))
+                change = fmean(map(fmean, ours)) - fmean(map(fmean, values))
+                last = bounded(change, difference_interval(ours, values))
             shown = ", ".join(figure(value) for maze in values for value in maze)
             mean = bounded(fmean(map(fmean, values)), interval_of(values))
             lines.append(
