@@ -17,6 +17,7 @@ from train.figures import Look
 from train.files import write_text
 from train.runs.folder import CURVE, REPORT, SELF_PLAY, check_new
 from train.self_play.averages import told_averages
+from train.self_play.learners import complete
 from train.settings.algorithms import Hyperparameters
 from train.settings.checks import check
 from train.settings.self_play import LEARN, SelfPlaySettings, self_play_ppo
@@ -112,8 +113,6 @@ def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlaySettings]
     Raises:
         ValueError: options that there are not, or values that are not allowed.
     """
-    from train.self_play.parts import complete  # torch is slow to import
-
     first = vars(parse_known(_First(), arguments))
     same = {name: first.pop(name) for name in ("gamma", "gamma_end", "recurrent")}
     whole = complete(

@@ -9,7 +9,7 @@ from typing import Any
 from pursuit.parts import is_reference
 from train.runs.folder import SELF_PLAY
 from train.runs.tasks import setting_of
-from train.self_play.parts import hyper_of
+from train.self_play.learners import hyper_of
 from train.settings.algorithms import HYPERPARAMETERS
 from train.settings.curricula import curriculum_form
 from train.settings.presets import hyperparameters, lessons_for

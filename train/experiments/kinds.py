@@ -33,8 +33,8 @@ from train.runs.saved import from_plain
 from train.runs.single import make_run
 from train.runs.tasks import maze_text_of
 from train.runs.threads import check_device
+from train.self_play.learners import complete
 from train.self_play.parts import (
-    complete,
     self_play_from_plain,
     self_play_parts,
     self_play_settings_of,

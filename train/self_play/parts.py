@@ -31,11 +31,11 @@ from train.runs.opponents import check_fits, load_opponent
 from train.runs.parts import build_of
 from train.runs.saved import read_own, read_part
 from train.runs.sizes import check_memory
-from train.runs.tasks import check_one_maze, setting_of, task_of
+from train.runs.tasks import check_one_maze, task_of
+from train.self_play.learners import complete, hyper_of
 from train.self_play.side import SideParts
-from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparameter_form
+from train.settings.algorithms import PPOSettings, hyperparameter_form
 from train.settings.checks import check
-from train.settings.presets import hyperparameters
 from train.settings.run import TrainSettings
 from train.settings.self_play import (
     ADDED,
@@ -223,30 +223,6 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
         )
     }
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
-
-
-def hyper_of(settings: SelfPlaySettings, role: str) -> Hyperparameters:
-    """The settings of the algorithm of a role that learns.
-
-    Those of PPO stand in `hyper`; those of another algorithm in `chaser_hyper` or `evader_hyper`,
-    and where these are None they are its tuned ones, with the discount and the memory of `hyper`.
-    """
-    own = getattr(settings, f"{role}_hyper") if role in settings.other_learners else settings.hyper
-    if own is not None:
-        return own
-    hyper = hyperparameters(settings.algorithm(role), setting_of(replace(settings.task, role=role)))
-    same = {name: getattr(settings.hyper, name) for name in ("gamma", "gamma_end", "recurrent")}
-    if "gamma_end" not in {field.name for field in fields(hyper)}:
-        del same["gamma_end"]
-        same["gamma"] = settings.discount  # that of the exact game
-    return replace(hyper, **same)
-
-
-def complete(settings: SelfPlaySettings) -> SelfPlaySettings:
-    """The same settings with those of every learner, and of no other: what `config.json` holds."""
-    others: Any = {f"{role}_hyper": hyper_of(settings, role) for role in settings.other_learners}
-    ppo = len(others) < len(settings.learning)
-    return replace(settings, hyper=settings.hyper if ppo else None, **others)
 
 
 def frozen_policy(
