@@ -191,6 +191,33 @@ def hold(folder: Path, what: str, shared: bool = False) -> FileLock:
 
 
 @contextlib.contextmanager
+def reserved(*paths: Path) -> Iterator[None]:
+    """Holds the paths of new files for this process, which writes them meanwhile.
+
+    Raises:
+        ValueError: there is such a file, no folder for it, or another process is to write it.
+    """
+    with contextlib.ExitStack() as held:
+        for path in paths:
+            if not path.parent.is_dir():
+                raise ValueError(f"{path}: there is no folder {path.parent}; make it first")
+            lock = FileLock(path.with_name(f".{path.name}{LOCK}"))
+            try:
+                lock.acquire(blocking=False)
+            except Timeout:
+                raise ValueError(
+                    f"{path}: another process is to write this file; give another, or wait for it"
+                ) from None
+            except OSError as error:
+                raise cannot_write(path, error) from None
+            held.callback(lock.release)
+            held.callback(Path(lock.lock_file).unlink, missing_ok=True)
+            if path.exists():
+                raise ValueError(f"{path}: exists already")
+        yield
+
+
+@contextlib.contextmanager
 def only_one(folder: Path, what: str) -> Iterator[None]:
     """Holds `folder` for this process, and clears it of what the dead left half written.
 

@@ -27,7 +27,7 @@ from train.evaluation.floor import objective_floor
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
-from train.files import write_json
+from train.files import reserved, write_json
 from train.settings.checks import check
 from train.settings.task import ReacherSettings, in_maze
 
@@ -66,9 +66,13 @@ def evaluate(arguments: Sequence[str]) -> None:
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     check(given.run.is_dir(), f"{given.run}: no such folder")
     replays = None if given.replays is None else with_suffix(given.replays)
-    for path in filter(None, (given.out, replays, given.table, given.picture)):
-        check(not path.exists(), f"{path}: exists already")
     check(given.replay_episodes >= 1, f"replay_episodes={given.replay_episodes}; at least 1")
+    with reserved(*filter(None, (given.out, replays, given.table, given.picture))):
+        carry_out(given, replays)
+
+
+def carry_out(given: EvaluateCommand, replays: Path | None) -> None:
+    """Evaluate as the options say, and write the files that they name."""
     from train.algorithms.registry import entry  # torch is slow to import
     from train.networks.policy import NO_WALLS
     from train.runs.loop import machine, versions
