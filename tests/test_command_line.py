@@ -236,6 +236,8 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
         (["train", "--task", "maze", "--num-goals", "0"], ["num_goals"]),
         (["train", "--task", "maze", "--num-goals", "25"], ["25"]),
         (["train", "--max-steps", "0"], ["max_steps"]),
+        (["train", "--max-steps", "100001"], ["max_steps=100001; at most 100000", "take fewer"]),
+        (["baseline", "--task", "reacher", "--max-steps", "100001"], ["at most 100000"]),
         (["train", "--seconds", "-3"], ["-3"]),
         (["train", "--seconds", "nan"], ["nan"]),
         (["train", "--frames", "0"], ["frames=0"]),

@@ -32,7 +32,7 @@ from train.commands.main import main
 from train.experiments.identity import fingerprint
 from train.experiments.kinds import open_run, start
 from train.experiments.methods import facts_of
-from train.files import hold
+from train.files import hold, reserved
 from train.runs import loop
 from train.runs.by_name import settings_of
 from train.runs.folder import (
@@ -212,7 +212,7 @@ def test_kills_at_random_moments_leave_no_dead_end(command: str, tmp_path: Path)
 HOLD = """
 import sys
 from pathlib import Path
-from train.files import hold
+from train.files import hold, reserved
 lock = hold(Path(sys.argv[1]), "run")
 print("held", flush=True)
 sys.stdin.read()
@@ -245,6 +245,36 @@ def test_a_second_process_is_refused_and_told_why(
 def test_a_process_may_hold_what_it_holds(tmp_path: Path) -> None:
     first, second = (hold(tmp_path, "run", shared=True) for _ in range(2))
     assert first is second
+
+
+@pytest.mark.parametrize("command", ["league", "report"])
+def test_one_process_at_a_time_writes_a_folder_of_results(
+    command: str,
+    finished: tuple[str, Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    entries = ["astar", "--maze", "2x2", "--games", "2"] if command == "league" else [finished[1]]
+    given = [command, *entries, "--out", tmp_path / "out"]
+    held = hold(tmp_path / "out", "writer")
+    told = error_of(capsys, *given)
+    assert f"{tmp_path / 'out'}: another {command} works on this folder" in told
+    held.release()
+    assert status_of_command(*given) == 0 and status_of_command(*given) == 0
+
+
+def test_one_process_at_a_time_writes_a_new_file(
+    finished: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = finished[1] if finished[0] == "train" else finished[1] / "chaser"
+    path = tmp_path / "found.json"
+    given = ["evaluate", run, "--episodes", "2", "--out", path]
+    with reserved(path):
+        assert f"{path}: another process is to write this file" in error_of(capsys, *given)
+    assert status_of_command(*given) == 0
+    assert os.listdir(tmp_path) == ["found.json"]
+    assert f"{path}: exists already" in error_of(capsys, *given)
+    assert "no folder" in error_of(capsys, *given[:-1], tmp_path / "a" / "b.json")
 
 
 @contextlib.contextmanager

@@ -58,6 +58,12 @@ def test_what_a_terminal_cannot_show_is_escaped(tmp_path: Path) -> None:
     assert done.returncode == 0 and "m\\xe4ze" in done.stdout, done.stderr
 
 
+@pytest.mark.parametrize("columns", [1, 5, 12])
+def test_help_ends_in_a_narrow_terminal(columns: int, tmp_path: Path) -> None:
+    done = shell("pursuit maze --help", tmp_path, COLUMNS=str(columns))
+    assert done.returncode == 0 and "--generate" in done.stdout, done.stderr
+
+
 def test_names_that_are_not_utf_8_are_refused(tmp_path: Path) -> None:
     for text, variables in (
         ("printf '%b' 'r\\0377' | xargs -I NAME pursuit train --maze 2x2 --out NAME", {}),

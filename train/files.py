@@ -240,6 +240,34 @@ def hold(folder: Path, what: str, shared: bool = False) -> FileLock:
 
 
 @contextlib.contextmanager
+def reserved(*paths: Path | None, overwrite: bool = False) -> Iterator[None]:
+    """Holds the paths of output files for this process, which writes them meanwhile.
+
+    Args:
+        paths, overwrite: as in `check_new_files`.
+
+    Raises:
+        ValueError: as `check_new_files`, or another process is to write one of them.
+    """
+    check_new_files(paths, overwrite)
+    with contextlib.ExitStack() as held:
+        for path in filter(None, paths):
+            lock = FileLock(path.with_name(f".{path.name}{LOCK}"))
+            try:
+                lock.acquire(blocking=False)
+            except Timeout:
+                raise ValueError(
+                    f"{path}: another process is to write this file; give another, or wait for it"
+                ) from None
+            except OSError as error:
+                raise cannot_write(path, error) from None
+            held.callback(lock.release)
+            held.callback(Path(lock.lock_file).unlink, missing_ok=True)
+        check_new_files(paths, overwrite)  # one may have been written before it was held
+        yield
+
+
+@contextlib.contextmanager
 def only_one(folder: Path, what: str) -> Iterator[None]:
     """Holds `folder` for this process, and clears it of what the dead left half written.
 

@@ -28,7 +28,7 @@ from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.figures import FORMATS
-from train.files import check_new_files, write_json
+from train.files import check_new_files, reserved, write_json
 from train.runs.effects import check_task_effects
 from train.runs.tasks import agent_of, task_of
 from train.settings.checks import check
@@ -93,10 +93,17 @@ def evaluate(arguments: Sequence[str]) -> None:
     if given.picture is not None:
         one_of("format of a figure", given.picture.suffix[1:], FORMATS)
     check(given.replay_episodes >= 1, f"replay_episodes={given.replay_episodes}; at least 1")
+    with reserved(given.out, replays, given.table, given.picture, overwrite=given.overwrite):
+        carry_out(given, replays)
+
+
+def carry_out(given: Any, replays: Path | None) -> None:
+    """Evaluate as the options say, and write the files that they name."""
     from train.runs.loop import machine, versions  # torch is slow to import
     from train.runs.parts import contest_of, suite_contest_of
     from train.runs.single import evaluation_of
 
+    is_model = isinstance(given, EvaluateModelCommand)
     judged_by = model_to_judge(given) if is_model else run_to_judge(given)
     task, training, policies = judged_by.task, judged_by.training, judged_by.policies
     evaluated = "learned" if judged_by.greedy else "learned, sampled"

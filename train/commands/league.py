@@ -14,7 +14,7 @@ from pursuit.task import Task
 from train.commands.parse import Formats, heard, parse
 from train.commands.tables import print_table
 from train.figures import Look
-from train.files import check_output_folder, write_json, write_text
+from train.files import check_output_folder, hold, write_json, write_text
 from train.result_table import ResultTable
 from train.runs.provenance import command_line
 from train.settings.checks import check
@@ -91,6 +91,7 @@ def league(arguments: Sequence[str]) -> None:
         models = (given.model_roles, given.model_observations)
         task, entries = enter(names, *how, played, given.names, *models)
         people = enter_people(by_hand, task, [entry.name for entry in entries])
+    lock = hold(out, "league")
     table = play_league(task, entries, given.games, given.seed)
     policies = {role: [e.policy for e in entries if e.role == role] for role in ROLES}
     content = rate(table, given.seed, play_along(people, policies)) | {
@@ -105,7 +106,6 @@ def league(arguments: Sequence[str]) -> None:
         "versions": versions(),
         "machine": machine(),
     }
-    out.mkdir(parents=True, exist_ok=True)
     write_json(out / LEAGUE, content)
     draw_league(out / "league.png", table, f"League on {task.mazes[0].name}", look)
     tables = {"table": league_table(table, content)}
@@ -115,6 +115,7 @@ def league(arguments: Sequence[str]) -> None:
     folders = [Path(name) for name in names if not is_agent(name) and not is_model(name)]
     write_text(out / METHODS, league_methods(content, folders))
     _print(task, table, tables, content)
+    lock.release()
     print(f"figures, tables and methods: {out}")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -123,6 +124,10 @@ GROUPS: dict[str, dict[str, Command]] = {
 COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}
 
 
+NARROWEST = 40
+"""Columns that help is laid out for at least: tyro does not end in terminals of a few."""
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a subcommand; errors are one line on stderr and exit status 2.
 
@@ -130,6 +135,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     SIGTERM, and 141 where whoever read the output has seen enough.
     """
     open_streams()
+    if shutil.get_terminal_size().columns < NARROWEST:
+        os.environ["COLUMNS"] = str(NARROWEST)
     given = list(sys.argv[1:] if arguments is None else arguments)
     with Signals() as signals:
         try:

@@ -32,7 +32,7 @@ from train.figures import (
     time_head,
     time_scale,
 )
-from train.files import begins_with, write_text
+from train.files import begins_with, only_one, write_text
 from train.result_table import in_markdown
 from train.runs.folder import CONFIG, RESULTS, read_metrics
 from train.self_play.names import entry_names
@@ -89,18 +89,19 @@ def overlay(folders: Sequence[Path | str], out: Path | str, look: Look = PLAIN) 
     )
     measure = measure_of(rows)
     measure = GAP_CURVE if measure is GAP else measure
-    out.mkdir(parents=True, exist_ok=True)
-    draw_overlay(out / "curves.png", rows, by_run, measure, look)
+    check(not out.is_file(), f"{out}: a file; give a folder")
     table = table_of(rows, summary(rows, None), None)
-    table.write(out)
-    write_text(out / METHODS, methods(paths))
     title = f"{TITLE} {', '.join(names)}"
     files = ", ".join(f"[{name}]({name})" for name in names_of("curves.png", look))
     lines = [f"# {in_markdown(title)}", "", table.markdown(), ""]
     lines += [told_bands(rows), ""]
     lines += [METHODS_LINE, "", "![curves.png](curves.png)", "", f"Figure: {files}", ""]
-    write_text(out / "report.md", "\n".join(lines))
-    page_of(out / "report.md")
+    with only_one(out, "report"):
+        draw_overlay(out / "curves.png", rows, by_run, measure, look)
+        table.write(out)
+        write_text(out / METHODS, methods(paths))
+        write_text(out / "report.md", "\n".join(lines))
+        page_of(out / "report.md")
     return out
 
 

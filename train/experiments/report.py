@@ -9,6 +9,7 @@ from train.experiments.forms import read_hints
 from train.experiments.page import page_of
 from train.experiments.sweep_report import sweep_report
 from train.figures import PLAIN, Look
+from train.files import only_one
 
 
 def report(out: Path | str, look: Look = PLAIN) -> Path:
@@ -23,6 +24,7 @@ def report(out: Path | str, look: Look = PLAIN) -> Path:
     """
     out = Path(out)
     ablation = read_hints(out).control is not None
-    folder = ablation_report(out, look) if ablation else sweep_report(out, look)
-    page_of(folder / "report.md")
+    with only_one(out / "report", "report"):
+        folder = ablation_report(out, look) if ablation else sweep_report(out, look)
+        page_of(folder / "report.md")
     return folder

@@ -15,8 +15,19 @@ from pursuit.suite_files import PREFIX, is_suite
 from pursuit.task import TASK_NAMES
 from train.settings.checks import check, check_choice
 
+MOST_STEPS = 100_000
+"""Of an episode: evaluations play a thousand and more to their ends, which may be the limit."""
 OPPONENT_POLICIES = ("sampled", "greedy")
 REACHER = "reacher"
+
+
+def check_max_steps(max_steps: int) -> None:
+    """ValueError for episodes so long that no evaluation would end."""
+    check(
+        max_steps <= MOST_STEPS,
+        f"max_steps={max_steps}; at most {MOST_STEPS}: evaluations play every episode to its end, "
+        "and an agent that is never caught reaches the limit; take fewer",
+    )
 
 
 @dataclass(frozen=True)
@@ -43,7 +54,7 @@ class TaskSettings:
     num_goals: int | None = None
     """Goals; likewise."""
     max_steps: int = 200
-    """An episode of this many steps is truncated."""
+    """An episode of this many steps is truncated; 100,000 at most."""
     stay_action: bool = False
     """Whether a fifth action, stay, exists."""
     move_order: str = "simultaneous"
@@ -84,6 +95,7 @@ class TaskSettings:
     they are the only way to wait, which the best chasers and evaders do."""
 
     def __post_init__(self) -> None:
+        check_max_steps(self.max_steps)
         check(
             0.0 <= self.opponent_epsilon <= 1.0,
             f"opponent_epsilon={self.opponent_epsilon}; a share of random moves lies in [0, 1]",
@@ -145,7 +157,7 @@ class ReacherSettings:
     tolerance: float = 0.2
     """It is in reach within this distance."""
     max_steps: int = 400
-    """An episode of this many steps is truncated."""
+    """An episode of this many steps is truncated; 100,000 at most."""
     max_turn: float = 0.1
     """Radians that a joint turns in a step, at most."""
     effort: float = 0.01
@@ -155,6 +167,7 @@ class ReacherSettings:
 
     def __post_init__(self) -> None:
         check_choice("task", self.task, (REACHER,))
+        check_max_steps(self.max_steps)
         self.build()
 
     @property
