@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from curricula.protocol import Change, Outcomes, check_state
+from curricula.protocol import Change, Outcomes, check_count, check_state
 from curricula.schedules import Progress
 
 SCORES = ("regret", "value_loss", "learnability")
@@ -80,8 +80,7 @@ class LevelReplay:
     ) -> None:
         if score not in SCORES:
             raise ValueError(f"unknown level score {score!r}; one of {', '.join(SCORES)}")
-        if capacity < 2:
-            raise ValueError(f"capacity={capacity}; at least 2 levels")
+        check_count("capacity", capacity, 2, "levels")
         if not 0.0 < temperature < np.inf:
             raise ValueError(f"temperature={temperature}; it is above 0")
         for name, share in (("replay_share", replay_share), ("staleness", staleness)):
@@ -125,10 +124,11 @@ class LevelReplay:
 
     def _note(self, outcomes: Outcomes) -> None:
         seeds = outcomes.lessons
-        if ((seeds < 0) | (seeds >= MAX_SEED) | (seeds % 1 != 0)).any():
+        wrong = ~((seeds >= 0) & (seeds < MAX_SEED) & (seeds % 1 == 0))  # NaN is wrong, too
+        if wrong.any():
             raise ValueError(
-                f"outcomes of lesson {seeds[0]:g}, which is no seed of a level; outcomes of "
-                "another curriculum or task?"
+                f"outcomes of lesson {seeds[wrong][0]:g}, which is no seed of a level: those are "
+                f"whole numbers from 0 to {MAX_SEED - 1}; give outcomes of its own lessons"
             )
         # The last episode of each level counts; successes of all of them do.
         levels, back, of_level = np.unique(seeds[::-1], return_index=True, return_inverse=True)

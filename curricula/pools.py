@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from curricula.levels import rank_probabilities
-from curricula.protocol import Change, Outcomes, check_state
+from curricula.protocol import Change, Outcomes, check_count, check_state
 from curricula.schedules import Progress
 
 BASE, UNKNOWN = -1, -1.0
@@ -64,8 +64,7 @@ class PoolReplay:
             raise ValueError(
                 f"parents={parents!r}; of each level the number of one before it, or {BASE}"
             )
-        if judged < 1:
-            raise ValueError(f"judged={judged}; at least 1 level")
+        check_count("judged", judged, 1, "level")
         if not 0.0 < temperature < np.inf:
             raise ValueError(f"temperature={temperature}; it is above 0")
         shares = {"replay_share": replay_share, "staleness": staleness, "edit_share": edit_share}
@@ -73,8 +72,8 @@ class PoolReplay:
             if not 0.0 <= share <= 1.0:
                 raise ValueError(f"{name}={share}; a share lies in [0, 1]")
         self.base = np.flatnonzero(self.parents == BASE)
-        if capacity is not None and capacity < 1:
-            raise ValueError(f"capacity={capacity}; at least 1 level")
+        if capacity is not None:
+            check_count("capacity", capacity, 1, "level")
         self.capacity = len(self.base) if capacity is None else capacity
         self.judged, self.replay_share, self.edit_share = judged, replay_share, edit_share
         self.temperature, self.staleness = temperature, staleness
@@ -181,11 +180,12 @@ class PoolReplay:
         """Take it back; ValueError where it is that of something else."""
         check_state("replay of a pool", state, set(self.state_dict()))
         arrays = {name: np.array(state[name]) for name in ("scores", "judged_at", "kept")}
-        if any(array.shape != self.scores.shape for array in arrays.values()):
-            raise ValueError(
-                f"the checkpoint is of a pool of {len(arrays['scores'])} levels, and this has "
-                f"{len(self.scores)}; resume with the settings that it was made with"
-            )
+        for name, array in arrays.items():
+            if array.shape != self.scores.shape:
+                raise ValueError(
+                    f"the checkpoint has {name} of {array.size} levels, and this pool has "
+                    f"{len(self.scores)}; resume with the settings that it was made with"
+                )
         if (arrays["scores"][arrays["kept"]] < 0).any():
             raise ValueError(
                 "the checkpoint replays levels without a score; restore it from a copy"

@@ -79,6 +79,13 @@ class Curriculum(Protocol):
         """
 
 
+def check_count(name: str, value: Any, least: int, what: str) -> None:
+    """ValueError unless `value` is a whole number from `least` on; `what` is counted."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or value < least:
+        raise ValueError(f"{name}={value!r}; a whole number, at least {least} {what}")
+
+
 def check_state(name: str, state: dict[str, Any], wanted: set[str]) -> None:
     """ValueError unless `state` has exactly the wanted names."""
     if set(state) != wanted:

@@ -105,9 +105,11 @@ def piecewise(points: Sequence[tuple[float, float]], progress: float) -> float:
     """Straight lines through (progress, value) points; constant before the first, after the last.
 
     Raises:
-        ValueError: no points, or progress values that do not increase.
+        ValueError: no points, progress values that do not increase, or numbers that are not finite.
     """
     places = [place for place, _ in points]
+    if not all(isfinite(number) for point in points for number in point):
+        raise ValueError(f"points={list(points)}; all numbers are finite")
     if not points or any(a >= b for a, b in pairwise(places)) or places[0] < 0:
         raise ValueError(f"points={list(points)}; give (progress, value) with progress increasing")
     after = bisect_right(places, progress)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from curricula.protocol import Change, Outcomes, check_state
+from curricula.protocol import Change, Outcomes, check_count, check_state
 from curricula.schedules import Progress, Schedule
 
 
@@ -16,11 +16,14 @@ def checked_stages(values: Sequence[float]) -> NDArray[np.float64]:
     """[stages] float64, from easy to hard.
 
     Raises:
-        ValueError: none, or two that are equal.
+        ValueError: none, two that are equal, or one that is not finite.
     """
     stages = np.asarray(values, dtype=np.float64)
-    if stages.ndim != 1 or len(stages) == 0 or len(np.unique(stages)) != len(stages):
-        raise ValueError(f"stages={list(values)}; give at least one value, all different")
+    different = stages.ndim == 1 and len(stages) > 0 and len(np.unique(stages)) == len(stages)
+    if not different or not np.isfinite(stages).all():
+        raise ValueError(
+            f"stages={list(values)}; give at least one value, all different and finite"
+        )
     return stages
 
 
@@ -208,8 +211,7 @@ class SuccessGated:
                 f"promote_at={promote_at}, demote_at={demote_at}; both lie in [0, 1], and "
                 "demote_at below promote_at"
             )
-        if window < 1:
-            raise ValueError(f"window={window}; at least 1 episode")
+        check_count("window", window, 1, "episode")
         self.promote_at, self.demote_at, self.window = promote_at, demote_at, window
         self.number = self.begun = self.ended = self.won = 0
         self._told = False

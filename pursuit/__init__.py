@@ -1,9 +1,10 @@
 """Pursuit: mazes, chasers, evaders and runners, with the exact optimum beside every result.
 
 Importing this package registers the Gymnasium ids `pursuit/Chaser-v0`, `pursuit/Evader-v0`,
-`pursuit/Maze-v0` and `pursuit/Reacher-v0`, and the PettingZoo ids `pursuit/chase-v0`,
-`pursuit/maze-v0`, `pursuit/race-v0`, `pursuit/heist-v0` and `pursuit/reacher-v0`, both "parallel"
-and "aec". The names that `__init__.pyi` lists are imported on first use, so that this stays quick.
+`pursuit/Maze-v0`, `pursuit/Race-v0`, `pursuit/HeistChaser-v0`, `pursuit/HeistEvader-v0` and
+`pursuit/Reacher-v0`, and the PettingZoo ids `pursuit/chase-v0`, `pursuit/maze-v0`,
+`pursuit/race-v0`, `pursuit/heist-v0` and `pursuit/reacher-v0`, both "parallel" and "aec". The names
+that `__init__.pyi` lists are imported on first use, so that this stays quick.
 """
 
 import gymnasium
@@ -16,11 +17,19 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 # The default opponents are scripted agents, which build on this package: the entry points are
 # strings, so that nothing here imports them.
-for _role in ("chaser", "evader", "maze"):
+for _id, _task, _agent in (
+    ("Chaser", "chase", "chaser"),
+    ("Evader", "chase", "evader"),
+    ("Maze", "maze", "runner"),
+    ("Race", "race", "runner"),
+    ("HeistChaser", "heist", "chaser"),
+    ("HeistEvader", "heist", "evader"),
+):
     gymnasium.register(
-        id=f"pursuit/{_role.capitalize()}-v0",
-        entry_point=f"scripted_agents.environments:{_role}_env",
-        vector_entry_point=f"scripted_agents.environments:{_role}_vector_env",
+        id=f"pursuit/{_id}-v0",
+        entry_point="scripted_agents.environments:make_env",
+        vector_entry_point="scripted_agents.environments:make_vector_env",
+        kwargs={"task": _task, "agent": _agent},
     )
 gymnasium.register(
     id="pursuit/Reacher-v0",

@@ -5,6 +5,8 @@ from . import heist_v0 as heist_v0
 from . import maze_v0 as maze_v0
 from . import race_v0 as race_v0
 from . import reacher_v0 as reacher_v0
+from .evaluation import Evaluation as Evaluation
+from .evaluation import evaluate as evaluate
 from .maps import Scenario as Scenario
 from .maps import cell_at as cell_at
 from .maps import read_grid as read_grid

@@ -56,10 +56,14 @@ def save_animation(
         )
     if not fps > 0:
         raise ValueError(f"fps={fps}; an animation needs more than 0 frames a second")
-    partial = path.with_name(f".{path.stem}.{os.getpid()}{suffix}")
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")  # as `train.files` names them
     try:
         writers[suffix](partial, _frames(path, scenes, size), fps)
         os.replace(partial, path)
+    except OSError as error:
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         partial.unlink(missing_ok=True)
 
@@ -105,7 +109,10 @@ def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> N
     ]
     milliseconds = max(20, round(1000 / fps))
     durations = [milliseconds] * (len(images) - 1) + [max(1500, milliseconds)]
-    images[0].save(path, save_all=True, append_images=images[1:], duration=durations, loop=0)
+    rest = images[1:]
+    images[0].save(
+        path, format="GIF", save_all=True, append_images=rest, duration=durations, loop=0
+    )
 
 
 def _write_mp4(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
@@ -117,7 +124,8 @@ def _write_mp4(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> N
         ) from None
     last, sent = next(frames), 0
     height, width, _ = last.shape
-    writer = ffmpeg.write_frames(str(path), (width, height), fps=fps, macro_block_size=2, quality=8)
+    how = {"macro_block_size": 2, "quality": 8, "output_params": ["-f", "mp4"]}
+    writer = ffmpeg.write_frames(str(path), (width, height), fps=fps, **how)
     writer.send(None)
     try:
         for frame in chain([last], frames):

@@ -15,7 +15,7 @@ ValueError names the value, the rule and the remedy. `whole`, `number`, `truth`,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, fields
 from math import inf, isfinite
 from typing import Any, NoReturn, TypeVar
@@ -153,6 +153,32 @@ def named_settings(function: str, settings: dict[str, Any], known: Sequence[str]
                 f"{', '.join(known)}"
             )
     return named
+
+
+def reset_options(options: Any, needed: Sequence[str], known: Sequence[str] = ()) -> dict[str, Any]:
+    """The `options` of an environment's `reset` by name; empty where none are given.
+
+    Args:
+        options: a mapping, or None.
+        needed: names that are given together, or not at all.
+        known: further names, which are given beside them.
+
+    Raises:
+        ValueError: no mapping, an unknown name, or a name without those that are needed.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise ValueError(f"options={options!r}; give a dict")
+    # PettingZoo's own tests of environments pass {"options": 1}.
+    given = {name: value for name, value in (options or {}).items() if name != "options"}
+    for name in given:
+        if name not in (*needed, *known):
+            raise ValueError(
+                f"options={options!r}: unknown option {name!r}; the options of reset are "
+                f"{', '.join([*needed, *known])}"
+            )
+    if given and not set(needed) <= set(given):
+        raise ValueError(f"options={options!r}; give {' and '.join(needed)} too, or no option")
+    return given
 
 
 class FrozenDict(dict[Key, Value]):

@@ -37,11 +37,8 @@ def configure(
     seats = slice(None) if seat is None else task.seat(seat)
     changed: dict[str, Any] = {}
     if epsilon is not None:
-        shares = checked_shares(epsilon)
-        if shares.ndim == 1 and seat is None:
-            shares = shares[:, None]  # one for each game
         changed["epsilon"] = coming.epsilon[games]
-        fill("epsilon", changed["epsilon"][:, seats], shares)
+        fill_epsilon(changed["epsilon"][:, seats], epsilon)
     given = {name: value for name, value in numbers.items() if value is not None}
     limits = limits_of(task) if given else {}
     for name, value in given.items():
@@ -106,6 +103,27 @@ def checked_shares(epsilon: ArrayLike) -> NDArray[np.float64]:
     if ((shares < 0) | (shares > 1)).any():
         raise ValueError(f"epsilon={epsilon!r}; {rule}")
     return shares
+
+
+def fill_epsilon(array: NDArray[np.float64], epsilon: ArrayLike) -> None:
+    """Write shares of random moves into `array` [games, agents], or [games] of one seat.
+
+    Args:
+        array: is written.
+        epsilon: a number, [games] (one for each game, in all its seats) or as `array`.
+
+    Raises:
+        ValueError: a share outside [0, 1], or another shape.
+    """
+    shares = checked_shares(epsilon)
+    fits = shares.ndim == 0 or shares.shape in (array.shape[:1], array.shape)
+    if not fits and shares.size != 1:
+        rest = "" if array.ndim == 1 else f", or {array.shape}, games by agents"
+        raise ValueError(
+            f"epsilon of shape {shares.shape}; give one number, {array.shape[:1]}, one for each "
+            f"game{rest}"
+        )
+    array[:] = shares[:, None] if shares.ndim == 1 and array.ndim == 2 else shares
 
 
 def fill(name: str, array: NDArray[Any], values: NDArray[Any]) -> None:

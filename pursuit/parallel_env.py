@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import wrappers
 
-from pursuit.declared import truth
+from pursuit.declared import reset_options, truth
 from pursuit.masks import ACTION_MASK, action_masks, masked_space, warn_of_masks
 from pursuit.maze_arrays import lay_out
-from pursuit.policy import Policy, play
+from pursuit.policy import Policy, check_plays, play
 from pursuit.rendering import AgentMark, Scene, Window, draw_scene, scene_to_text
 from pursuit.seeds import some_seed
 from pursuit.simulator import Simulator
@@ -114,10 +114,11 @@ class PursuitParallelEnv(ParallelEnv[str, Any, int]):
             seed: begins all random streams anew; without one the streams go on (and begin at a
                 seed from the operating system).
             options: `{"positions": cells of all agents, "goals": cells of all goals}`, with "maze",
-                its number, where there are several, begins the episode there; otherwise ignored.
+                its number, where there are several, begins the episode there.
 
         Raises:
-            ValueError: a seed out of range, or cells that make no start; nothing is changed then.
+            ValueError: a seed out of range, an unknown option, or cells that make no start; nothing
+                is changed then.
         """
         if seed is None and not self._seeded:
             seed = some_seed()
@@ -189,8 +190,8 @@ class PursuitParallelEnv(ParallelEnv[str, Any, int]):
             policies: by agent name, or by role for all agents of that role; a name goes first.
 
         Raises:
-            ValueError: before the first reset, a policy for an agent that does not exist, or one
-                without a method `act`.
+            ValueError: before the first reset, a policy for an agent that does not exist or is of
+                another role, or one without a method `act`.
         """
         if not self._seeded:
             raise ValueError("act before reset; call reset() first")
@@ -273,16 +274,14 @@ def check_policies(task: Task, policies: Mapping[str, Policy]) -> None:
                 f"a policy for {name!r}; this task has {', '.join(task.agent_names)} (or give a "
                 f"role: {', '.join(sorted(set(task.seat_roles)))})"
             )
-        if not callable(getattr(policy, "act", None)):
-            raise ValueError(f"the policy of {name} is {policy!r}; a policy has a method `act`")
+        check_plays(policy, task, task.seat(name))
 
 
 def begin(simulator: Simulator, seed: int | None, options: Mapping[str, Any] | None) -> None:
     """Begin new episodes as the options of an environment's `reset` say."""
-    if options is not None and not isinstance(options, Mapping):
-        raise ValueError(f"options={options!r}; give a dict")
-    if options and "positions" in options:
-        simulator.place(options["positions"], options.get("goals"), options.get("maze"), seed)
+    given = reset_options(options, ("positions",), ("goals", "maze"))
+    if given:
+        simulator.place(given["positions"], given.get("goals"), given.get("maze"), seed)
     else:
         simulator.reset(seed=seed)
 

@@ -20,6 +20,7 @@ from importlib import import_module
 from importlib.machinery import PathFinder
 from importlib.metadata import entry_points
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, Generic, TypeVar
 
 Part = TypeVar("Part")
@@ -99,6 +100,27 @@ def references(content: Any) -> Iterator[str]:
     elif isinstance(content, list | tuple):
         for value in content:
             yield from references(value)
+
+
+# -- what train has --------------------------------------------------------------------------------
+
+
+def from_train(name: str) -> Any:
+    """The object `name` ("package.module:name") of `train`, imported now.
+
+    `train` builds on this package, so nothing below it imports it. What is reached from here is
+    named by a text, as the entry points of Gymnasium's ids are.
+
+    Raises:
+        ImportError: a package that `train` needs is not installed.
+    """
+    try:
+        return resolve_name(name)
+    except ModuleNotFoundError as error:
+        raise ImportError(
+            f"{name} needs {error.name}, which is not installed; install Pursuit with what its "
+            "learners need: pip install ."
+        ) from error
 
 
 # -- where modules are -----------------------------------------------------------------------------

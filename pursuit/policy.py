@@ -15,7 +15,7 @@ from pursuit.maze_arrays import MazeArrays
 from pursuit.rules import layout
 from pursuit.rules.layout import Games
 from pursuit.rules.randomness import draw_uniform
-from pursuit.task import Task
+from pursuit.task import ROLES, Task
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +168,30 @@ class Policy(Protocol):
         ...
 
 
+def role_of(policy: object) -> str | None:
+    """The role that a policy is made for, where it says so: "chaser", "evader" or "runner"."""
+    role = getattr(policy, "role", None) or getattr(policy, "agent", None)
+    return None if role is None else str(role).split("_")[0]
+
+
+def check_plays(policy: Any, task: Task, seat: int) -> None:
+    """ValueError unless this is a policy, and of the role of a seat where it has one.
+
+    A runner's policy may play an evader that collects goals.
+    """
+    if not callable(getattr(policy, "act", None)):
+        raise ValueError(
+            f"the policy of {task.agent_names[seat]} is {policy!r}; a policy has a method `act`"
+        )
+    role, needed = role_of(policy), task.seat_roles[seat]
+    collects = role == "runner" and needed == "evader" and task.num_goals > 0
+    if role in ROLES and role != needed and not collects:
+        raise ValueError(
+            f"{policy!r} is a policy of the {role}; the seat of {task.agent_names[seat]} takes one "
+            f"of the {needed}"
+        )
+
+
 class Memory:
     """What a policy remembers of every game: arrays for each batch and seat that it plays in.
 
@@ -240,7 +264,8 @@ def play_all(
     seats; it writes what its `act` would do in each of them.
 
     Raises:
-        ValueError: a wrong shape, another number of seats, or a policy that is none.
+        ValueError: a wrong shape, another number of seats, or a policy that is none or of another
+            role.
     """
     try:
         fit = actions.shape == shape and len(policies) == shape[1]
@@ -253,8 +278,7 @@ def play_all(
     for seat, policy in enumerate(policies):
         if policy is None:
             continue
-        if not hasattr(policy, "act"):
-            raise ValueError(f"{policy!r} is no policy; it has no method `act`")
+        check_plays(policy, view(seat).task, seat)
         if getattr(policy, "act_together", None) is None or hasattr(policy, "begin"):
             actions[:, seat] = play(policy, view(seat))
         else:

@@ -177,10 +177,12 @@ class Replay:
         """
         path = with_suffix(path)
         text = msgspec.json.format(msgspec.json.encode(_file_of(self)), indent=0)
-        partial = path.with_name(f".{path.name}.{os.getpid()}")
+        partial = path.with_name(f".{path.name}.{os.getpid()}.part")  # as `train.files` names them
         try:
             partial.write_bytes(text + b"\n")
             os.replace(partial, path)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(path)) from None
         finally:
             partial.unlink(missing_ok=True)
         return path

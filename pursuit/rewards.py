@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -33,9 +34,14 @@ class Rewards:
             to the nearest goal) is added to the step reward.
         on_completion: events pay only in the step that ends the game; before, they count as steps.
             Being captured always pays: it ends the game for that evader.
+        per_evader: for chasers alone. In every step each chaser is paid the sum, over the evaders
+            that were free before the step, of `capture` for an evader that is captured (by any
+            chaser), `goal` for one that collects a goal (its share of it), and `step` for any
+            other. Needs distance=0 and on_completion=False.
 
     Raises:
-        ValueError: a value that is no finite number.
+        ValueError: a value that is no finite number; `per_evader` with a distance or
+            `on_completion`.
     """
 
     step: float = finite(0.0)
@@ -43,9 +49,15 @@ class Rewards:
     goal: float = finite(0.0)
     distance: float = finite(0.0)
     on_completion: bool = flag(False)
+    per_evader: bool = flag(False)
 
     def __post_init__(self) -> None:
         check_fields(self)
+        if self.per_evader and (self.distance != 0.0 or self.on_completion):
+            raise ValueError(
+                f"per_evader=True with distance={self.distance:g}, on_completion="
+                f"{self.on_completion}; it needs distance=0 and on_completion=False: leave them out"
+            )
 
 
 REWARD_SCHEMES: Mapping[str, Mapping[str, Rewards]] = {
@@ -65,20 +77,43 @@ REWARD_SCHEMES: Mapping[str, Mapping[str, Rewards]] = {
         "runner": Rewards(distance=-1.0),
     },
     "zero_sum": {
-        "chaser": Rewards(step=-1.0, capture=-1.0),
+        "chaser": Rewards(step=-1.0, capture=-1.0, goal=-1.0, per_evader=True),
         "evader": Rewards(step=1.0, capture=1.0, goal=1.0),
         "runner": Rewards(step=-1.0, goal=-1.0),
     },
 }
-"""Rewards by scheme and role. In `zero_sum` every step counts, the last one included: its return
-is the payoff of the exact game (for a runner, minus the number of steps)."""
+"""Rewards by scheme and role.
+
+In `zero_sum` every step counts, the last one included: an evader that was free before the step is
+paid 1 (its share of a goal where several collect one at once), and every chaser is paid minus the
+sum of what the evaders are paid. So in each step the rewards of one chaser and of all evaders sum
+to 0, and those of C chasers and all evaders to minus C - 1 times what the evaders are paid. In a
+duel the return is the payoff of the exact game. A runner that is alone is paid minus the number of
+steps; between runners nothing is zero-sum.
+"""
 
 
 def is_rewards(part: Any) -> bool:
     """Whether a part is a reward function, or `Rewards` by role."""
     if isinstance(part, Mapping):
-        return set(part) <= set(ROLES) and all(isinstance(p, Rewards) for p in part.values())
-    return callable(part) and not isinstance(part, type)
+        return set(part) <= set(ROLES) and all(
+            isinstance(paid, Rewards) and (role == "chaser" or not paid.per_evader)
+            for role, paid in part.items()
+        )
+    return callable(part) and not isinstance(part, type) and takes_three(part)
+
+
+def takes_three(function: Callable[..., Any]) -> bool:
+    """Whether three arguments fit a function; True where its arguments are not known."""
+    try:
+        signature = inspect.signature(function)
+    except ValueError:  # some functions written in C
+        return True
+    try:
+        signature.bind(None, None, None)
+    except TypeError:
+        return False
+    return True
 
 
 REWARDS: Registry[Mapping[str, Rewards] | RewardFunction] = Registry(
@@ -125,7 +160,7 @@ def rewards_from_text(text: str) -> Mapping[str, Rewards]:
 
 
 def _value_of(text: str, entry: str, name: str, value: str) -> float | bool:
-    if name == "on_completion":
+    if name in ("on_completion", "per_evader"):
         if value.lower() not in ("true", "false"):
             raise ValueError(f"rewards={text!r}: {entry!r}; give true or false")
         return value.lower() == "true"
@@ -188,6 +223,10 @@ def kept_rewards(name: str, given: Any) -> Any:
                 raise ValueError(
                     f"{name} of the {role}: {paid!r}; give pursuit.Rewards(...) (a function is "
                     "given instead of the whole, and pays all roles)"
+                )
+            if paid.per_evader and role != "chaser":
+                raise ValueError(
+                    f"{name} of the {role}: per_evader=True; it is for chasers alone: leave it out"
                 )
         return FrozenDict(given)
     if not is_rewards(given):

@@ -63,13 +63,16 @@ class Simulator:
         streams: [num_games, ...] uint64, the random streams.
         rewards: [num_games, num_agents] float32, of the last step.
         returns: [num_games, num_agents] float64, the sum of rewards of the episode so far.
+        collected: [num_games, num_agents] float64, the goals collected in it; shared ones in parts.
         terminated, truncated: [num_games] bool, of the last step; never both.
         episode_returns: [num_games, num_agents] float64, of each game's last finished episode.
         episode_lengths: [num_games] int32, likewise.
         final_positions: [num_games, num_agents] int32, where that episode ended.
         epsilon: [num_games, num_agents] float64, the share of random moves of the scripted agent
             in each seat; NaN leaves it to the agent. Write to it to change it at once; what is
-            written stays, until `configure` says something else for the next episode.
+            written stays, until `configure` says something else for the next episode. It may be
+            set to a number, to [num_games] (one for each game, as in `configure`) or to
+            [num_games, num_agents].
         next_epsilon: the same from each game's next episode on; -1 where nothing waits.
         last_seed: what all streams were last seeded with; None after `set_state`, and where only
             some games were seeded.
@@ -122,6 +125,7 @@ class Simulator:
         self.maze_index: NDArray[np.int32] = games.maze
         self.rewards: NDArray[np.float32] = outcome.rewards
         self.returns: NDArray[np.float64] = outcome.returns
+        self.collected: NDArray[np.float64] = outcome.collected
         self.terminated: NDArray[np.bool_] = outcome.terminated
         self.truncated: NDArray[np.bool_] = outcome.truncated
         self.episode_returns: NDArray[np.float64] = outcome.episode_returns
@@ -140,7 +144,7 @@ class Simulator:
 
     @epsilon.setter
     def epsilon(self, shares: ArrayLike) -> None:
-        next_episode.fill("epsilon", self._epsilon, next_episode.checked_shares(shares))
+        next_episode.fill_epsilon(self._epsilon, shares)
 
     def seed(self, seed: int, games: ArrayLike | None = None) -> None:
         """Give every random stream the state that belongs to (seed, game index).
@@ -232,7 +236,8 @@ class Simulator:
         Args:
             games: a bool mask or index list; all by default.
             epsilon: share of random moves in [0, 1] of the scripted agent in `seat` (all seats by
-                default); NaN leaves it to the agent.
+                default); NaN leaves it to the agent. A number, [games] (one for each game), or
+                without a seat [games, agents].
             maze: index into `task.mazes`; -1 draws one at every restart.
             num_goals: at most `task.num_goals`; -1 is all of them.
             goal_radius: goals lie within this path distance; -1 is anywhere. Where too few cells
@@ -369,7 +374,7 @@ class Simulator:
         """Write the action of every seat that has a policy into `actions` [games, agents].
 
         Raises:
-            ValueError: a wrong shape, another number of seats, or a policy that is none.
+            ValueError: a wrong shape, another number of seats, or a policy of no or another role.
         """
         play_all(policies, actions, self._actions_shape, self.view)
 

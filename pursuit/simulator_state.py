@@ -32,6 +32,7 @@ class SimulatorState:
     streams: NDArray[np.uint64]
     epsilon: NDArray[np.float64]
     returns: NDArray[np.float64]
+    collected: NDArray[np.float64]
     episode_returns: NDArray[np.float64]
     terminated: NDArray[np.bool_]
     truncated: NDArray[np.bool_]

@@ -22,13 +22,13 @@ from pursuit.parallel_env import (
     render_game,
     scene_of,
 )
-from pursuit.policy import Policy
+from pursuit.policy import Policy, check_plays
 from pursuit.rendering import Window, draw_scene, scene_to_text
 from pursuit.rules.layout import World
 from pursuit.seeds import checked_seed, some_seed
 from pursuit.simulator import Simulator
 from pursuit.task import Task, checked_task
-from pursuit.vector_env import LockstepVectorEnv
+from pursuit.vector_env import LockstepVectorEnv, StepLimitInSpec
 
 Policies = Mapping[str, Policy]
 
@@ -42,7 +42,8 @@ def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, lis
         policies: by agent name, or by role for all agents of that role; a name goes first.
 
     Raises:
-        ValueError: a seat without a policy, or a policy for an agent that does not exist.
+        ValueError: a seat without a policy, a policy of another role, or one for an agent that does
+            not exist.
     """
     seat = checked_task(task).seat(own)
     if not isinstance(policies, Mapping):
@@ -59,16 +60,17 @@ def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, lis
         policy = policies.get(name, policies.get(role))
         if other != seat and policy is None:
             raise ValueError(f"nobody fills the seat of {name}; add policies={{{name!r}: ...}}")
-        if other != seat and not callable(getattr(policy, "act", None)):
-            raise ValueError(f"the policy of {name} is {policy!r}; a policy has a method `act`")
+        if other != seat:
+            check_plays(policy, task, other)
         filled.append(None if other == seat else policy)
     return seat, filled
 
 
-class SingleAgentEnv(gymnasium.Env[Any, np.int64]):
+class SingleAgentEnv(StepLimitInSpec, gymnasium.Env[Any, np.int64]):
     """One seat of one game as a Gymnasium environment.
 
-    The episode ends with the game, or with the capture of your evader. Every action is legal.
+    The episode ends with the game, or with the capture of your evader. Every action is legal. The
+    info of the last step holds "episode_return" and "episode_length".
 
     Args:
         task: the rules and settings.
@@ -158,7 +160,11 @@ class SingleAgentEnv(gymnasium.Env[Any, np.int64]):
         if self.render_mode == "human":
             self.render()
         reward = float(simulator.rewards[0, self.seat])
-        return self._seen(), reward, terminated, truncated, self._info()
+        info = self._info()
+        if terminated or truncated:
+            info["episode_return"] = float(simulator.returns[0, self.seat])
+            info["episode_length"] = int(simulator.steps[0])
+        return self._seen(), reward, terminated, truncated, info
 
     def _seen(self) -> Any:
         observed = self.simulator.observe(self.observation, self.seat)[0]
@@ -190,7 +196,8 @@ class SingleAgentEnv(gymnasium.Env[Any, np.int64]):
             self._window = None
 
 
-class SingleAgentVectorEnv(LockstepVectorEnv):
+# skrl looks for Gymnasium's class among the direct bases only.
+class SingleAgentVectorEnv(LockstepVectorEnv, gymnasium.vector.VectorEnv[Any, Any, Any]):
     """One seat of many games as a Gymnasium vector environment; the `Simulator` underneath.
 
     How games begin anew, and what the infos then hold, says `pursuit.vector_env`.
@@ -225,7 +232,7 @@ class SingleAgentVectorEnv(LockstepVectorEnv):
         render_mode: str | None = None,
         seed: int | None = None,
         mask_bumps: bool = False,
-        autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         mask_in_observation: bool = False,
     ) -> None:
         num_envs = whole("num_envs", num_envs, 1, 2**63 - 1)
@@ -276,7 +283,7 @@ class SingleAgentVectorEnv(LockstepVectorEnv):
     def _returns(self) -> NDArray[np.float64]:
         return self.simulator.returns[:, self.seat]
 
-    def _infos(self) -> dict[str, Any]:
+    def _infos(self) -> dict[str, NDArray[Any]]:
         return {ACTION_MASK: self.action_masks().astype(np.int8)} if self.mask_bumps else {}
 
     def action_masks(self) -> NDArray[np.bool_]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from pursuit.masks import ACTION_MASK
+from pursuit.vector_env import row_of
 
 
 class BatchedGames(Protocol):
@@ -26,25 +27,21 @@ class BatchedGames(Protocol):
     single_observation_space: gymnasium.Space[Any]
     single_action_space: gymnasium.Space[Any]
 
-    def reset(self, *, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
-        """The first observations, and infos."""
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """The first observations, and infos; of the games of `options["reset_mask"]`."""
         ...
 
     def step(
         self, actions: NDArray[Any]
     ) -> tuple[Any, NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Games that end restart in the same step; see `SingleAgentVectorEnv` for the infos."""
+        """One step of every game; see `pursuit.vector_env` for the infos."""
         ...
 
     def render(self) -> Any:
         """A picture of every game, or None."""
         ...
-
-
-def _row(observations: Any, game: Any) -> Any:
-    if isinstance(observations, dict):
-        return {key: values[game] for key, values in observations.items()}
-    return observations[game]
 
 
 class StableBaselinesVecEnv(VecEnv):
@@ -55,17 +52,14 @@ class StableBaselinesVecEnv(VecEnv):
     environment was made with `mask_bumps=True` each info holds its "action_mask" as well;
     `action_masks()`, which sb3-contrib's MaskablePPO asks for, is all True otherwise.
 
+    Stable-Baselines3 wants the first observation of the next episode in the step that ends one. A
+    vector environment of another autoreset mode than SAME_STEP is reset then by its mask.
+
     Args:
         env: the vector environment, as `gymnasium.make_vec("pursuit/Chaser-v0").unwrapped` gives.
-
-    Raises:
-        ValueError: one whose games do not begin anew in the step that ends them.
     """
 
     def __init__(self, env: BatchedGames) -> None:
-        mode = env.metadata["autoreset_mode"]
-        if mode is not AutoresetMode.SAME_STEP:
-            raise ValueError(f"autoreset_mode={mode.name}; Stable-Baselines3 needs SAME_STEP")
         self.env = env
         self.render_mode = env.render_mode
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
@@ -90,16 +84,23 @@ class StableBaselinesVecEnv(VecEnv):
         """Observations, rewards, dones and infos of all games."""
         observations, rewards, terminations, truncations, infos = self.env.step(self._actions)
         dones = terminations | truncations
+        last, final = observations, infos
+        if dones.any() and self.env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP:
+            last, final = infos["final_obs"], infos["final_info"]
+        elif dones.any():
+            observations, begun = self.env.reset(options={"reset_mask": dones})
+            if ACTION_MASK in infos:
+                infos[ACTION_MASK][dones] = begun[ACTION_MASK][dones]
         listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if ACTION_MASK in infos:
             listed = [{ACTION_MASK: mask} for mask in infos[ACTION_MASK]]
         for game in np.flatnonzero(dones):
             listed[game] |= {
-                "terminal_observation": _row(infos["final_obs"], game),
+                "terminal_observation": row_of(last, game),
                 "TimeLimit.truncated": bool(truncations[game]),
                 "episode": {
-                    "r": float(infos["episode_return"][game]),
-                    "l": int(infos["episode_length"][game]),
+                    "r": float(final["episode_return"][game]),
+                    "l": int(final["episode_length"][game]),
                     "t": 0.0,
                 },
             }

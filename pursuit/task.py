@@ -304,6 +304,7 @@ class Task:
             table[number, layout.PAY_GOAL] = paid.goal
             table[number, layout.PAY_DISTANCE] = paid.distance
             table[number, layout.PAY_ON_COMPLETION] = paid.on_completion
+            table[number, layout.PAY_PER_EVADER] = paid.per_evader
         return table
 
 

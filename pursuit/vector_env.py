@@ -9,6 +9,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -41,6 +42,44 @@ def limited(task: Any, max_episode_steps: int | None) -> Any:
     return replace(task, max_steps=int(max_episode_steps))
 
 
+class StepLimitInSpec:
+    """`spec.max_episode_steps` is the `max_steps` of the task, which truncates episodes itself.
+
+    The ids are registered without a limit: `gymnasium.make` would add a `TimeLimit` of that many
+    steps, whatever `max_steps` is given. So the limit is written when Gymnasium sets the spec.
+    """
+
+    task: Any
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What `gymnasium.make` or `make_vec` made this of; None where neither did."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        limit = self.task.max_steps
+        self._spec = None if spec is None else replace(spec, max_episode_steps=limit)
+
+
+def row_of(observations: Any, game: Any) -> Any:
+    """The observation of one game in a batch, or in a dict of batches."""
+    if isinstance(observations, dict):
+        return {key: values[game] for key, values in observations.items()}
+    return observations[game]
+
+
+def masked_infos(infos: dict[str, NDArray[Any]], games: NDArray[np.bool_]) -> dict[str, Any]:
+    """Infos of the games of a mask as Gymnasium has them: 0 for the others, the mask as "_key"."""
+    masked: dict[str, Any] = {}
+    for key, values in infos.items():
+        masked[key] = values.copy()
+        masked[key][~games] = 0
+        masked[f"_{key}"] = games.copy()
+    return masked
+
+
 @contextmanager
 def left_alone(simulator: Any, games: NDArray[np.bool_]) -> Iterator[None]:
     """Whatever is done inside, the games of the mask stand afterwards as they stood before."""
@@ -55,20 +94,23 @@ def left_alone(simulator: Any, games: NDArray[np.bool_]) -> Iterator[None]:
         simulator.last_seed = seed
 
 
-class LockstepVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
+class LockstepVectorEnv(StepLimitInSpec, gymnasium.vector.VectorEnv[Any, Any, Any]):
     """A batch of games of a simulator, of which a game that has ended begins anew as is asked.
 
     `autoreset_mode` is one of Gymnasium's:
 
-    - SAME_STEP: in the step that ends it. The observation is the first of the new episode, and
-      `infos["final_obs"]` [num_envs, ...] holds the last of the old one where the mask
-      `infos["_final_obs"]` is True.
-    - NEXT_STEP: in the step after that, which ignores its action and brings a reward of 0.
+    - NEXT_STEP, the default: in the step after the one that ends it. That step ignores the action
+      of the game and brings a reward of 0.
+    - SAME_STEP: in the step that ends it. The observation is the first of the new episode;
+      `infos["final_obs"]` ([num_envs] object, None where no episode ended) holds the last of the
+      old one, and `infos["final_info"]` the infos that belong to it.
     - DISABLED: in `reset(options={"reset_mask": mask})`; to step before that is an error.
 
-    In all of them `infos["episode_return"]` and `infos["episode_length"]` [num_envs] hold return
-    and length of the episodes that end, under masks of the same kind. (Not "episode", the key that
-    Gymnasium's `RecordEpisodeStatistics` claims for itself.)
+    The infos are those of Gymnasium's `SyncVectorEnv` over single environments: every key comes
+    with a mask "_key" [num_envs] bool of the games that it is of, the others have 0. In the step
+    that ends an episode they hold "episode_return" [num_envs] float64 and "episode_length"
+    [num_envs] int64; with SAME_STEP these stand in `infos["final_info"]`. (Not "episode", the key
+    that Gymnasium's `RecordEpisodeStatistics` claims for itself.)
 
     A world's own environment says what a step does (`_advance`) and what is seen (`_observe`).
 
@@ -129,8 +171,8 @@ class LockstepVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         """[num_envs] the sum of rewards of every episode so far."""
         raise NotImplementedError
 
-    def _infos(self) -> dict[str, Any]:
-        """The infos of every reset and step."""
+    def _infos(self) -> dict[str, NDArray[Any]]:
+        """The infos of every reset and step, [num_envs, ...] each, without masks."""
         return {}
 
     def _draw(self, game: int) -> Any:
@@ -171,7 +213,7 @@ class LockstepVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         super().reset(seed=own)  # np_random, which is there for wrappers
         self._over[chosen] = False
         self._seeded = True
-        return self._observe(), self._infos()
+        return self._observe(), masked_infos(self._infos(), chosen)
 
     def _chosen(self, options: Any) -> tuple[NDArray[np.bool_], Any]:
         """Which games begin anew, and the options without the mask that says so."""
@@ -239,15 +281,33 @@ class LockstepVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         ended = terminations | truncations
         infos: dict[str, Any] = {}
         if ended.any():
-            infos["episode_return"] = np.where(ended, self._returns(), 0.0)
-            infos["episode_length"] = np.where(ended, simulator.steps, 0)
+            infos = masked_infos(
+                {
+                    "episode_return": self._returns(),
+                    "episode_length": simulator.steps.astype(np.int64),
+                },
+                ended,
+            )
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
-                infos["final_obs"] = self._observe()
+                infos |= masked_infos(self._infos(), ended)
+                infos = {
+                    "final_obs": self._final_observations(ended),
+                    "_final_obs": ended.copy(),
+                    "final_info": infos,
+                    "_final_info": ended.copy(),
+                }
                 simulator.reset(games=ended)
-            infos |= {f"_{key}": ended.copy() for key in infos}
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
             self._over = ended
-        return self._observe(), rewards, terminations, truncations, {**self._infos(), **infos}
+        infos |= masked_infos(self._infos(), np.ones(self.num_envs, dtype=bool))
+        return self._observe(), rewards, terminations, truncations, infos
+
+    def _final_observations(self, ended: NDArray[np.bool_]) -> NDArray[np.object_]:
+        """[num_envs] object: what is observed now in the games of the mask, None in the others."""
+        observed, final = self._observe(), np.full(self.num_envs, None, dtype=object)
+        for game in np.flatnonzero(ended):
+            final[game] = row_of(observed, game)
+        return final
 
     def _advance_others(
         self, actions: Any, waiting: NDArray[np.bool_]

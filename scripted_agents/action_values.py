@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.declared import whole
-from pursuit.maze import Maze
+from pursuit.maze import Maze, load_maze
 from scripted_agents.best_response import MoveOrder, best_response, checked_table
 
 TIE = 1e-9
@@ -38,7 +38,7 @@ class ActionValues:
 
 def action_values(
     role: Literal["chaser", "evader"],
-    maze: Maze,
+    maze: Maze | str,
     opponent_table: ArrayLike,
     horizon: int = 200,
     stay_action: bool | None = None,
@@ -55,7 +55,7 @@ def action_values(
     Raises:
         ValueError: as `best_response`.
     """
-    horizon = whole("horizon", horizon, 1, 2**31)
+    maze, horizon = load_maze(maze), whole("horizon", horizon, 1, 2**31)
     table = checked_table(maze, opponent_table, "opponent_table")
     actions = table.shape[2] if stay_action is None else 4 + bool(stay_action)
     cells = maze.num_cells

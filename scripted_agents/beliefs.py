@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from pursuit.declared import number, one_of, share
 from pursuit.maze import Maze
-from pursuit.policy import GameView, Memory, TabularPolicy
+from pursuit.policy import GameView, Memory, TabularPolicy, role_of
 from pursuit.task import Task
 from scripted_agents import belief_kernels
 from scripted_agents.action_values import worth_of_actions
 from scripted_agents.best_response import MoveOrder, best_response, checked_table
 from scripted_agents.evader import AStarEvader
-from scripted_agents.optimal import role_of, table_of
+from scripted_agents.optimal import table_of
 from scripted_agents.sights import Eyes, check_seat
 
 Response = Literal["most_likely", "expected"]

@@ -48,14 +48,20 @@ def duel_wins(
         1 less that of the other way round; and [players, opponents] float64, the expected steps.
 
     Raises:
-        ValueError: no player or no opponent, a table that is none, a horizon below 1, or too little
-            memory.
+        ValueError: no player or no opponent, a table that is none, tables over 4 and over 5
+            actions, a horizon below 1, or too little memory.
     """
     maze, horizon = load_maze(maze), whole("horizon", horizon, 1, 2**31)
     own = [checked_table(maze, table, "tables") for table in tables]
     others = [checked_table(maze, table, "opponents") for table in opponents]
     if not own or not others:
         raise ValueError(f"{len(own)} tables and {len(others)} opponents; give at least one each")
+    sizes = {table.shape[2] for table in own}
+    if len(sizes) > 1:
+        raise ValueError(
+            f"tables over {' and '.join(map(str, sorted(sizes)))} actions; one game has "
+            "the same actions: give all of them the action stay, or none"
+        )
     players, pairs, actions = len(own), maze.num_cells**2, own[0].shape[2]
     check_memory(
         f"{maze.name}, {players} players,",

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
 from pursuit.declared import one_of
-from pursuit.parts import Registry, is_reference
+from pursuit.parts import Registry, from_train, is_reference
 from pursuit.policy import Policy
 from pursuit.single_agent import SingleAgentEnv, SingleAgentVectorEnv
 from pursuit.task import ROLES, Task, make_task
@@ -152,12 +153,50 @@ def default_policies(
     }
 
 
+def chosen_policies(
+    task: Task, agent: str, opponent: Policy | str | Path | None, epsilon: float
+) -> dict[str, Policy]:
+    """A policy for every role of `task`: scripted ones, and `opponent` in all roles but yours.
+
+    Args:
+        task: the game.
+        agent: yours, by name or role.
+        opponent: as in `single_agent_arguments`.
+        epsilon: share of random moves of the scripted agents.
+
+    Raises:
+        ValueError: no such policy, or one that does not play a role of another seat.
+    """
+    if not isinstance(opponent, str | Path):
+        return default_policies(task, epsilon, opponent, agent)
+    name = str(opponent)
+    if name not in AGENTS and not is_own_policy(name) and _is_saved(name):
+        saved: dict[str, Policy] = from_train("train.runs.opponents:opponents_of")(
+            task, agent, name, epsilon
+        )
+        return saved
+    policies = default_policies(task, epsilon, own=agent)
+    for role in set(task.seat_roles) - {agent.split("_")[0]}:
+        order: Any = task.move_order
+        policies[role] = (
+            scripted_policy(name, role, epsilon, order)
+            if name in AGENTS
+            else own_policy(name, task, role)
+        )
+    return policies
+
+
+def _is_saved(name: str) -> bool:
+    """Whether a name is the path of a run folder or of a saved model."""
+    return Path(name).is_dir() or Path(name).suffix == ".zip"
+
+
 def single_agent_arguments(
     task_name: str,
     agent: str,
     maze: Any = "5x5",
     opponent_epsilon: float = 0.0,
-    opponent: Policy | str | None = None,
+    opponent: Policy | str | Path | None = None,
     **settings: Any,
 ) -> dict[str, Any]:
     """The task, agent and policies of a single-agent environment of the named task.
@@ -167,22 +206,13 @@ def single_agent_arguments(
         agent: yours, by name or role.
         maze: as in `pursuit.Task`.
         opponent_epsilon: share of random moves of the scripted agents in the other seats.
-        opponent: fills the seats of all other roles instead: a `Policy`, one of AGENTS, or
-            a policy of your own as "package.module:Name". A* (of runners the nearest
+        opponent: fills the seats of all other roles instead: a `Policy`, one of AGENTS, a policy of
+            your own as "package.module:Name", or the folder of a run. A* (of runners the nearest
             goal) where it is None.
         **settings: those of `pursuit.Task`.
     """
     task = make_task(task_name, maze=maze, **settings)
-    given = None if isinstance(opponent, str) else opponent
-    policies = default_policies(task, opponent_epsilon, given, agent)
-    if isinstance(opponent, str):
-        for role in set(task.seat_roles) - {agent.split("_")[0]}:
-            order: Any = task.move_order
-            policies[role] = (
-                scripted_policy(opponent, role, opponent_epsilon, order)
-                if opponent in AGENTS
-                else own_policy(opponent, task, role)
-            )
+    policies = chosen_policies(task, agent, opponent, opponent_epsilon)
     return {"task": task, "agent": agent, "policies": policies}
 
 
@@ -205,8 +235,8 @@ def make_env(
         mask_bumps: infos hold an "action_mask" that forbids moves into walls.
         mask_in_observation: observations are {"observation", "action_mask"}.
         **settings: maze, opponent_epsilon (share of random moves of the scripted agents, 0 by
-            default), opponent (for all other roles: a `Policy`, one of AGENTS, or
-            package.module:Name of your own), and those of `pursuit.Task`.
+            default), opponent (for all other roles: a `Policy`, one of AGENTS,
+            package.module:Name of your own, or the folder of a run), and those of `pursuit.Task`.
     """
     arguments = single_agent_arguments(task, agent, **settings)
     return SingleAgentEnv(
@@ -226,7 +256,7 @@ def make_vector_env(
     render_mode: str | None = None,
     seed: int | None = None,
     mask_bumps: bool = False,
-    autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
+    autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
     mask_in_observation: bool = False,
     max_episode_steps: int | None = None,
     **settings: Any,
@@ -248,33 +278,3 @@ def make_vector_env(
         autoreset_mode=autoreset_mode,
         mask_in_observation=mask_in_observation,
     )
-
-
-def chaser_env(**settings: Any) -> SingleAgentEnv:
-    """`pursuit/Chaser-v0`: chase an epsilon-greedy A* evader."""
-    return make_env("chase", "chaser", **settings)
-
-
-def evader_env(**settings: Any) -> SingleAgentEnv:
-    """`pursuit/Evader-v0`: evade an epsilon-greedy A* chaser."""
-    return make_env("chase", "evader", **settings)
-
-
-def maze_env(**settings: Any) -> SingleAgentEnv:
-    """`pursuit/Maze-v0`: collect all goals."""
-    return make_env("maze", "runner", **settings)
-
-
-def chaser_vector_env(num_envs: int = 1, **settings: Any) -> SingleAgentVectorEnv:
-    """`pursuit/Chaser-v0`, vectorised over the Simulator."""
-    return make_vector_env("chase", "chaser", num_envs, **settings)
-
-
-def evader_vector_env(num_envs: int = 1, **settings: Any) -> SingleAgentVectorEnv:
-    """`pursuit/Evader-v0`, vectorised over the Simulator."""
-    return make_vector_env("chase", "evader", num_envs, **settings)
-
-
-def maze_vector_env(num_envs: int = 1, **settings: Any) -> SingleAgentVectorEnv:
-    """`pursuit/Maze-v0`, vectorised over the Simulator."""
-    return make_vector_env("maze", "runner", num_envs, **settings)

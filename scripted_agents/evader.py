@@ -11,9 +11,10 @@ class AStarEvader(Scripted):
     """Flees to the cell within `look_radius` that is farthest from the nearest chaser.
 
     It is alerted when the nearest chaser is nearer than `alert_distance` (path distance); then it
-    takes a first step of a shortest path to such a cell, all that are equally good drawn uniformly.
-    When no cell within reach is farther than its own it stays, if the task has that action, and
-    else moves uniformly. Not alerted, and with probability epsilon, it moves uniformly.
+    draws uniformly among the first steps of all shortest paths to all such cells: among steps, not
+    among cells. When no cell within reach is farther than its own it stays, if the task has that
+    action, and else makes a random move. Not alerted, and with probability epsilon, it makes a
+    random move: uniformly one of those that change the cell, never "stay".
 
     Args:
         epsilon: share of random moves in [0, 1].

@@ -13,12 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.declared import number, one_of, truth, whole
 from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.sight import visible_cells
-from pursuit.task import MOVE_ORDERS
 from scripted_agents.best_response import MoveOrder, checked_table
-from scripted_agents.hidden_files import load_search, save_search
+from scripted_agents.hidden_files import REMEDY, load_search, save_search
 from scripted_agents.hidden_game import HiddenCell, Role, SightRules, hidden_chase
 from scripted_agents.hidden_policy import BeliefOptimal, BeliefOptimalChaser, BeliefOptimalEvader
 from scripted_agents.hidden_search import DEFAULT_MEMORY, HiddenSearch, Report
@@ -115,7 +113,10 @@ class HiddenChaseSolution:
             OSError: it cannot be read.
         """
         maze, settings, table, restore = load_search(Path(path))
-        rules = SightRules(**settings)
+        try:
+            rules = SightRules(**settings)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path}: {error}; {REMEDY}") from None
         search = HiddenSearch(_game(maze, table, rules), memory)
         restore(search)
         return cls(maze, rules, table, search)
@@ -170,13 +171,13 @@ def solve_hidden_chase(
         raise ValueError(f"{maze.name}: {maze.num_cells} cells; at most {MAX_TABLE_CELLS}")
     table = checked_table(maze, opponent_table, "opponent_table")
     rules = SightRules(
-        one_of("role", role, ("chaser", "evader")),
-        None if view_radius is None else whole("view_radius", view_radius, 0),
-        truth("line_of_sight", line_of_sight),
-        number("discount", discount),
-        one_of("move_order", move_order, MOVE_ORDERS),
-        table.shape[2] == 5 if stay_action is None else truth("stay_action", stay_action),
-        whole("min_start_distance", min_start_distance, 0),
+        role,
+        view_radius,
+        line_of_sight,
+        discount,
+        move_order,
+        table.shape[2] == 5 if stay_action is None else stay_action,
+        min_start_distance,
     )
     if resume is not None and not isinstance(resume, HiddenChaseSolution):
         raise ValueError(f"resume={resume!r}; give what solve_hidden_chase gave, or leave it out")

@@ -8,9 +8,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.declared import as_array, number
+from pursuit.declared import as_array, number, one_of, truth, whole
 from pursuit.maze import Maze
 from pursuit.memory import check_memory
+from pursuit.task import MOVE_ORDERS
 from scripted_agents.best_response import MoveOrder
 from scripted_agents.hidden_layout import Model, Roots
 
@@ -24,7 +25,11 @@ Role = Literal["chaser", "evader"]
 
 @dataclass(frozen=True)
 class SightRules:
-    """What a hidden chase is played by, but for the maze and the opponent."""
+    """What a hidden chase is played by, but for the maze and the opponent.
+
+    Raises:
+        ValueError: a value that is not allowed.
+    """
 
     role: Role
     view_radius: int | None
@@ -33,6 +38,20 @@ class SightRules:
     move_order: MoveOrder
     stay_action: bool
     min_start_distance: int
+
+    def __post_init__(self) -> None:
+        radius = self.view_radius
+        kept = {
+            "role": one_of("role", self.role, ("chaser", "evader")),
+            "view_radius": None if radius is None else whole("view_radius", radius),
+            "line_of_sight": truth("line_of_sight", self.line_of_sight),
+            "discount": number("discount", self.discount),
+            "move_order": one_of("move_order", self.move_order, MOVE_ORDERS),
+            "stay_action": truth("stay_action", self.stay_action),
+            "min_start_distance": whole("min_start_distance", self.min_start_distance),
+        }
+        for name, value in kept.items():
+            object.__setattr__(self, name, value)
 
     def __str__(self) -> str:
         radius = "all" if self.view_radius is None else f"radius {self.view_radius}"

@@ -124,6 +124,7 @@ def play_beliefs(
         moves = 0
         for action in range(4):
             moves += model.next_own[cell, action] != cell
+        actions[game] = 0  # of an enclosed cell, from which no move leads away
         pick = int(which[game] * moves)
         for action in range(4):
             if model.next_own[cell, action] != cell:

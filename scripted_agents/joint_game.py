@@ -28,6 +28,9 @@ SADDLE = 1e-12
 TOLERANCE = 1e-8
 """How exact values are, relative to the largest."""
 
+MAX_DISCOUNT = 0.9995
+"""Above this discount value iteration needs more than about 50,000 sweeps."""
+
 
 @dataclass(frozen=True, eq=False)
 class JointGame:
@@ -78,7 +81,7 @@ def solve_joint_game(
 
     Args:
         task: any game of two agents in one maze: a race, a heist, a duel.
-        discount: of each step; above 0 and below 1.
+        discount: of each step; above 0 and at most MAX_DISCOUNT.
         most_states: above this number of states the game is refused.
 
     Raises:
@@ -91,8 +94,11 @@ def solve_joint_game(
             f"task {task.name!r}: {task.num_agents} agents, paid by {task.rewards!r}; the lead is "
             "zero-sum between two agents that the rule book pays: give two, and coefficients"
         )
-    if not 0.0 < number("discount", discount) < 1.0:
-        raise ValueError(f"discount {discount}; it lies above 0 and below 1")
+    if not 0.0 < number("discount", discount) <= MAX_DISCOUNT:
+        raise ValueError(
+            f"discount {discount}; it lies above 0 and is at most {MAX_DISCOUNT}: nearer to 1 the "
+            "values converge too slowly. Give a smaller one"
+        )
     # Some 20 pairs of options a state, each with what it pays, where it leads, and its actions.
     check_joint_states(task, most_states, each=20 * 30)
     states = joint_states_of(task)

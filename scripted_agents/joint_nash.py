@@ -55,7 +55,9 @@ def joint_nash_conv(
         policies: of all seats, by agent name or role.
         horizon: the number of steps after which the game is cut, or None.
         discount: what a step counts in terms of the one before it.
-        sides: whether all agents of a role are one player, paid together.
+        sides: whether all agents of a role are one player, paid together; chasers that are paid
+            `per_evader`, so all alike, as one of them. So `zero_sum` is zero-sum between two sides,
+            and for one evader NashConv is that of `train.evaluation.team_exploitability`.
         objective: what players are after, as in `solve_joint`; with "lead" a race of two is
             zero-sum, and both numbers are those of `solve_joint_game`.
         most_states: above this number of states the game is refused.
@@ -65,14 +67,23 @@ def joint_nash_conv(
     for name, role in zip(task.agent_names, task.seat_roles, strict=True):
         players.setdefault(role if truth("sides", sides) else name, []).append(name)
     one_of("objective", objective, ("return", "lead"))
+    paid_as_one = sides and objective == "return" and task.role_rewards["chaser"].per_evader
+    weights = {
+        player: 1.0 / len(names) if paid_as_one and player == "chaser" else 1.0
+        for player, names in players.items()
+    }
     best = {
-        player: solve_joint(
+        player: weights[player]
+        * solve_joint(
             task, names, policies, horizon, discount, objective, most_states
         ).mean_over_starts
         for player, names in players.items()
     }
     paid = evaluate_joint(task, policies, horizon, discount, None, most_states).returns
-    returns = {player: sum(paid[name] for name in names) for player, names in players.items()}
+    returns = {
+        player: weights[player] * sum(paid[name] for name in names)
+        for player, names in players.items()
+    }
     if objective == "lead":
         returns = {player: 2.0 * own - sum(paid.values()) for player, own in returns.items()}
     return JointNashConv(returns, best)

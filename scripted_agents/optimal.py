@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pursuit.declared import number, one_of, share, truth
 from pursuit.maze import Maze, load_maze
-from pursuit.policy import GameView, TabularPolicy
+from pursuit.policy import GameView, TabularPolicy, role_of
 from pursuit.rules.layout import Games
 from pursuit.task import MOVE_ORDERS, Task
 from scripted_agents.best_response import MoveOrder, best_response
@@ -304,9 +304,3 @@ def table_of(
     if isinstance(policy, ExactAgent):
         return policy.table(maze, stay_action, move_order)
     return policy.action_probabilities(maze, stay_action)
-
-
-def role_of(policy: object) -> str | None:
-    """The role that a policy is made for, where it says so: "chaser", "evader" or "runner"."""
-    role = getattr(policy, "role", None) or getattr(policy, "agent", None)
-    return None if role is None else str(role).split("_")[0]

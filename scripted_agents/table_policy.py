@@ -18,7 +18,8 @@ from scripted_agents.scripted import RandomAgent
 class TablePolicy:
     """Plays the distribution table[own cell, other cell] in games of one against one.
 
-    The other cell is that of the first active agent of the opposite role. Exact solutions
+    The other cell is that of the first active agent of another role; in a race, where all have one
+    role, that of the first active other runner. Exact solutions
     (`best_response(...).policy`) and learned networks, run once on all pairs, are such tables.
 
     Args:
@@ -81,8 +82,7 @@ class TablePolicy:
         if task.mazes != (self.maze,):
             raise ValueError(f"a table for {self.maze.name}, not for task {task.name!r}")
         table = self.action_probabilities(self.maze, task.stay_action)
-        role = task.seat_roles[seat]
-        others = [other for other, theirs in enumerate(task.seat_roles) if theirs != role]
+        others = opponents_of(task, seat)
         first = games.active[:, others].argmax(axis=1)
         other = np.take_along_axis(games.position[:, others], first[:, None], axis=1)[:, 0]
         return table[games.position[:, seat], other]
@@ -106,7 +106,17 @@ class TablePolicy:
 
 
 def opponents_of(task: Task, seat: int) -> NDArray[np.int64]:
-    """The seats of other roles than that of a seat."""
+    """The seats of other roles than that of a seat; all other seats where there is one role.
+
+    Raises:
+        ValueError: no other agent, so no other cell.
+    """
     role = task.seat_roles[seat]
     others = [other for other, theirs in enumerate(task.seat_roles) if theirs != role]
+    others = others or [other for other in range(task.num_agents) if other != seat]
+    if not others:
+        raise ValueError(
+            f"a table [self cell, other cell, action] in task {task.name!r}, with no agent but "
+            f"{task.agent_names[seat]}; give a policy of one cell, such as NearestGoalRunner"
+        )
     return np.array(others, dtype=np.int64)

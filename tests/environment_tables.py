@@ -30,7 +30,13 @@ from scripted_agents import environments
 
 ROOT = Path(__file__).parents[1]
 PLACE = re.compile(r"(<!-- table: ([\w -]+) -->\n).*?(<!-- end -->)", re.DOTALL)
-GYMNASIUM = {"chase": ("Chaser", "Evader"), "maze": ("Maze",), "reacher": ("Reacher",)}
+GYMNASIUM = {
+    "chase": ("Chaser", "Evader"),
+    "maze": ("Maze",),
+    "race": ("Race",),
+    "heist": ("HeistChaser", "HeistEvader"),
+    "reacher": ("Reacher",),
+}
 
 
 def pages() -> list[str]:
@@ -147,13 +153,13 @@ def gymnasium_arguments(name: str) -> str:
 def facts(name: str) -> str:
     """Ids, agents and spaces, of the environment as it is by default."""
     env = module_of(name).parallel_env()
-    ids = ", ".join(f'`gymnasium.make("pursuit/{i}-v0")`' for i in GYMNASIUM.get(name, ()))
+    ids = ", ".join(f'`gymnasium.make("pursuit/{i}-v0")`' for i in GYMNASIUM[name])
     agent = env.possible_agents[0]
     return rows(
         ("", "by default"),
         [
             ("PettingZoo", f"`from pursuit import {name}_v0`; id `pursuit/{name}-v0`"),
-            ("Gymnasium", ids or f'`scripted_agents.environments.make_env("{name}", agent)`'),
+            ("Gymnasium", ids),
             ("Agents", ", ".join(f"`{agent}`" for agent in env.possible_agents)),
             ("Actions", f"`{space(env.action_space(agent))}`"),
             (
@@ -212,10 +218,10 @@ def rewards(name: str) -> str:
             schemes = {f"{name}'s own (default)": task.role_rewards[role], **schemes}
         for scheme, paid in schemes.items():
             mark = " (default)" if scheme == task.rewards else ""
-            numbers = [
-                f"{getattr(paid, f.name):g}" for f in fields(paid) if f.name != "on_completion"
-            ]
+            flags = ("on_completion", "per_evader")
+            numbers = [f"{getattr(paid, f.name):g}" for f in fields(paid) if f.name not in flags]
             when = "only when it ends the game" if paid.on_completion else "at once"
+            when = "per evader" if paid.per_evader else when
             body.append((role, scheme + mark, *numbers, when))
     return rows(("role", "scheme", "step", "capture", "goal", "distance", "events pay"), body)
 

@@ -137,6 +137,11 @@ def reward(
         return 0.0
     if agent in captures:
         return pay.capture
+    if pay.per_evader:
+        return sum(
+            for_evader(evader, captures, collected, pay)
+            for evader in of_role(before.active, "evader")
+        )
     events = [pay.capture / len(captors) for captors in captures.values() if agent in captors]
     events += [pay.goal / len(takers) for takers in collected.values() if agent in takers]
     if events and (game_over or not pay.on_completion):
@@ -149,3 +154,16 @@ def reward(
     row, column = after.places[agent]
     distances = [abs(row - r) + abs(column - c) for r, c in others]
     return pay.step + pay.distance * min(distances, default=0)
+
+
+def for_evader(
+    evader: str,
+    captures: Mapping[str, set[str]],
+    collected: Mapping[int, set[str]],
+    pay: Rewards,
+) -> float:
+    """What a chaser is paid, with `per_evader`, for one evader that was free before the step."""
+    if evader in captures:
+        return pay.capture
+    shares = [pay.goal / len(takers) for takers in collected.values() if evader in takers]
+    return sum(shares) if shares else pay.step

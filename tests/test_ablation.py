@@ -26,6 +26,7 @@ from train.experiments.statistics import (
     improvement,
     interquartile_mean,
     interquartile_means,
+    mean_interval,
     mean_over,
     permutation_p,
     probability_of_improvement,
@@ -135,6 +136,29 @@ def test_what_was_never_reached_counts_as_late_not_as_missing() -> None:
     assert row["seconds_to_5"] == float("inf")  # the median of 2 s and twice never
     row = summary("arm", [reaching, curve([3.0, 2.0, 1.0], 1), never[0]], never)
     assert (row["seconds_to_5"], row["frames_to_5"], row["reached_2"]) == (2.0, 2e6, 2)
+
+
+def test_areas_and_times_of_several_tasks_are_compared_within_them() -> None:
+    easy = [curve([50.0, value], seed, "easy") for seed, value in enumerate((1.0, 1.1, 1.2))]
+    hard = [curve([900.0, 900.0, 900.0 - seed, 4.0], seed, "hard") for seed in range(3)]
+    row = summary("arm", easy + hard, easy + hard)
+    areas = [[mean_over(c.frames, c.optimality) for c in task] for task in (easy, hard)]
+    # Runs of one task are nearly alike: what the tasks differ in is no uncertainty.
+    low, high = mean_interval(areas)
+    assert (row["area_low"], row["area_high"]) == pytest.approx((low, high))
+    assert row["area"] == pytest.approx((low + high) / 2) and high - low < 0.01
+    # One run more of the easy task does not move the mean over tasks towards it.
+    more = summary("arm", [*easy, easy[1], *hard], easy + hard)
+    assert more["area"] == pytest.approx(row["area"], abs=1e-3)
+
+    sooner = [curve([50.0, 1.0, 1.0], seed, "easy") for seed in range(3)]
+    later = [curve([50.0, 50.0, 1.0], seed, "easy") for seed in range(3)]
+    never = [curve([900.0, 900.0], seed, "hard") for seed in range(30)]
+    alone = summary("arm", sooner, later)["p_to_5"]
+    # A task in which no run arrives adds nothing, however many runs it has.
+    assert summary("arm", sooner + never, later + never)["p_to_5"] == pytest.approx(alone)
+    assert summary("arm", sooner + never, later)["p_to_5"] == pytest.approx(alone)
+    assert np.isnan(summary("arm", sooner, [])["p_to_5"])
 
 
 def test_the_p_value_is_mann_and_whitneys_where_there_are_no_ties() -> None:
@@ -255,6 +279,7 @@ def test_every_shipped_ablation_is_sound_in_both_versions(name: str) -> None:
         ("[[arms]]", "[[variants]]", r"called \[\[arms\]\]"),
         ('curriculum = "num-goals"', 'curriculum = "opponent-epsilon"', "needs opponents"),
         ('task = "maze"', 'task = "heist"', "exact optimum of task 'heist' .* is not known"),
+        ('task = "maze"', 'task = "race"\nnum_goals = 2', "'race' is judged by goals, and an abl"),
     ],
 )
 def test_bad_files_are_refused_before_anything_runs(

@@ -40,3 +40,11 @@ def test_all_ties_are_found() -> None:
     # From one corner to the opposite one two moves begin a shortest way.
     assert found.optimal[0, 8].tolist() == [False, True, True, False]
     assert found.values[0, 8] == pytest.approx(4.0)
+
+
+def test_a_maze_may_be_given_by_its_name() -> None:
+    table = AStarEvader(0.2).action_probabilities(pursuit.load_maze("3x3"))
+    named = action_values("chaser", "3x3", table)
+    np.testing.assert_array_equal(
+        named.steps, action_values("chaser", pursuit.load_maze("3x3"), table).steps
+    )

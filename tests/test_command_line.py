@@ -91,7 +91,8 @@ def test_who_walks_to_and_fro_is_told_what_cures_it(
         {"name": "learned", "success_rate": greedy},
         {"name": "learned, sampled", "success_rate": drawn},
     ]
-    found = loops_told({"role": role, "scores": scores})
+    objective = {"column": "mean_steps", "unit": "steps", "less_is_better": True}
+    found = loops_told({"role": role, "scores": scores, "objective": objective})
     assert told in found and bool(found) == bool(told) == ("--frame-stack 2" in found)
 
 
@@ -235,6 +236,8 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
         (["train", "--task", "maze", "--num-goals", "0"], ["num_goals"]),
         (["train", "--task", "maze", "--num-goals", "25"], ["25"]),
         (["train", "--max-steps", "0"], ["max_steps"]),
+        (["train", "--max-steps", "100001"], ["max_steps=100001; at most 100000", "take fewer"]),
+        (["baseline", "--task", "reacher", "--max-steps", "100001"], ["at most 100000"]),
         (["train", "--seconds", "-3"], ["-3"]),
         (["train", "--seconds", "nan"], ["nan"]),
         (["train", "--frames", "0"], ["frames=0"]),
@@ -423,10 +426,10 @@ def test_every_command_has_a_help_that_names_its_options(
 @pytest.mark.parametrize(
     ("command", "work"),
     [
-        (("race", "ppo"), "race.run_race"),
-        (("sweep", "reacher_by_joints"), "sweep.run_locally"),
-        (("ablate", "opponent-epsilon"), "sweep.run_locally"),
-        (("reproduce", "table-3.1"), "reproduce.carry_out"),
+        (("race", "ppo"), "race.run.run_race"),
+        (("sweep", "reacher_by_joints"), "experiments.executors.run_locally"),
+        (("ablate", "opponent-epsilon"), "experiments.executors.run_locally"),
+        (("reproduce", "table-3.1"), "reproduction.run.carry_out"),
     ],
 )
 def test_who_interrupts_is_given_a_command_that_a_shell_takes(
@@ -439,7 +442,7 @@ def test_who_interrupts_is_given_a_command_that_a_shell_takes(
     def interrupted(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(f"train.commands.{work}", interrupted)
+    monkeypatch.setattr(f"train.{work}", interrupted)
     again = [*command, "--out", str(tmp_path / "it's mine; or $HOME")]
     with pytest.raises(SystemExit):
         main(again)

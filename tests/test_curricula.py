@@ -253,6 +253,17 @@ def test_settings_out_of_range_are_refused() -> None:
         (lambda: SuccessGated(STAGES, promote_at=1.2), "promote_at=1.2"),
         (lambda: SuccessGated(STAGES, promote_at=0.5, demote_at=0.6), "demote_at below"),
         (lambda: SuccessGated(STAGES, window=0), "window=0"),
+        (lambda: SuccessGated(STAGES, window=1.5), "window=1.5; a whole number, at least 1 ep"),
+        (lambda: SuccessGated(STAGES, window=True), "window=True; a whole number"),
+        (lambda: LevelReplay(capacity=2.5), "capacity=2.5; a whole number, at least 2 levels"),
+        *(
+            (lambda kind=kind, value=value: kind([1.0, value]), "all different and finite")
+            for kind in (Uniform, SuccessGated, LearningProgress, lambda s: Shuffled(s, 0.5))
+            for value in (math.nan, math.inf)
+        ),
+        (lambda: piecewise([(0.0, math.nan)], 0.0), "all numbers are finite"),
+        (lambda: piecewise([(0.0, 1.0), (math.inf, 0.0)], 0.0), "all numbers are finite"),
+        (lambda: Schedule("piecewise", points=((math.nan, 1.0),)), "all numbers are finite"),
         (lambda: LearningProgress(STAGES, fast=0.1, slow=0.2), "slow < fast"),
         (lambda: LearningProgress(STAGES, explore_share=-0.1), "explore_share=-0.1"),
         (lambda: Uniform([]), "at least one value"),
@@ -284,6 +295,11 @@ def test_levels_with_regret_are_kept_and_played_again() -> None:
     drawn = replay.sample(10_000, rng)
     assert np.isin(drawn, replay.seeds).mean() == pytest.approx(0.5, abs=0.02)
     assert (drawn >= 0).all() and (drawn < MAX_SEED).all()
+
+
+def test_the_lesson_that_no_level_has_is_named() -> None:
+    with pytest.raises(ValueError, match="outcomes of lesson -1, which is no seed"):
+        LevelReplay("learnability").update(outcomes([3.0, -1.0]), Progress())
 
 
 def test_ranks_and_staleness_give_the_published_probabilities() -> None:

@@ -297,6 +297,8 @@ def test_bad_seeds(seed: Any) -> None:
         ({"positions": [0, 1], "goals": [3]}, "this task has none"),
         (5, "options=5; give a dict"),
         ({"positions": [3, 3]}, "begin in one cell"),
+        ({"postions": [0, 1]}, "unknown option 'postions'; the options of reset are positions, g"),
+        ({"goals": [3]}, "give positions too"),
     ],
 )
 def test_bad_options_change_nothing(options: Any, message: str) -> None:

@@ -1,13 +1,15 @@
 """Files are written beside and renamed: nothing that is there already is lost."""
 
 import os
+import signal
 import stat
 import subprocess
 import sys
 
 import pytest
 
-from train.files import only_one, write_text
+from train.files import only_one, remove_leftovers, write_text
+from train.runs.folder import check_new
 
 
 def test_a_failing_write_leaves_what_was_there(tmp_path):
@@ -37,3 +39,35 @@ def test_whoever_holds_a_folder_clears_what_the_dead_left_half_written(tmp_path)
     own.write_text("still being written")
     with only_one(tmp_path, "sweep"):
         assert not left.exists() and own.exists()
+
+
+KILLED = """
+import os, signal, sys
+import numpy as np
+import gymnasium
+import pursuit
+from pursuit.animation import save_animation
+
+class Still:
+    def draw(self, size):
+        return np.zeros((64, 64, 3), dtype=np.uint8)
+
+os.replace = lambda *paths: os.kill(os.getpid(), signal.SIGKILL)
+path = sys.argv[1]
+if path.endswith(".json"):
+    env = gymnasium.make("pursuit/Chaser-v0", maze="2x2")
+    recorder = pursuit.Recorder(env)
+    env.reset(seed=0)
+    recorder.stop().save(path)
+save_animation(path, [Still(), Still()])
+"""
+
+
+@pytest.mark.parametrize("name", ["replay.gif", "replay.mp4", "replays.json"])
+def test_what_a_process_left_that_was_killed_while_it_drew_is_removed(name, tmp_path):
+    killed = subprocess.run([sys.executable, "-c", KILLED, tmp_path / name])
+    assert killed.returncode == -signal.SIGKILL
+    assert len(os.listdir(tmp_path)) == 1
+    check_new(tmp_path)
+    remove_leftovers(tmp_path)
+    assert os.listdir(tmp_path) == []

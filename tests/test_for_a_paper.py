@@ -18,12 +18,14 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from scipy import stats
+from scipy.integrate import quad
 
 from train.commands.main import COMMANDS, GROUPS, main
 from train.experiments.ablation import load_ablation
 from train.experiments.methods import methods
 from train.experiments.power import power_line, power_lines
-from train.experiments.statistics import least_p, permutation_p
+from train.experiments.statistics import least_p, permutation_p, power
 from train.experiments.sweep import load_sweep
 from train.experiments.sweep_figures import on_one_axis
 from train.figures import Look, pyplot, save
@@ -191,17 +193,76 @@ def test_the_least_p_of_several_tasks_and_of_splits_that_are_drawn() -> None:
     assert least_p([(20, 20)]) == pytest.approx(1 / 20_001)
 
 
-def test_what_so_few_can_show_is_said(tmp_path: Path) -> None:
+def test_the_power_of_four_against_four_is_an_integral() -> None:
+    # p < 0.05 only where all runs of one side lie below all of the other: 2 of 70 splits, the next
+    # being 4 of 70.
+    def all_below(shift: float) -> float:
+        def density(x: float) -> float:  # of the highest of four at x, with four others above
+            own = 4.0 * stats.norm.pdf(x) * stats.norm.cdf(x) ** 3
+            return float(own * stats.norm.sf(x - shift) ** 4)
+
+        return float(quad(density, -10.0, 10.0)[0])
+
+    for effect in (0.0, 0.5, 1.0, 2.0):
+        exact = all_below(effect) + all_below(-effect)
+        assert power([(4, 4)], effect) == pytest.approx(exact, abs=0.012)
+
+
+@pytest.mark.parametrize(("effect", "arms"), [(0.0, 1), (1.0, 1), (1.0, 5), (2.0, 5)])
+def test_the_power_is_that_of_scipys_test_and_little_less_than_of_students(
+    effect: float, arms: int
+) -> None:
+    level = 0.05 / arms
+    found = power([(9, 7)], effect, level)
+    rng = np.random.default_rng(7)
+    ours, theirs = rng.normal(size=(4000, 9)), rng.normal(effect, size=(4000, 7))
+    p = stats.mannwhitneyu(ours, theirs, axis=1, method="exact").pvalue
+    assert found == pytest.approx(float((p < level).mean()), abs=0.03)
+    student = stats.nct(14, effect * np.sqrt(9 * 7 / 16))
+    end = stats.t.isf(level / 2, 14)
+    assert 0.0 < student.sf(end) + student.cdf(-end) - found < 0.15 * (effect > 0.0) + 0.02
+
+
+def test_the_power_over_several_tasks_is_that_of_all_splits_within_them() -> None:
+    rng, sizes, effect = np.random.default_rng(2), [(3, 3), (2, 4)], 1.5
+    drawn = [rng.normal(size=(2000, n + m)) - effect * (np.arange(n + m) < n) for n, m in sizes]
+
+    def improvements(runs: np.ndarray, own: tuple[int, ...]) -> np.ndarray:
+        others = [i for i in range(runs.shape[1]) if i not in own]
+        below = runs[:, list(own), None] < runs[:, None, others]
+        return np.asarray(below.mean(axis=(1, 2)))
+
+    every = [
+        np.stack([improvements(runs, own) for own in combinations(range(n + m), n)])
+        for runs, (n, m) in zip(drawn, sizes, strict=True)
+    ]
+    apart = abs((every[0][:, None] + every[1][None, :]) / 2 - 0.5)  # [splits, splits, studies]
+    p = (apart >= apart[0, 0] - 1e-9).mean(axis=(0, 1))
+    assert 0.2 < (p < 0.05).mean() < 0.9
+    assert power(sizes, effect) == pytest.approx(float((p < 0.05).mean()), abs=0.03)
+
+
+@pytest.mark.parametrize("sizes", [(1, 1), (3, 3), (2, 5), (6, 4)])
+def test_the_smallest_attainable_p_is_the_least_level_with_power(sizes: tuple[int, int]) -> None:
+    least = least_p([sizes])
+    assert power([sizes], 9.0, least) == 0.0 < power([sizes], 9.0, 1.001 * least)
+
+
+def test_what_is_called_power_is_power(tmp_path: Path) -> None:
     assert power_lines(load_ablation("adaptive", "short")) == [power_line([(6, 6)], 9)]
-    assert "cannot show p < 0.05" in power_line([(3, 3)]) and "is 0.10" in power_line([(3, 3)])
-    assert "5 against 5 can show" in power_line([(5, 5)])
-    assert "5 against 5 cannot show" in power_line([(5, 5)], 7)  # 7 times 2 of 252
-    assert "it takes 6 against 6" in power_line([(5, 5)], 7)
-    assert "in each of 2 tasks can show" in power_line([(3, 3)] * 2)
+    for sizes, arms in (([(6, 6)], 9), ([(5, 5)], 1), ([(3, 3)] * 2, 1)):
+        each = [f"{100 * power(sizes, effect, 0.05 / arms):.0f} %" for effect in (0.5, 1, 1.5, 2)]
+        words_ = f"{', '.join(each[:3])} and {each[3]} at effects of 0.5, 1, 1.5 and 2 standard"
+        assert words_ in power_line(sizes, arms)
+    assert "smallest attainable p is 0.0079" in power_line([(5, 5)])
+    assert "3 against 3 in each of 2 tasks: " in power_line([(3, 3)] * 2)
+    assert power_line([(3, 3)]).startswith("3 against 3: 0 % at every effect")
+    assert "U is 0.10; p < 0.05 takes 4 against 4 (0.029)" in power_line([(3, 3)])
+    assert "p < 0.05 takes 6 against 6" in power_line([(5, 5)], 7)  # 7 times 2 of 252
     for seeds, words_ in (
         ("[0]", "of a single seed there is no interval"),
-        ("[0, 1, 2]", "Student's 95 % intervals of the mean over 3 seeds. A permutation test of 3"),
-        ("[0, 1, 2, 3, 4]", "over 5 seeds. A permutation test of 5 against 5 could show"),
+        ("[0, 1, 2]", "mean over 3 seeds. The power of a test of two settings, 3 against 3: 0 %"),
+        ("[0, 1, 2, 3, 4]", "over 5 seeds. The power of a test of two settings, 5 against 5: 7 %"),
     ):
         file = tmp_path / "s.toml"
         file.write_text(

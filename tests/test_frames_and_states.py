@@ -30,16 +30,20 @@ def grown(learner: str, exponent: float, number: int, reached: bool = True) -> l
 
 def test_a_power_law_is_found_and_judged() -> None:
     assert power(grown("table", 1.5, 0)) == pytest.approx(1.5, abs=0.01)
-    runs = [run for n in range(5) for run in (*grown("table", 1.0, n), *grown("network", 0.4, n))]
+    runs = [run for n in range(8) for run in (*grown("table", 1.0, n), *grown("network", 0.4, n))]
     assert powers(runs)["network"][3] == pytest.approx(0.4, abs=0.01)
-    assert [line.partition(": ")[2] for line in verdicts(runs)] == ["confirmed, 5 of 5"] * 2
+    p = "(p = 0.0078)"
+    assert [line.partition(": ")[2] for line in verdicts(runs)] == [f"confirmed, 8 of 8 {p}"] * 2
+    few = [run for run in runs if run.number < 5]  # the sign test of five cannot go below 0.0625
+    told = ["undecided, 5 of 5 (p = 0.062)"] * 2
+    assert [line.partition(": ")[2] for line in verdicts(few)] == told
     # A network that never gets there does not show that it needs few frames.
     never = [run for run in runs if (run.learner, run.number) != ("network", 1)]
     never = [run for run in never if (run.learner, run.number) != ("network", 2)]
     never += grown("network", 0.4, 1, False) + grown("network", 0.4, 2, False)
-    assert verdicts(never)[1].endswith("undecided, 3 of 5")
-    slow = [run for n in range(5) for run in (*grown("table", 0.5, n), *grown("network", 0.4, n))]
-    assert [line.partition(": ")[2] for line in verdicts(slow)] == ["refuted, 0 of 5"] * 2
+    assert verdicts(never)[1].endswith("undecided, 6 of 8 (p = 0.29)")
+    slow = [run for n in range(8) for run in (*grown("table", 0.5, n), *grown("network", 0.4, n))]
+    assert [line.partition(": ")[2] for line in verdicts(slow)] == [f"refuted, 0 of 8 {p}"] * 2
 
 
 def test_a_table_ends_at_the_threshold_and_the_tables_say_so(tmp_path: Path) -> None:

@@ -68,7 +68,9 @@ def test_the_gymnasium_id_becomes_a_vec_env() -> None:
 
 def test_ends_of_episodes() -> None:
     env = vec_env(3, maze=CORRIDOR, max_steps=2, observation="positions", opponent_epsilon=0.0)
-    reference = make_vector_env("chase", "chaser", 3, maze=CORRIDOR, max_steps=2)
+    reference = make_vector_env(
+        "chase", "chaser", 3, maze=CORRIDOR, max_steps=2, autoreset_mode="SAME_STEP"
+    )
     for each in (env.env, reference):
         each.reset(seed=0)
         each.simulator.place([[0, 1], [1, 4], [0, 4]])
@@ -82,8 +84,9 @@ def test_ends_of_episodes() -> None:
             assert bool(info) == dones[game]
             if dones[game]:
                 assert info["TimeLimit.truncated"] == truncations[game]
-                assert info["episode"]["l"] == expected["episode_length"][game]
-                assert np.isclose(info["episode"]["r"], expected["episode_return"][game])
+                final = expected["final_info"]
+                assert info["episode"]["l"] == final["episode_length"][game]
+                assert np.isclose(info["episode"]["r"], final["episode_return"][game])
                 last, first = info["terminal_observation"], observations[game]
                 assert env.observation_space.contains(last)
                 caught = last[0] == last[1] or last[1] == 0

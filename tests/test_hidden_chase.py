@@ -252,6 +252,22 @@ def test_it_plays_on_against_others_and_at_random_as_told() -> None:
             np.testing.assert_allclose(belief[simulator.steps > 1].sum(axis=1), 1.0)
 
 
+def test_a_random_move_of_an_enclosed_cell_is_a_legal_action() -> None:
+    """There no move changes the cell; what was left unwritten was any number."""
+    maze = Maze.from_text("+-+-+-+\n|   | |\n+-+-+-+", "enclosed")
+    solution = solve_hidden_chase(maze, opponent(maze, "chaser"), 1, seconds=0.2)
+    policy = BeliefOptimalChaser(solution, epsilon=1.0)
+    simulator = Simulator(make_task("chase", maze=maze, max_steps=5), 8)
+    simulator.place([2, 0])
+    actions, view = np.zeros((8, 2), dtype=np.int32), simulator.view("chaser")
+    policy.begin(view, np.arange(8))
+    for _ in range(20):
+        freed = np.full(8, 99, dtype=np.int32)  # NumPy hands out such small memory again
+        del freed
+        actions[:, 0] = policy.act(view)
+    assert (actions < 4).all()
+
+
 # -- going on, files and refusals ------------------------------------------------------------------
 
 
@@ -273,6 +289,13 @@ def test_a_solution_goes_on_and_comes_back_from_a_file(tmp_path: Path) -> None:
     for damaged in (kept[:-500], bytes(flipped), b""):
         (tmp_path / "other.npz").write_bytes(damaged)
         with pytest.raises(ValueError, match=r"other\.npz: no solution that can be read"):
+            HiddenChaseSolution.load(tmp_path / "other.npz")
+    with np.load(tmp_path / "kept.npz") as file:
+        arrays = dict(file)
+    for wrong, said in ((("chaser", "x"), "unknown role 'x'"), (("0.95", "null"), "discount=None")):
+        about = np.array(str(arrays["about"]).replace(*wrong))
+        np.savez(tmp_path / "other.npz", **{**arrays, "about": about})
+        with pytest.raises(ValueError, match=rf"other\.npz: {said}"):
             HiddenChaseSolution.load(tmp_path / "other.npz")
     with pytest.raises(ValueError, match="resume='kept'; give what solve_hidden_chase gave"):
         solve_hidden_chase(*arguments, resume="kept")

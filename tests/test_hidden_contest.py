@@ -64,8 +64,12 @@ def test_results_claim_no_optimum_that_is_none() -> None:
     assert found["discount"] == 0.95 and found["certified_lower"] <= found["certified_upper"]
     expected = found["discounted_steps"] / found["certified_lower"] - 1.0
     assert found["certified_gap"] == pytest.approx(expected) and expected > 0.0
-    results |= {"frames": 1, "seconds": 1.0, "interrupted": False}
-    assert "proven" in summary(results) and "discounted" in score_table(results)
+    objective = {"column": "mean_steps", "unit": "steps", "less_is_better": True}
+    results |= {"frames": 1, "seconds": 1.0, "interrupted": False, "objective": objective}
+    results["role"] = "chaser"
+    page = score_table(results)
+    assert "proven" in summary(results) and "discounted" in page
+    assert "gap at most" in page and f"{100 * expected:+.2f} %" in page  # as on the terminal
     assert objective_floor(contest, 0.95) == (None, None)
     sides = [side.name for side in sides_of(contest, RandomAgent())]
     assert sides == ["chaser_0 with full sight", "evader_0"]

@@ -1,6 +1,7 @@
 """What imports what: the contracts in pyproject.toml hold, nothing hides, and little is loaded."""
 
 import ast
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -9,14 +10,18 @@ from pathlib import Path
 import pytest
 from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
 
+from train.commands.main import COMMANDS
+
 ROOT = Path(__file__).parents[1]
 PACKAGES = ["pursuit", "scripted_agents", "curricula", "train"]
 """Whose imports all stand at the top of their files."""
 OPTIONAL = {"pygame", "imageio", "imageio_ffmpeg", "ray", "stable_baselines3", "supersuit"}
 SLOW = {"matplotlib", "polars", "openskill", "networkx", "tyro"}
 """Needed by few, and a wait for everybody: may be imported where they are used."""
-WITH_THEM = {"pursuit.device.checks", "pursuit.device.simulator", "pursuit.stable_baselines"}
+WITH_THEM = {"pursuit.stable_baselines"}
 """Our own files that import such a one at their top."""
+TORCH = ("torch", "torchrl", "tensordict")
+"""Slow as well: in `train` our own files that import it, by others or not, count as slow."""
 TABLES = {"train/commands/main.py"}
 """Files that may import whatever they choose from: the table of commands."""
 
@@ -30,6 +35,39 @@ def imports_of(tree: ast.AST) -> Iterator[tuple[Import, str]]:
             yield from ((node, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             yield node, "." * node.level + (node.module or "")
+
+
+def module_of(file: Path) -> str:
+    return ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def modules_with_torch() -> set[str]:
+    """Our modules that import torch when they are imported, themselves or through others."""
+    imported: dict[str, set[str]] = {}
+    for file in files_of("train"):
+        tree = ast.parse(file.read_text())
+        later = {
+            node
+            for part in ast.walk(tree)
+            if isinstance(part, ast.FunctionDef | ast.AsyncFunctionDef)
+            or (isinstance(part, ast.If) and ast.unparse(part.test) == "TYPE_CHECKING")
+            for node, _ in imports_of(part)
+        }
+        found: set[str] = set()
+        for node, module in imports_of(tree):
+            if node not in later:
+                found |= {module} | {f"{module}.{alias.name}" for alias in node.names}
+        imported[module_of(file)] = found
+    slow: set[str] = set()
+    while True:
+        more = {
+            module
+            for module, names in imported.items()
+            if names & slow or any(name.split(".")[0] in TORCH for name in names)
+        }
+        if more == slow:
+            return slow
+        slow = more
 
 
 def files_of(package: str) -> list[Path]:
@@ -55,6 +93,7 @@ def test_the_contracts_of_pyproject_hold(capsys: pytest.CaptureFixture[str]) -> 
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_no_import_hides_in_a_function(package: str) -> None:
+    slow = modules_with_torch() if package == "train" else set()
     hidden = [
         f"{file.relative_to(ROOT)}, line {node.lineno}: {module}"
         for file in files_of(package)
@@ -62,7 +101,7 @@ def test_no_import_hides_in_a_function(package: str) -> None:
         for function in ast.walk(ast.parse(file.read_text()))
         if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
         for node, module in imports_of(function)
-        if module.split(".")[0] not in OPTIONAL | SLOW and module not in WITH_THEM
+        if module.split(".")[0] not in OPTIONAL | SLOW and module not in WITH_THEM | slow
     ]
     assert not hidden, "import at the top of the file: " + "; ".join(sorted(set(hidden)))
 
@@ -95,6 +134,65 @@ gymnasium.make("pursuit/Chaser-v0").reset()
 print(sorted({"torch", "torchrl", "tensordict", "train", "stable_baselines3"} & {*sys.modules}))
 """
     assert run(code) == "[]\n"
+
+
+HELP = [["--help"], ["--version"], *([name, "--help"] for name in COMMANDS)]
+REFUSED = [
+    ["trian"],
+    ["train", "--bogus", "3"],
+    ["train", "--seconds", "-3"],
+    ["train", "--seconds", "ten"],
+    ["train", "--maze", "5x6"],
+    ["train", "--role", "goalkeeper"],
+    ["train", "--algorithm", "pppo"],
+    ["train", "--task", "reacher", "--algorithm", "dqn", "--preset", "thesis-ppo"],
+    ["train", "--curriculum", "bogus"],
+    ["train", "--observation", "bogus"],
+    ["train", "--episodes", "1"],
+    ["train", "--out", "README.md"],
+    ["train", "--resume", "no/such/folder"],
+    ["train", "--format", "bmp"],
+    ["self-play", "--sampling", "bogus"],
+    ["self-play", "--out", "README.md"],
+    ["evaluate", "no/such/folder"],
+    ["evaluate"],
+    ["regret", "no/such/folder"],
+    ["baseline", "--episodes", "1"],
+    ["play", "--port", "-1"],
+    ["view", "no/such/folder"],
+    ["render", "no/such/folder"],
+    ["league", "--games", "1"],
+    ["snapshots"],
+    ["reproduce", "--workers", "-1"],
+    ["sweep"],
+    ["sweep", "maze_by_size", "--executor", "bogus"],
+    ["ablate", "opponent-epsilon", "--workers", "-1"],
+    ["race", "--workers", "0"],
+    ["report"],
+    ["levels", "no/such/folder"],
+    ["solve", "--maze", "5x6"],
+    ["bench", "--seconds", "0"],
+    ["maze", "5x6"],
+]
+
+
+def test_help_and_refusals_load_no_torch() -> None:
+    code = f"""
+import contextlib, io, sys
+from train.commands.main import main
+for arguments in {json.dumps([*HELP, *REFUSED])}:
+    out, err, status = io.StringIO(), io.StringIO(), 0
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            main(arguments)
+        except SystemExit as exit_:
+            status = exit_.code or 0
+    said = (out if status == 0 else err).getvalue()
+    assert said.count("\\n") == 1 or status == 0, (arguments, said)
+    print(status, "torch" in sys.modules, *arguments)
+"""
+    for line, given in zip(run(code).splitlines(), [*HELP, *REFUSED], strict=True):
+        assert line == " ".join(["0" if given in HELP else "2", "False", *given])
 
 
 def test_importing_pursuit_is_light() -> None:

@@ -17,6 +17,7 @@ from scripted_agents import (
     NearestGoalRunner,
     RandomAgent,
     SearchingChaser,
+    TablePolicy,
     TourRunner,
     best_response,
     best_team_response,
@@ -184,6 +185,29 @@ def test_a_stationary_solution_may_be_played_against() -> None:
 # -- what they stand on ----------------------------------------------------------------------------
 
 
+def test_an_opponent_in_a_race_may_be_a_table_of_pairs_of_cells() -> None:
+    """Solved as its docstring offers, and played for what it is worth in the simulator."""
+    task = make_task("race", maze="3x3", num_goals=2, max_steps=30)
+    maze = task.mazes[0]
+    table = np.random.default_rng(0).dirichlet(np.ones(4), size=(9, 9))
+    best = solve_joint(task, "runner_0", {"runner_1": table}, 30, objective="return")
+    given = evaluate_joint(task, {"runner_0": NearestGoalRunner(0.1), "runner_1": table}, 30)
+    for policy, expected in (
+        (best.policy, best.mean_over_starts),
+        (NearestGoalRunner(0.1), given.returns["runner_0"]),
+    ):
+        simulator = Simulator(task, 4000, seed=3, auto_restart=False)
+        actions = np.zeros((4000, 2), dtype=np.int32)
+        while not simulator.ended.all():
+            simulator.act([policy, TablePolicy(maze, table)], actions)
+            simulator.step(actions)
+        returns = simulator.returns[:, 0]
+        assert returns.mean() == pytest.approx(expected, abs=4 * returns.std() / 4000**0.5)
+    alone = make_task("maze", maze="3x3", num_goals=1)
+    with pytest.raises(ValueError, match="no agent but runner_0"):
+        evaluate_joint(alone, {"runner": table}, 30)
+
+
 def test_states_have_numbers_and_numbers_have_states() -> None:
     crowd = Task(maze="2x2", num_chasers=1, num_evaders=1, num_runners=1, num_goals=1)
     for task in (
@@ -289,7 +313,8 @@ def test_refusals_name_value_rule_and_remedy() -> None:
     with pytest.raises(ValueError, match="mazes"):
         count_joint_states(make_task("race", maze=("3x3", "4x4")))
     best = solve_joint(race, "runner_0", SCRIPTED, 5)
+    other = make_task("race", maze="4x4")
     with pytest.raises(ValueError, match="another maze"):
-        Simulator(heist, 1).act([best.policy, None], np.zeros((1, 2), dtype=np.int32))
+        Simulator(other, 1).act([best.policy, None], np.zeros((1, 2), dtype=np.int32))
     with pytest.raises(ValueError, match="not for 1"):
         Simulator(race, 1).act([None, best.policy], np.zeros((1, 2), dtype=np.int32))

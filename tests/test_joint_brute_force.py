@@ -160,9 +160,20 @@ LARGER = {
 }
 
 
-def compare_with_brute_force(task: Task) -> None:
+def zero_sum_steps(task: Task) -> Any:
+    """As `all_steps`, paid by the definition of `zero_sum` without goals."""
+    found = all_steps(task)
+    for key, here in found.items():
+        free = {name for name, _ in key[0] if role_of(name) == "evader"}
+        paid = {n: 1.0 if n in free else -1.0 * len(free) for n in task.agent_names}
+        paid |= {n: 0.0 for n in task.agent_names if role_of(n) == "evader" and n not in free}
+        found[key] = {joint: (paid, after) for joint, (_, after) in here.items()}
+    return found
+
+
+def compare_with_brute_force(task: Task, steps: Any = None) -> None:
     """Every agent by itself, and every side, in both objectives."""
-    steps = all_steps(task)
+    steps = steps or all_steps(task)
     teams: list[tuple[str, ...]] = [(name,) for name in task.agent_names]
     for role in dict.fromkeys(task.seat_roles):
         teams.append(tuple(name for name in task.agent_names if role_of(name) == role))
@@ -199,3 +210,13 @@ def test_so_are_they_in_other_games(name: str) -> None:
 @pytest.mark.parametrize("name", LARGER)
 def test_so_are_they_in_larger_mazes(name: str) -> None:
     compare_with_brute_force(LARGER[name])
+
+
+@pytest.mark.parametrize(
+    ("chasers", "evaders"), [(2, 1), (1, 2), pytest.param(2, 2, marks=pytest.mark.slow)]
+)
+def test_zero_sum_pays_by_the_evaders_that_were_free(chasers: int, evaders: int) -> None:
+    task = make_task(
+        "chase", maze="2x2", num_chasers=chasers, num_evaders=evaders, rewards="zero_sum"
+    )
+    compare_with_brute_force(task, zero_sum_steps(task))

@@ -3,20 +3,39 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pursuit.policy import Policy
 from pursuit.reacher.task import ReacherTask
+from pursuit.simulator import Simulator
 from pursuit.task import make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent, solve_joint
+from train import settings_of, start
 from train.commands.scores import print_scores, print_whole_game
 from train.evaluation.arm_contest import ArmContest
+from train.evaluation.closeups import losses_of
 from train.evaluation.contest import GameContest
 from train.evaluation.floor import objective_floor
-from train.evaluation.scores import Score, optimality_gap, reference_of, return_regret
+from train.evaluation.games import won_by
+from train.evaluation.scores import (
+    BY_LONG_LIFE,
+    BY_RETURN,
+    Score,
+    optimality_gap,
+    reference_of,
+    return_regret,
+)
 from train.evaluation.suite_contest import SuiteContest
+from train.experiments.measures import measure_of as measure_of_rows
+from train.experiments.on_ray import score as early_stopping_score
+from train.experiments.tables import row_of
+from train.runs.folder import RUN, read_metrics
+from train.runs.pictures import draw_learning_curve
+from train.runs.report import score_table, summary
 
 RACE = GameContest(
     make_task("race", maze="3x3", num_goals=2), "runner", {"runner": NearestGoalRunner(0.2)}, 2000
@@ -49,7 +68,7 @@ def test_a_heist_has_no_gap_in_steps() -> None:
     assert names == ["random", "A* evader", "optimal return"]
     response = HEIST.best_of_returns
     assert response is not None and best.mean_return is not None
-    returns = HEIST.returns(response.policy)
+    returns = HEIST.values(response.policy)
     assert abs(returns.mean() - best.mean_return) < 4.0 * returns.std() / len(returns) ** 0.5
 
 
@@ -72,7 +91,7 @@ def test_a_game_that_is_too_large_says_how_large_it_is(capsys: pytest.CaptureFix
     assert "distinct states: 3,645" in told and "no exact optimum: 3,645 states" in told
     print_whole_game(RACE)
     assert "mean optimum over all starts" in capsys.readouterr().out
-    print_scores(RACE.baselines())
+    print_scores(RACE.baselines(), measure=RACE.measure)
     assert "below the best" in capsys.readouterr().out
 
 
@@ -118,12 +137,12 @@ def test_whatever_is_known_there_is_a_reference() -> None:
     found = reference_of(some, learned)
     assert found is not None and (found.kind, found.name) == ("best known", "nearest goal")
     assert found.distance == pytest.approx(0.5) and "best known, not proven" in found.line()
-    evader = reference_of(some, learned, less_is_better=False)
+    evader = reference_of(some, learned, BY_LONG_LIFE)
     assert evader is not None and evader.name == "searching runner"
     fair = reference_of(some, learned, fair=("searching runner",))
     assert reference_of(some, learned, fair=()) is None
     assert fair is not None and fair.distance == pytest.approx(0.2)
-    paid = reference_of(some, learned, paid=True)
+    paid = reference_of(some, learned, BY_RETURN)
     assert paid is not None and (paid.name, paid.value, paid.distance) == ("nearest goal", 2.0, 1.0)
     bound = reference_of([*some, score("optimal, full sight", 10.0)], learned)
     assert bound is not None and bound.kind == "bound" and "gap +200.00 %" in bound.line()
@@ -142,7 +161,7 @@ def test_full_sight_is_a_bound_where_sight_is_limited() -> None:
     whole = replace(HEIST, episodes=500).optimal_return()
     assert whole is not None and full.mean_return == pytest.approx(whole.mean_return)
     found = limited.reference(scores, scores[0])
-    assert found is not None and (found.kind, found.unit) == ("bound", "paid")
+    assert found is not None and (found.kind, found.unit) == ("bound", "return")
     assert found.distance > 0.0
     huge = GameContest(make_task("race", maze="9x9"), "runner", {"runner": NearestGoalRunner()}, 50)
     best = huge.reference(huge.baselines(), huge.score("random", RandomAgent()))
@@ -171,3 +190,109 @@ def test_suites_and_arms_say_what_their_references_are() -> None:
     arm = ArmContest(ReacherTask(joints=2, discrete_actions=True), 20)
     bound = arm.reference([score("optimal", 2.0), steps[1]], steps[1])
     assert bound is not None and bound.kind == "bound"
+
+
+# -- what a contest is compared by -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("task", "agent", "name", "less_is_better"),
+    [
+        ("chase", "chaser", "steps", True),
+        ("chase", "evader", "steps", False),
+        ("maze", "runner", "steps", True),
+        ("race", "runner", "goals", False),
+        ("heist", "evader", "return", False),
+        ("heist", "chaser", "return", False),
+    ],
+)
+def test_every_contest_names_its_measure(
+    task: str, agent: str, name: str, less_is_better: bool
+) -> None:
+    one = GameContest(make_task(task, maze="3x3"), agent, {}, 10)
+    many = SuiteContest(make_task(task, maze=["3x3", "3x3-open"]), agent, {}, 10)
+    for contest in (one, many):
+        assert (contest.measure.name, contest.measure.less_is_better) == (name, less_is_better)
+
+
+def test_random_evaders_of_a_heist_rank_below_scripted_ones() -> None:
+    contest = replace(HEIST, most_work=1)  # no optimum is known
+    scores = contest.baselines()
+    chance, scripted = scores
+    assert chance.mean_steps < scripted.mean_steps  # it is caught soon
+    assert contest.measure.best(scores) is scripted
+    missing = contest.measure.distance(chance, scripted)
+    assert missing is not None and missing > 0.0
+    held = contest.reference(scores, chance)
+    assert held is not None and (held.name, held.unit) == ("A* evader", "return")
+
+
+def test_success_in_a_race_is_to_collect_more_goals_than_each_of_the_others() -> None:
+    task = make_task("race", maze="3x3", num_goals=3)
+    policies: dict[str, Policy] = {"runner_0": NearestGoalRunner(), "runner_1": RandomAgent()}
+    scores = [
+        GameContest(task, name, policies, 500).score(name, policy)
+        for name, policy in policies.items()
+    ]
+    best, worst = scores
+    assert best.mean_goals is not None and worst.mean_goals is not None
+    assert best.mean_goals + worst.mean_goals == pytest.approx(3.0)
+    assert worst.success_rate < 0.2 < 0.6 < best.success_rate
+    assert best.success_rate + worst.success_rate <= 1.0
+
+
+def test_a_draw_is_won_by_none() -> None:
+    game = Simulator(make_task("race", maze="3x3-open", num_goals=1), auto_restart=False)
+    for cells, winners in (([3, 5], [False, False]), ([3, 8], [True, False])):
+        game.place(cells, [4])
+        game.step([[2, 3]])
+        assert game.terminated[0]
+        assert [bool(won_by(game, seat)[0]) for seat in (0, 1)] == winners
+
+
+def test_the_optimum_of_a_race_collects_most_goals() -> None:
+    best, response = RACE.optimal_goals(), RACE.best_of_goals
+    assert best is not None and best.mean_goals is not None and response is not None
+    goals = RACE.values(response.policy)
+    assert abs(goals.mean() - best.mean_goals) < 4.0 * goals.std() / len(goals) ** 0.5
+    scores = RACE.baselines()
+    assert all((score.mean_goals or 0.0) <= best.mean_goals + 0.03 for score in scores)
+    held = RACE.reference(scores, scores[0])
+    assert held is not None and (held.kind, held.name, held.unit) == (
+        "exact",
+        "optimal goals",
+        "goals",
+    )
+    assert HEIST.optimal_goals() is None and replace(RACE, most_work=1).optimal_goals() is None
+
+
+@pytest.mark.parametrize(
+    ("task", "role", "unit"), [("heist", "evader", "return"), ("race", "runner", "goals")]
+)
+def test_a_run_is_judged_by_the_measure_of_its_contest(
+    task: str, role: str, unit: str, tmp_path: Path
+) -> None:
+    small: dict[str, Any] = {"frames": 2048, "num_games": 64, "minibatch_size": 512, "threads": 1}
+    settings = settings_of(task=task, role=role, maze="3x3", num_goals=2, **small)
+    run = start(RUN, settings, tmp_path)
+    run.train()
+    content, column = run.results(50), f"mean_{unit}"
+    run.lock.release()
+    assert content["objective"] == {"column": column, "unit": unit, "less_is_better": False}
+    rows = read_metrics(tmp_path, column)
+    assert early_stopping_score(run, rows[0] | {column: 1.0}) > early_stopping_score(
+        run, rows[0] | {column: 0.5}
+    )
+    found = content["evaluation"]
+    regret = found[f"optimal_{unit}"] - found[column]
+    assert found[f"{unit}_regret"] == pytest.approx(regret)
+    assert f"Learned: {unit} {found[column]:.3f}" in summary(content)
+    assert f"<th>{unit}</th>" in score_table(content)
+    row = row_of(tmp_path)
+    measure = measure_of_rows([row])
+    assert measure.final == measure.curve == column and row[column] == found[column]
+    draw_learning_curve(tmp_path / "c.png", rows, content["scores"], "", column=column)
+    losses = losses_of(run.trainee.contest, run.trainee.policy)
+    assert losses.values is not None
+    notable = losses.notable()
+    assert losses.values[notable["best"]] == losses.values.max()

@@ -19,7 +19,7 @@ from scripted_agents import (
     solve_joint,
     solve_joint_game,
 )
-from train.evaluation.exploitability import nash_conv
+from train.evaluation.exploitability import nash_conv, team_exploitability
 
 
 def test_of_duels_it_is_that_of_pairs_of_cells() -> None:
@@ -59,6 +59,35 @@ def test_a_side_gains_no_less_than_its_agents() -> None:
     assert np.isfinite(sides.nash_conv)
 
 
+def test_zero_sum_of_two_chasers_is_the_game_of_the_team() -> None:
+    task = make_task("chase", maze="3x3", num_chasers=2, rewards="zero_sum")
+    chaser, evader = AStarChaser(0.3), AStarEvader(0.3)
+    pair = {"chaser": chaser, "evader": evader}
+    found = joint_nash_conv(task, pair, None, 0.95, sides=True)
+    known = team_exploitability(task, chaser, evader, 0.95)
+    assert found.returns["evader"] == pytest.approx(known.mean_value, rel=1e-6)
+    assert found.gains["chaser"] == pytest.approx(
+        known.mean_evader + known.mean_value - known.mean_game_value, rel=1e-6
+    )
+    assert found.nash_conv == pytest.approx(known.nash_conv, rel=1e-6)
+
+
+@pytest.mark.parametrize(("chasers", "evaders"), [(2, 1), (1, 2), (2, 2)])
+def test_zero_sum_is_so_between_one_chaser_and_all_evaders_and_between_sides(
+    chasers: int, evaders: int
+) -> None:
+    task = make_task(
+        "chase", maze="2x2", num_chasers=chasers, num_evaders=evaders, rewards="zero_sum"
+    )
+    pair = {"chaser": AStarChaser(0.3), "evader": AStarEvader(0.3)}
+    each = joint_nash_conv(task, pair, 20, 0.9).returns
+    one = [paid for name, paid in each.items() if name not in ("chaser_1",)]
+    assert sum(one) == pytest.approx(0.0, abs=1e-9)
+    sides = joint_nash_conv(task, pair, 20, 0.9, sides=True).returns
+    assert sides["chaser"] == pytest.approx(each["chaser_0"])
+    assert sides["chaser"] + sides["evader"] == pytest.approx(0.0, abs=1e-9)
+
+
 @pytest.mark.parametrize("order", ["simultaneous", "chasers_first"])
 def test_the_game_of_a_duel_is_that_of_pairs_of_cells(order: Any) -> None:
     task = make_task("chase", maze="3x3", rewards="zero_sum", move_order=order)
@@ -94,5 +123,7 @@ def test_what_is_no_game_of_two_is_refused() -> None:
         solve_joint_game(make_task("race", maze="3x3", num_runners=3))
     with pytest.raises(ValueError, match="discount 1"):
         solve_joint_game(make_task("race", maze="3x3"), 1.0)
+    with pytest.raises(ValueError, match=r"discount 0\.999999999; .* at most 0\.9995"):
+        solve_joint_game(make_task("race", maze="3x3"), 1 - 1e-9)
     with pytest.raises(ValueError, match="47,177,249 states"):
         solve_joint_game(make_task("race", maze="7x7"))

@@ -94,6 +94,36 @@ grid = {sampling = ["latest", "double-oracle"]}
 """
 
 
+ONE_AXIS = """
+kind = "self-play"
+seeds = [0]
+episodes = 10
+[settings]
+task = "chase"
+maze = "2x2-tree"
+frames = 512
+num_games = 16
+minibatch_size = 64
+snapshots = 2
+[grid]
+max_steps = [5, 10]
+[report]
+x = "max_steps"
+"""
+
+
+def test_a_sweep_of_self_play_with_one_axis_has_its_report(tmp_path: Path) -> None:
+    file = tmp_path / "axis.toml"
+    file.write_text(ONE_AXIS)
+    main(["sweep", str(file), "--out", str(tmp_path / "out"), "--workers", "1"])
+    report = (tmp_path / "out" / "report" / "report.md").read_text()
+    assert "| 5 | self-play | 1 |" in report and "| 10 | self-play | 1 |" in report
+    assert "pursuit ablate" not in report  # it refuses self-play
+    frames, seconds = (report.index(f"![learning_curves_{u}.png]") for u in ("frames", "seconds"))
+    assert frames < seconds  # the budget is in frames
+    assert "learning_curves_seconds.png ends where the shortest of its runs ends" in report
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

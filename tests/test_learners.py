@@ -176,6 +176,8 @@ def test_a_policy_without_a_distribution_says_so(tmp_path: Path) -> None:
     load_policy(tmp_path)
     with pytest.raises(ValueError, match="no distribution"):
         load_policy(tmp_path, greedy=False)
+    with pytest.raises(ValueError, match="greedy='no'; it is True or False"):
+        load_policy(tmp_path, greedy="no")  # type: ignore[arg-type]
 
 
 def test_what_a_learner_cannot_do_it_says_at_once() -> None:

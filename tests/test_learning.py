@@ -17,7 +17,7 @@ from torchrl.objectives import ClipPPOLoss
 from pursuit.maze import Maze
 from pursuit.simulator import Simulator
 from pursuit.task import Task, make_task
-from scripted_agents import AStarChaser, AStarEvader, RandomAgent
+from scripted_agents import AStarChaser, AStarEvader, RandomAgent, TourRunner
 from scripted_agents.environments import default_policies
 from train.algorithms.ppo import PPO, ppo_loss
 from train.algorithms.rollouts import SamplingPolicy
@@ -267,6 +267,15 @@ def test_exact_evaluation_agrees_with_playing_many_games() -> None:
     assert (
         exact.success_rate == won.mean() == (lengths < 60).mean() + ((lengths == 60) & won).mean()
     )
+
+
+def test_the_optimum_of_truncated_episodes_has_the_interval_of_truncated_episodes() -> None:
+    task = make_task("maze", maze="9x9", num_goals=5, max_steps=25)
+    contest = GameContest(task, "runner", {})
+    optimum, played = contest.optimal(), contest.score("shortest tours", TourRunner())
+    assert optimum is not None and 0.0 < optimum.success_rate < 1.0
+    assert optimum.mean_steps == played.mean_steps
+    assert optimum.ci95 == pytest.approx(played.ci95)
 
 
 def test_a_learned_policy_is_its_table_in_play() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import asdict, replace
 from itertools import pairwise
+from math import inf, nan
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +89,12 @@ def test_mazes_of_a_curriculum_agree_with_the_last_one() -> None:
         ),
         ({**MAZE, "curriculum": "goal-spread-start", "schedule": "piecewise",
           "schedule_points": "0:1;1:2"}, "progress:value pairs"),
+        ({**MAZE, "curriculum": "goal-spread-start", "schedule": "piecewise",
+          "schedule_points": "0:1,0.5:nan"}, "all numbers are finite"),
+        ({**MAZE, "curriculum": "shuffled", "schedule_unit": "frames",
+          "schedule_length": inf}, "schedule_length=inf"),
+        ({**MAZE, "curriculum": "success-gated", "hardest": nan}, "a finite number"),
+        ({**MAZE, "curriculum": "success-gated", "solved_within": inf}, "solved_within=inf"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_taught_is_said_at_once(flat: dict[str, Any], message: str) -> None:

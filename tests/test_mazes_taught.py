@@ -71,8 +71,11 @@ def test_the_pool_goes_on_from_its_state() -> None:
     first, second = np.random.default_rng(4), np.random.default_rng(4)
     assert (pool.sample(50, first) == copy.sample(50, second)).all()
     assert (pool.to_judge(first) == copy.to_judge(second)).all()
-    with pytest.raises(ValueError, match="of a pool of 8 levels, and this has 2"):
+    with pytest.raises(ValueError, match="scores of 8 levels, and this pool has 2"):
         PoolReplay([-1, -1]).load_state_dict(pool.state_dict())
+    six = np.zeros(6, dtype=bool)
+    with pytest.raises(ValueError, match="kept of 6 levels, and this pool has 8"):
+        copy.load_state_dict({**pool.state_dict(), "kept": six})
 
 
 @pytest.mark.parametrize(

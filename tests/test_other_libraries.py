@@ -65,6 +65,9 @@ def test_stable_baselines() -> None:
 def test_torchrl() -> None:
     names = run("TorchRL")
     assert names["rollout"].shape == (1024, 20)
+    last = names["processes"]["next"]
+    over = last["done"].squeeze(-1)
+    assert over.any() and not last["observation"][over].any()
     assert not names["simulator"].auto_restart
 
 
@@ -90,6 +93,25 @@ def test_pettingzoo_and_supersuit() -> None:
 def local_ray() -> Iterator[None]:
     yield
     pytest.importorskip("ray").shutdown()
+
+
+def test_rllib_sees_whole_episodes_of_vectorised_games() -> None:
+    pytest.importorskip("tree")  # a cheap sign that RLlib is not installed
+    pytest.importorskip("ray.rllib", exc_type=ImportError)
+    from ray.rllib.algorithms.ppo import PPOConfig
+    from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
+
+    game = {"maze": "9x9", "num_goals": 9, "max_steps": 5, "observation": "positions"}
+    config = PPOConfig().environment("pursuit:pursuit/Maze-v0", env_config=game)
+    config = config.env_runners(
+        num_envs_per_env_runner=3, gym_env_vectorize_mode="vector_entry_point"
+    )
+    episodes = SingleAgentEnvRunner(config=config).sample(num_timesteps=60, random_actions=True)
+    assert len(episodes) == 12
+    for episode in episodes:
+        assert episode.is_done and len(episode) == 5
+        first, *others = episode.get_observations().tolist()  # own cell, goals, just collected
+        assert all(set(goals) <= set(first[1:]) | {0} for _, *goals, _ in others)
 
 
 @pytest.mark.slow

@@ -16,11 +16,12 @@ import pursuit
 from pursuit import Rewards, Simulator, chase_v0, make_task, parts
 from pursuit.conformance import check_parallel_env
 from pursuit.observations import Encoder
-from pursuit.parts import Registry
+from pursuit.parts import Registry, sha256_of
 from pursuit.rewards import REWARDS, rewards_from_text, rewards_text
 from scripted_agents.environments import make_env, make_vector_env
 from train.environments.simulator_env import SimulatorEnv
 from train.experiments.kinds import resume, start
+from train.experiments.methods import methods
 from train.networks.policy import Seat, sees_cells_only
 from train.runs.by_name import settings_of
 from train.runs.folder import RUN, load_checkpoint
@@ -348,6 +349,10 @@ def test_a_run_of_own_parts_alone_ends_where_one_that_was_resumed_does(tmp_path:
     whole = start(RUN, settings, tmp_path / "whole")
     whole.train()
     assert whole.results(10)["algorithm"] == "my_parts:SARSA"
+    text = methods([tmp_path / "whole"])
+    assert f"| algorithm | my_parts:SARSA | {sha256_of('my_parts')} |" in text
+    known, own = text.split("Settings of user-defined parts in the run:")
+    assert "epsilon_start" not in known and "| epsilon_start | 0.1 |" in own  # its default is 0.1
     assert {row["reason"] for row in whole.trainee.teacher.rows} >= {"turn after 2 updates"}
     half = start(RUN, settings, tmp_path / "half")
     half.train(lambda run, row: setattr(run, "stopped", run.progress >= 0.5))

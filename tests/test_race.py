@@ -15,6 +15,7 @@ from torchrl.objectives.value.functional import generalized_advantage_estimate
 
 from scripted_agents import RandomAgent
 from train.commands.main import main
+from train.experiments.power import power_line
 from train.race import run as run_module
 from train.race.bout import Bout, learn, world_and_contest
 from train.race.contestants import CONTESTANTS, settings_of
@@ -79,6 +80,7 @@ def test_a_tiny_race_runs_to_its_report_and_does_nothing_twice(
     text = report.read_text(encoding="utf-8")
     for word in ("Who wins what", "CleanRL, rewritten", "learning_rate", "3x3", "Processor"):
         assert word in text
+    assert f"The power of one comparison, {power_line([(2, 2)])}." in text
     assert (report.parent / "curves.png").stat().st_size > 10_000
     with (report.parent / "runs.csv").open(encoding="utf-8") as file:
         assert len(list(csv.DictReader(file))) == 4
@@ -152,6 +154,7 @@ def test_one_seed_is_one_seed(tmp_path: Path) -> None:
     standing = run_race(race, tmp_path / "out", lambda _: None, workers=0)
     told = race_report(race, standing, tmp_path / "out").read_text(encoding="utf-8")
     assert "1 seed," in told and "1 trial," in told
+    assert "five runs" not in told and "1 against 1: 0 % at every effect" in told
 
 
 def test_damaged_results_are_refused_by_name(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,8 +20,9 @@ from train.experiments import on_ray
 from train.experiments.executors import run_locally, run_on_ray
 from train.experiments.kinds import open_run
 from train.experiments.on_ray import make_exchange
-from train.experiments.sweep import load_sweep, status_of
+from train.experiments.sweep import STOPPED, load_sweep, prepare, status_of
 from train.experiments.tables import collect
+from train.runs.loop import EVALUATIONS
 
 # -- Ray -------------------------------------------------------------------------------------------
 
@@ -193,3 +195,55 @@ def test_control_c_under_asha_stops_nobody_for_ever(
     statuses = [status_of(out / "runs" / run.name) for run in sweep.runs]
     assert begun.is_set()
     assert "interrupted" in statuses and set(statuses) <= {"interrupted", "new"}
+
+
+class Here:
+    """An `Exchange` in this process, called as an actor; tells runs to stop after some reports."""
+
+    def __init__(self, reports: list[dict[str, Any]], stop_after: int) -> None:
+        self.exchange, self.reports, self.stop_after = on_ray.Exchange(), reports, stop_after
+
+    def __getattr__(self, name: str) -> Any:
+        def call(*given: Any) -> Any:
+            answer = getattr(self.exchange, name)(*given)
+            return len(self.reports) >= self.stop_after if name == "tell" else answer
+
+        return SimpleNamespace(remote=call)
+
+
+def test_a_run_that_is_resumed_under_asha_goes_on_counting_its_evaluations(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("ray")
+    from ray import tune
+
+    class InThisProcess:
+        def __init__(self, trainable: Any, param_space: Any, **_: Any) -> None:
+            self.trainable, self.runs = trainable, param_space["run"]["grid_search"]
+
+        def fit(self) -> list[Any]:
+            for name in self.runs:
+                self.trainable({"run": name})
+            return []
+
+    reports: list[dict[str, Any]] = []
+    monkeypatch.setattr(tune, "Tuner", InThisProcess)
+    monkeypatch.setattr(tune, "with_resources", lambda trainable, _: trainable)
+    monkeypatch.setattr(tune, "report", reports.append)
+    monkeypatch.setenv("TUNE_DISABLE_SIGINT_HANDLER", "1")
+    text = TINY.replace(', "q_learning"', "").replace('"2x2", "3x3"', '"2x2"')
+    text = text.replace("frames = 2000", "frames = 20000")
+    sweep, out = load_sweep(write(tmp_path / "tiny.toml", text)), tmp_path / "out"
+    prepare(sweep, out)
+    folders = {sweep.runs[0].name: out / "runs" / sweep.runs[0].name}
+    ray = SimpleNamespace(get=lambda found: found)
+    for stop_after in (5, 1000):
+        here = Here(reports, stop_after)
+        monkeypatch.setattr(on_ray, "make_exchange", lambda _, here=here: here)
+        on_ray.tune(ray, folders, 5, folders, silent)
+        if stop_after == 5:
+            assert 5 <= len(reports) < EVALUATIONS
+            (next(iter(folders.values())) / STOPPED).unlink()
+    counted = [report["evaluations"] for report in reports]
+    assert counted == sorted(counted) and counted[-1] == EVALUATIONS
+    assert status_of(next(iter(folders.values()))) == "complete"

@@ -67,7 +67,7 @@ def test_spaces(form: dict[str, Any]) -> None:
 def test_make_vec_gives_the_simulator_underneath(form: dict[str, Any]) -> None:
     envs = gymnasium.make_vec(ID, num_envs=5, **{**form, "max_steps": 20})
     assert isinstance(envs, ReacherVectorEnv) and envs.simulator.num_games == 5
-    assert envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     observations, infos = envs.reset(seed=1)
     assert observations in envs.observation_space and not infos
     envs.action_space.seed(0)
@@ -93,7 +93,7 @@ def test_a_row_of_the_batch_is_a_single_environment(form: dict[str, Any]) -> Non
     observation = form.get("observation", "positions")
     own = {key: value for key, value in form.items() if key != "observation"}
     task = ReacherTask(**{**own, "max_steps": 25, "tolerance": 0.7})
-    envs = ReacherVectorEnv(task, 4, observation)
+    envs = ReacherVectorEnv(task, 4, observation, autoreset_mode="SAME_STEP")
     singles = [ReacherEnv(task, observation) for _ in range(4)]
     observations, _ = envs.reset(seed=9)
     for arm, env in enumerate(singles):
@@ -108,20 +108,23 @@ def test_a_row_of_the_batch_is_a_single_environment(form: dict[str, Any]) -> Non
         observations, rewards, terminations, truncations, infos = envs.step(actions)
         for arm, env in enumerate(singles):
             observed, reward, terminated, truncated, info = env.step(actions[arm])
-            assert type(reward) is float and reward == rewards[arm] and info == {}
+            assert type(reward) is float and reward == rewards[arm]
+            assert bool(info) == (terminated or truncated)
             assert (terminated, truncated) == (terminations[arm], truncations[arm])
             totals[arm] += reward
             lengths[arm] += 1
             if terminated or truncated:
                 ends += 1
                 assert infos["_final_obs"][arm] and (infos["final_obs"][arm] == observed).all()
-                assert np.isclose(infos["episode_return"][arm], totals[arm], atol=1e-5)
-                assert infos["episode_length"][arm] == lengths[arm]
+                last = infos["final_info"]
+                assert np.isclose(last["episode_return"][arm], totals[arm], atol=1e-5)
+                assert last["episode_length"][arm] == lengths[arm]
                 totals[arm] = lengths[arm] = 0
                 observed, _ = env.reset()
             elif "final_obs" in infos:
-                assert not infos["_final_obs"][arm] and not infos["_episode_length"][arm]
-                assert infos["episode_length"][arm] == infos["episode_return"][arm] == 0
+                last = infos["final_info"]
+                assert not infos["_final_obs"][arm] and not last["_episode_length"][arm]
+                assert last["episode_length"][arm] == last["episode_return"][arm] == 0
             assert (observed == observations[arm]).all()
     assert ends >= 12
 
@@ -194,6 +197,7 @@ def test_options_begin_an_episode_there() -> None:
         for wrong in (
             {"angles": [0.5, 0.5]},
             {"target": [0.0, 0.0]},
+            {"angels": [0.0, 0.0]},
             {**options, "target": [3.0, 0.0]},
             {**options, "angles": [np.nan, 0.0]},
             {**options, "angles": [0.0] * 3},

@@ -98,6 +98,22 @@ def test_nothing_moves_when_a_place_is_refused(angles: Any, targets: Any, messag
     assert_equal(snapshot(simulator), before)
 
 
+def test_places_are_judged_by_the_tolerance_of_the_episode_that_begins() -> None:
+    simulator = ReacherSimulator(ReacherTask(1), 2)
+    with pytest.raises(ValueError, match=r"tolerance=0\.2 beyond"):
+        simulator.place([0.0], [1.4, 0.0])
+    simulator.configure([1], tolerance=0.5)
+    with pytest.raises(ValueError, match=r"tolerance=0\.2 beyond"):
+        simulator.place([0.0], [1.4, 0.0])  # of the first arm it is still the task's
+    simulator.configure(tolerance=0.5)
+    simulator.place([0.0], [1.4, 0.0])
+    simulator.step(np.zeros((2, 1)))
+    assert simulator.terminated.all()
+    simulator.configure(tolerance=0.1)
+    with pytest.raises(ValueError, match=r"tolerance=0\.1 beyond"):
+        simulator.place([0.0], [1.15, 0.0])
+
+
 def test_places_that_locked_joints_forbid() -> None:
     simulator = ReacherSimulator(ReacherTask(4), 1)
     simulator.configure(free_joints=2)

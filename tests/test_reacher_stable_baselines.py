@@ -5,6 +5,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
 pytest.importorskip("stable_baselines3")
 from stable_baselines3 import PPO, TD3
@@ -40,9 +41,11 @@ def test_stable_baselines_checks_and_trains() -> None:
     assert learner.num_timesteps == 120
 
 
-def test_ends_of_episodes_of_stable_baselines() -> None:
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_ends_of_episodes_of_stable_baselines(mode: AutoresetMode) -> None:
     task = ReacherTask(max_steps=4, tolerance=0.5)
-    env, reference = StableBaselinesVecEnv(ReacherVectorEnv(task, 9)), ReacherVectorEnv(task, 9)
+    env = StableBaselinesVecEnv(ReacherVectorEnv(task, 9, autoreset_mode=mode))
+    reference = ReacherVectorEnv(task, 9, autoreset_mode="SAME_STEP")
     env.seed(3)
     assert (env.reset() == reference.reset(seed=3)[0]).all()
     rng, kinds = np.random.default_rng(0), set()
@@ -56,7 +59,7 @@ def test_ends_of_episodes_of_stable_baselines() -> None:
             kinds.add(infos[arm]["TimeLimit.truncated"])
             assert infos[arm]["TimeLimit.truncated"] == truncations[arm]
             assert (infos[arm]["terminal_observation"] == expected["final_obs"][arm]).all()
-            assert infos[arm]["episode"]["l"] == expected["episode_length"][arm]
+            assert infos[arm]["episode"]["l"] == expected["final_info"]["episode_length"][arm]
     assert kinds == {True, False}
 
 

@@ -13,8 +13,13 @@ import pytest
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("supersuit")
 
+from pursuit import make_task
 from pursuit.simulator import Simulator
+from pursuit.stable_baselines import StableBaselinesVecEnv
 from scripted_agents import NearestGoalRunner, RandomAgent
+from scripted_agents.environments import make_vector_env
+from train.commands.evaluate import evaluate
+from train.commands.league import league
 from train.experiments.kinds import start
 from train.networks.policy import LearnedPolicy
 from train.recipes import stable_baselines, stable_baselines_arm, supersuit_sharing
@@ -23,6 +28,7 @@ from train.runs.folder import RUN
 from train.runs.opponents import load_opponent
 from train.runs.parts import contest_of
 from train.runs.third_party import description_of, load_stable_baselines
+from train.runs.worlds import GridWorld
 from train.settings.task import TaskSettings
 
 
@@ -90,6 +96,76 @@ def test_runners_share_their_network_through_supersuit(
     task = TaskSettings("race", maze="3x3", num_runners=2, num_goals=2)
     again = supersuit_sharing.mean_length(task, NearestGoalRunner())
     assert abs(again - steps["nearest goal"]) < 0.01
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Models that Stable-Baselines3 saved by itself."""
+    from stable_baselines3 import DQN, PPO
+    from torch.nn import ReLU
+
+    folder = tmp_path_factory.mktemp("plain")
+    env = StableBaselinesVecEnv(make_vector_env("chase", "chaser", 4, maze="3x3"))
+    layers = {"net_arch": {"pi": [32, 16], "vf": [8]}, "activation_fn": ReLU}
+    model = PPO("MlpPolicy", env, n_steps=8, batch_size=32, policy_kwargs=layers, seed=0)
+    model.save(folder / "ppo.zip")
+    DQN("MlpPolicy", env, buffer_size=10, seed=0).save(folder / "dqn.zip")
+    return {name: folder / f"{name}.zip" for name in ("ppo", "dqn")}
+
+
+GIVEN: dict[str, Any] = {"agent": "chaser", "observation": "one_hot"}
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "dqn"])
+def test_a_model_without_a_description_plays_as_it_does_in_its_library(
+    algorithm: str, plain: dict[str, Path]
+) -> None:
+    from stable_baselines3 import DQN, PPO
+
+    task = make_task("chase", maze="3x3")
+    policy = load_stable_baselines(str(plain[algorithm]), task=task, **GIVEN)
+    form: Any = {"ppo": PPO, "dqn": DQN}[algorithm]
+    model, simulator = form.load(plain[algorithm]), Simulator(task, 500, seed=3)
+    seen = simulator.observe("one_hot", 0)
+    predicted, _ = model.predict(seen, deterministic=True)
+    assert (policy.probabilities(seen).argmax(axis=-1) == predicted).all()
+
+
+def test_a_model_without_a_description_is_evaluated_ranked_and_an_opponent(
+    plain: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ppo, out = str(plain["ppo"]), tmp_path / "evaluation.json"
+    own = ["--task", "chase", "--maze", "3x3", "--observation", "one_hot", "--episodes", "20"]
+    evaluate([ppo, *own, "--out", str(out)])
+    assert "learned, sampled" in capsys.readouterr().out
+    assert json.loads(out.read_text())["evaluation"]["exact"]
+    models = ["--model-roles", "chaser", "evader", "--model-observations", "one_hot"]
+    entries = [ppo, str(plain["dqn"]), "astar"]
+    league([*entries, "--maze", "3x3", "--games", "4", *models, "--out", str(tmp_path / "league")])
+    assert json.loads((tmp_path / "league" / "league.json").read_text())["chasers"][0] == "ppo.zip"
+    chosen = settings_of(
+        role="evader", maze="3x3", frames=1, opponent=ppo, opponent_observation="one_hot"
+    )
+    world = GridWorld(chosen.task)
+    assert isinstance(world.opponents["chaser"], LearnedPolicy)
+
+
+@pytest.mark.parametrize(
+    ("maze", "changed", "said"),
+    [
+        ("3x3", {"observation": None}, "give the task and the observation that the model was"),
+        ("4x4", {}, "its weights are not for observation='one_hot' of chaser in task 'chase'"),
+        ("3x3", {"observation": "cells"}, "does not fit observation='cells' of chaser"),
+    ],
+)
+def test_models_of_other_games_are_refused(
+    maze: str, changed: dict[str, Any], said: str, plain: dict[str, Path]
+) -> None:
+    with pytest.raises(ValueError) as caught:
+        load_stable_baselines(
+            plain["ppo"], task=make_task("chase", maze=maze), **{**GIVEN, **changed}
+        )
+    assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_damaged_and_foreign_models_are_refused(models: dict[str, Path], tmp_path: Path) -> None:

@@ -156,7 +156,8 @@ def test_every_episode_of_a_batch_is_kept_whatever_restarts_it(name: str, mode: 
         _, _, terminated, truncated, infos = envs.step(envs.action_space.sample())
         over = terminated | truncated
         if over.any():
-            lengths += infos["episode_length"][over].tolist()
+            final = infos["final_info"] if mode == "SAME_STEP" else infos
+            lengths += final["episode_length"][over].tolist()
             if mode == "DISABLED":
                 envs.reset(options={"reset_mask": over})
     kept = [episode.length for episode in recorder.episodes]

@@ -222,7 +222,7 @@ def both(task: dict[str, Any] | None = None, **changes: Any) -> SelfPlaySettings
         "frames": 2 * FRAMES,
         "snapshots": 7,
         "pool_size": 3,
-        "window": 2,
+        **({"window": 2} if changes.get("sampling") == "window" else {}),
         **changes,
     }
     return SelfPlaySettings(task=TaskSettings(**game), **given)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from reference_rules import Game, Outcome, drawn, of_role, step
 
 from pursuit.maze import Maze, load_maze
 from pursuit.maze_generation import generate_maze
+from pursuit.rewards import rewards_text
 from pursuit.rules import batches, layout
 from pursuit.rules.layout import (
     CAPTURED,
@@ -33,8 +35,14 @@ ROOM = load_maze("3x3-open")  # cells 0 1 2 / 3 4 5 / 6 7 8
 
 amounts = st.sampled_from([-1.0, -0.1, 0.0, 0.3, 2.0])
 role_rewards = st.builds(Rewards, amounts, amounts, amounts, amounts, st.booleans())
+per_evader = st.builds(Rewards, amounts, amounts, amounts, per_evader=st.just(True))
 schemes = st.sampled_from(sorted(REWARD_SCHEMES)) | st.fixed_dictionaries(
-    {}, optional={role: role_rewards for role in ("chaser", "evader", "runner")}
+    {},
+    optional={
+        "chaser": role_rewards | per_evader,
+        "evader": role_rewards,
+        "runner": role_rewards,
+    },
 )
 
 
@@ -92,13 +100,15 @@ def step_both(simulator: Simulator, actions: Any) -> Outcome:
     task, names = simulator.task, simulator.task.agent_names
     by_name = dict(zip(names, np.asarray(actions).tolist(), strict=True))
     expected = step(read(simulator), by_name, task.role_rewards, task.move_order, task.max_steps)
-    returns = simulator.returns[0].copy()
+    returns, collected = simulator.returns[0].copy(), simulator.collected[0].copy()
     simulator.step([actions])
     assert read(simulator) == expected.game
     assert simulator.events[0].tolist() == events_of(expected, names)
     paid = [expected.rewards[name] for name in names]
     np.testing.assert_allclose(simulator.rewards[0], paid, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(simulator.returns[0], returns + paid, rtol=1e-6, atol=1e-6)
+    taken = [sum(1 / len(t) for t in expected.collected.values() if n in t) for n in names]
+    np.testing.assert_allclose(simulator.collected[0], collected + taken)
     assert simulator.terminated[0] == expected.terminated
     assert simulator.truncated[0] == expected.truncated
     return expected
@@ -247,6 +257,16 @@ def test_runners_that_arrive_at_once_share_the_goal() -> None:
     assert game.goals.tolist() == [[-1, 0]] and not game.terminated[0]
 
 
+def test_goals_are_counted_by_agent_until_the_next_episode() -> None:
+    game = play([1, 3, 4], [EAST, WEST, WEST], [2, 0], num_runners=3)
+    assert game.collected.tolist() == [[0.5, 0.5, 0.0]]
+    step_both(game, [WEST, NORTH, NORTH])
+    step_both(game, [WEST, NORTH, NORTH])
+    assert game.terminated[0] and game.collected.tolist() == [[1.5, 0.5, 0.0]]
+    game.reset()
+    assert game.collected.tolist() == [[0.0, 0.0, 0.0]]
+
+
 def test_the_last_goal_ends_the_game() -> None:
     game = play([1], [EAST], [2], num_runners=1)
     assert game.terminated[0] and game.rewards.tolist() == [[1.0]]
@@ -288,6 +308,13 @@ def test_completion_pays_events_only_in_the_last_step() -> None:
     assert play([1], [EAST], [2], **task).rewards.tolist() == [[1.0]]
 
 
+def test_completion_pays_a_captured_evader_though_the_game_goes_on() -> None:
+    chase = {"num_chasers": 1, "num_evaders": 2, "rewards": "completion"}
+    game = play([0, 1, 4], [EAST, NORTH, NORTH], **chase)
+    assert not game.terminated[0]
+    assert game.rewards.tolist() == [[np.float32(-0.1), -1.0, 1.0]]
+
+
 def test_distance_pays_by_rows_plus_columns_after_the_move() -> None:
     game = play([0, 8], [SOUTH, WEST], maze=ROOM, rewards="distance", **DUEL)
     assert game.positions.tolist() == [[3, 7]] and game.rewards.tolist() == [[-2.0, 2.0]]
@@ -302,6 +329,57 @@ def test_zero_sum_returns_are_the_length_of_the_chase() -> None:
     lengths = simulator.episode_lengths
     assert (lengths > 0).all()
     np.testing.assert_array_equal(simulator.episode_returns, np.c_[-lengths, lengths])
+
+
+@pytest.mark.parametrize("move_order", ["simultaneous", "chasers_first"])
+@pytest.mark.parametrize(("chasers", "evaders"), [(2, 1), (1, 2), (2, 2)])
+def test_zero_sum_pays_by_the_evaders_that_were_free_in_every_state_and_for_all_actions(
+    chasers: int, evaders: int, move_order: Any
+) -> None:
+    """By enumeration: all cells, all that can be free, all joint actions."""
+    maze = Maze.from_text("+-+-+-+-+\n|       |\n+-+-+-+-+")
+    task = Task(maze, chasers, evaders, move_order=move_order, rewards="zero_sum")
+    agents = range(task.num_agents)
+    cases = [
+        (cells, free, actions)
+        for cells in itertools.product(range(4), repeat=task.num_agents)
+        for free in itertools.product((0, 1), repeat=evaders)
+        for actions in itertools.product((NORTH, EAST, WEST), repeat=task.num_agents)
+        if any(free)
+    ]
+    simulator = Simulator(task, len(cases), auto_restart=False)
+    simulator.positions[:] = [cells for cells, _, _ in cases]
+    simulator.active[:, chasers:] = [free for _, free, _ in cases]
+    simulator.step([actions for _, _, actions in cases])
+    expected = []
+    for _, free, _ in cases:
+        left = dict(zip(agents[chasers:], free, strict=True))
+        expected.append([left[agent] if agent in left else -sum(free) for agent in agents])
+    np.testing.assert_array_equal(simulator.rewards, expected)
+    # One chaser and all evaders: zero-sum in every step.
+    np.testing.assert_array_equal(simulator.rewards[:, [0, *agents[chasers:]]].sum(axis=1), 0.0)
+
+
+def test_zero_sum_of_goals_is_the_opposite_for_chasers() -> None:
+    heist: dict[str, Any] = {"maze": ROOM, "num_chasers": 2, "rewards": "zero_sum"}
+    game = play([0, 1, 3, 5], [NORTH, NORTH, EAST, WEST], [4, 8], num_evaders=2, **heist)
+    assert game.rewards.tolist() == [[-1.0, -1.0, 0.5, 0.5]]  # two evaders share a goal
+    game = play([0, 1, 3], [NORTH, NORTH, EAST], [4, 8], num_evaders=1, **heist)
+    assert game.rewards.tolist() == [[-1.0, -1.0, 1.0]]
+
+
+def test_rewards_per_evader_are_for_chasers_and_for_events_at_once() -> None:
+    for wrong in ({"distance": -1.0}, {"on_completion": True}):
+        with pytest.raises(ValueError, match="needs distance=0 and on_completion=False"):
+            Rewards(per_evader=True, **wrong)  # type: ignore[arg-type]
+    for role in ("evader", "runner"):
+        with pytest.raises(ValueError, match=f"of the {role}: per_evader=True; it is for chasers"):
+            Task(ROOM, 1, 1, rewards={role: Rewards(per_evader=True)})
+    with pytest.raises(ValueError, match="of the evader: per_evader=True"):
+        Task(ROOM, 1, 1, rewards="step=-1,per_evader=true")
+    text = "chaser.step=-1,chaser.per_evader=true"
+    assert Task(ROOM, 1, 1, rewards=text).role_rewards["chaser"] == Rewards(-1.0, per_evader=True)
+    assert rewards_text(text) == text
 
 
 # -- the rules compiled for known teams ------------------------------------------------------------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
 import os
 import random
@@ -11,20 +13,27 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium
+import numpy as np
 import pytest
+from torch.utils.tensorboard import SummaryWriter
 
+from pursuit import Recorder
+from pursuit.animation import save_animation
+from pursuit.parallel_env import scene_of
 from train.commands import progress
-from train.commands import self_play as self_play_command
 from train.commands import train as train_command
 from train.commands.main import main
 from train.experiments.identity import fingerprint
 from train.experiments.kinds import open_run, start
 from train.experiments.methods import facts_of
-from train.files import hold
+from train.files import hold, reserved
+from train.runs import loop
 from train.runs.by_name import settings_of
 from train.runs.folder import (
     CONFIG,
@@ -36,6 +45,7 @@ from train.runs.folder import (
     read_metrics,
 )
 from train.runs.loop import Budget
+from train.self_play import pictures
 from train.self_play.parts import self_play_settings_of
 
 SMALL = {"maze": "2x2", "num_games": 16, "rollout_steps": 8, "minibatch_size": 64, "width": 8}
@@ -57,7 +67,7 @@ def quick_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: Any = lambda path, *rest: path.write_bytes(b"picture")  # noqa: E731
     monkeypatch.setattr(train_command, "draw_learning_curve", drawn)
     monkeypatch.setattr(train_command, "save_replay", drawn)
-    monkeypatch.setattr(self_play_command, "draw_self_play", drawn)
+    monkeypatch.setattr(pictures, "draw_self_play", drawn)
 
 
 @pytest.fixture(scope="module", params=["train", "self-play"])
@@ -202,7 +212,7 @@ def test_kills_at_random_moments_leave_no_dead_end(command: str, tmp_path: Path)
 HOLD = """
 import sys
 from pathlib import Path
-from train.files import hold
+from train.files import hold, reserved
 lock = hold(Path(sys.argv[1]), "run")
 print("held", flush=True)
 sys.stdin.read()
@@ -237,6 +247,47 @@ def test_a_process_may_hold_what_it_holds(tmp_path: Path) -> None:
     assert first is second
 
 
+@pytest.mark.parametrize("command", ["league", "report"])
+def test_one_process_at_a_time_writes_a_folder_of_results(
+    command: str,
+    finished: tuple[str, Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    entries = ["astar", "--maze", "2x2", "--games", "2"] if command == "league" else [finished[1]]
+    given = [command, *entries, "--out", tmp_path / "out"]
+    held = hold(tmp_path / "out", "writer")
+    told = error_of(capsys, *given)
+    assert f"{tmp_path / 'out'}: another {command} works on this folder" in told
+    held.release()
+    assert status_of_command(*given) == 0 and status_of_command(*given) == 0
+
+
+def test_one_process_at_a_time_writes_a_new_file(
+    finished: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = finished[1] if finished[0] == "train" else finished[1] / "chaser"
+    path = tmp_path / "found.json"
+    given = ["evaluate", run, "--episodes", "2", "--out", path]
+    with reserved(path):
+        assert f"{path}: another process is to write this file" in error_of(capsys, *given)
+    assert status_of_command(*given) == 0
+    assert os.listdir(tmp_path) == ["found.json"]
+    assert f"{path}: exists already" in error_of(capsys, *given)
+    assert "no folder" in error_of(capsys, *given[:-1], tmp_path / "a" / "b.json")
+
+
+@contextlib.contextmanager
+def limited_files(size: int) -> Iterator[None]:
+    """No file becomes larger, as on a full disk."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
 # -- full disks ------------------------------------------------------------------------------------
 
 
@@ -246,18 +297,45 @@ def test_a_checkpoint_that_cannot_be_written_is_one_line_and_the_old_one_stays(
     folder = copy_of(finished[1], tmp_path / "run")
     before = (folder / "checkpoint.pt").read_bytes()
     run = open_run(folder)
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
-    try:
-        with pytest.raises(
-            OSError, match=r"checkpoint.pt: cannot be written \(File too large\)"
-        ) as e:
-            run.save()
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    refused = pytest.raises(OSError, match=r"checkpoint.pt: cannot be written \(File too large\)")
+    with limited_files(4096), refused as e:
+        run.save()
     told = str(e.value)
     assert "\n" not in told and ".part" not in told and "Errno" not in told and "make room" in told
     assert (folder / "checkpoint.pt").read_bytes() == before and not list(folder.rglob("*.part"))
+
+
+@pytest.mark.parametrize("step", ["open", "write", "close"])
+def test_events_that_cannot_be_written_name_their_folder(
+    step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    run = start(RUN, MAKE["train"](), tmp_path / "run")
+    run.lock.release()
+    owner, name = {
+        "open": (loop, "TensorboardLogger"),
+        "write": (loop.TensorboardLogger, "log_scalar"),
+        "close": (SummaryWriter, "close"),
+    }[step]
+    monkeypatch.setattr(owner, name, full)
+    told = error_of(capsys, "train", "--resume", tmp_path / "run")
+    assert f"{tmp_path / 'run' / 'tensorboard'}: cannot be written (No space left" in told
+
+
+@pytest.mark.parametrize("name", ["replay.gif", "replays.json"])
+def test_a_replay_that_cannot_be_written_names_its_file(name: str, tmp_path: Path) -> None:
+    env = gymnasium.make("pursuit/Chaser-v0", maze="2x2")
+    recorder = Recorder(env)
+    env.reset(seed=0)
+    replay = recorder.stop()
+    with limited_files(64), pytest.raises(OSError, match="File too large") as e:
+        if name == "replay.gif":
+            save_animation(tmp_path / name, [scene_of(env.unwrapped.simulator)] * 2)
+        else:
+            replay.save(tmp_path / name)
+    assert e.value.filename == str(tmp_path / name) and not list(tmp_path.iterdir())
 
 
 # -- signals and divergence ------------------------------------------------------------------------
@@ -286,6 +364,39 @@ def test_a_signal_ends_a_run_with_its_status_once_everything_is_saved(
     assert load_checkpoint(tmp_path / "run")["trainee"]["learner"]["frames"] < FRAMES["frames"]
     assert (tmp_path / "run" / "learning_curve.png").exists()
     assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+@pytest.mark.parametrize("command", ["train", "self-play"])
+def test_a_run_that_was_interrupted_has_the_rows_of_one_that_was_not(
+    command: str, tmp_path: Path
+) -> None:
+    def interrupted(run: Any, row: dict[str, float]) -> None:
+        if not row and run.trainee.frames == 1024:  # evaluations are due every 512
+            signal.raise_signal(signal.SIGINT)
+
+    kind, settings = KIND[command], MAKE[command]()
+    settings = replace(settings, frames=10240)
+    whole = start(kind, settings, tmp_path / "whole")
+    whole.train()
+    run = start(kind, settings, tmp_path / "run")
+    run.train(interrupted)
+    assert run.stopped and run.metrics.rows[-1]["frames"] % 512 != 0
+    run.lock.release()
+    run = open_run(tmp_path / "run")
+    run.train()
+    frames = [[row["frames"] for row in read_metrics(f)] for f in (whole.folder, run.folder)]
+    assert frames[0] == frames[1] and set(np.diff(frames[0])) == {512.0}
+
+
+def test_a_run_without_readable_metrics_does_not_go_on(
+    finished: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_of(finished[1], tmp_path / "run")
+    (folder / "results.json").unlink()
+    (folder / "metrics.csv").unlink()
+    assert "metrics.csv: cannot be read" in error_of(capsys, finished[0], "--resume", folder)
+    (folder / "metrics.csv").symlink_to("metrics.csv")
+    assert "metrics.csv: cannot be read" in error_of(capsys, finished[0], "--resume", folder)
 
 
 def test_a_second_signal_ends_it_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

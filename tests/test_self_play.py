@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,21 +24,24 @@ from scripted_agents import (
     solve_chase,
 )
 from train.algorithms.registry import Build, entry
+from train.commands.main import main
 from train.environments.team_env import TeamEnv
 from train.evaluation.exploitability import exploitability, nash_conv
 from train.evaluation.games import table_in
 from train.evaluation.matchups import discounted_steps, match, play_pair
-from train.experiments.kinds import open_run
+from train.experiments.kinds import open_run, start
 from train.networks.actor_critic import CentralActorCritic
 from train.networks.layers import Hidden
 from train.networks.policy import Seat
+from train.runs.folder import SELF_PLAY
 from train.runs.loop import Run
 from train.runs.opponents import load_policy
 from train.self_play.parts import self_play_parts
 from train.self_play.pool import OpponentPool
 from train.self_play.report import told_whole_game
 from train.self_play.side import Opponents
-from train.settings.self_play import self_play_ppo
+from train.settings.self_play import SelfPlaySettings, self_play_ppo
+from train.settings.task import TaskSettings
 
 # -- the games -------------------------------------------------------------------------------------
 
@@ -215,6 +219,16 @@ def test_self_play_becomes_far_less_exploitable(tmp_path: Path) -> None:
     assert found["evader_vs_astar"] > 1.5 * before["evader_vs_astar"]
 
 
+def test_the_default_settings_come_near_an_equilibrium(tmp_path: Path) -> None:
+    # Seeds 0 to 2 end at 0.7 to 1.3 % of the start; with uniform sampling and an entropy bonus of
+    # 0.02 at 5 to 7 %.
+    task = TaskSettings(maze="3x3-tree", rewards="zero_sum")
+    run = start(SELF_PLAY, SelfPlaySettings(task=task, frames=400_000), tmp_path / "run")
+    run.train()
+    first, last = run.metrics.rows[0], run.metrics.rows[-1]
+    assert last["nash_conv"] < 0.03 * first["nash_conv"]
+
+
 @pytest.mark.parametrize(
     "sampling",
     [
@@ -270,7 +284,8 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
     "changes",
     [
         pytest.param({"share_networks": True}, marks=pytest.mark.slow),
-        {"chaser_algorithm": "dqn", "evader_algorithm": "a2c", "frames": 30_000},
+        {"chaser_algorithm": "dqn", "evader_algorithm": "a2c", "frames": 30_000,
+         "hyper": self_play_ppo()},
         pytest.param(
             {"task": {"num_chasers": 2, "num_evaders": 2, "max_steps": 30}},
             marks=pytest.mark.slow,
@@ -285,7 +300,7 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
         ),
         {"task": {"task": "heist"}, "sampling": "uniform"},
     ],
-)
+)  # fmt: skip
 def test_teams_networks_and_algorithms_of_every_kind(tmp_path: Path, changes: Any) -> None:
     run = make_run(tmp_path / "run", **{"frames": 6000, **changes})
     before = {role: side.snapshot()["network"] for role, side in run.trainee.sides.items()}
@@ -420,3 +435,51 @@ def test_a_damaged_snapshot_is_left_out_and_the_rest_goes_on(tmp_path: Path) -> 
     assert snapshot.stem not in again.trainee.pools["evader"].names
     again.train()
     assert again.progress >= 1.0
+
+
+def test_settings_of_another_learner_than_ppo_can_be_set_and_are_recorded(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    how = ["--chaser-algorithm", "dqn", "--chaser-batch-size", "48", "--evader", "astar"]
+    size = ["--maze", "2x2-tree", "--frames", "600", "--snapshots", "2"]
+    main(["self-play", *how, *size, "--chaser-num-games", "16", "--out", str(run)])
+    config = json.loads((run / "config.json").read_text())
+    assert config["hyper"] is None and config["evader_hyper"] is None  # nobody learns by PPO
+    assert config["chaser_hyper"]["batch_size"] == 48
+    side = json.loads((run / "chaser" / "config.json").read_text())
+    assert side["hyper"] == config["chaser_hyper"]
+    told = (run / "methods.md").read_text()
+    assert "The evaders do not learn; they are played by A* with 20 % random moves." in told
+    assert "trained in self-play: chasers by DQN." in told and "Both sides" not in told
+    assert "| chaser_batch_size | 48 | 1024 |" in told and "clip" not in told
+    assert open_run(run).trainee.settings.chaser_hyper.batch_size == 48
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            ["--chaser-algorithm", "dqn", "--chaser-gamma", "0.9"],
+            "chaser_gamma=0.9, gamma=0.95;",
+        ),
+        (["--chaser-algorithm", "dqn", "--evader", "astar", "--clip", "0.1"], "--clip"),
+        (["--chaser-batch-size", "48"], "--chaser-batch-size"),
+    ],
+)
+def test_settings_of_learners_that_do_not_fit_are_one_line(
+    options: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(["self-play", *options])
+    assert stopped.value.code == 2 and message in capsys.readouterr().err
+
+
+def test_a_config_without_settings_of_other_learners_is_read(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "run", chaser_algorithm="dqn")
+    path = tmp_path / "run" / "config.json"
+    config = json.loads(path.read_text())
+    assert config["chaser_hyper"] == asdict(run.trainee.parts.sides["chaser"].hyper)
+    del config["chaser_hyper"], config["evader_hyper"]
+    path.write_text(json.dumps(config))
+    run.lock.release()
+    again = open_run(tmp_path / "run")
+    assert again.trainee.parts.sides["chaser"].hyper == run.trainee.parts.sides["chaser"].hyper

@@ -22,14 +22,17 @@ from scripted_agents import (
     solve_chase,
 )
 from train.commands.main import main
+from train.commands.snapshots import snapshot_table
 from train.evaluation import exploitability
 from train.self_play.past import (
+    GAMES,
     Standings,
     agreement,
     exploitabilities,
     parted,
     parted_by_distance,
     read_past,
+    rows_of,
     standings,
     widest,
 )
@@ -75,6 +78,13 @@ def test_whoever_captures_sooner_wins_as_plain_enumeration_counts_it() -> None:
     assert turned == pytest.approx(steps.T) and back + back.T == pytest.approx(1.0)
 
 
+def test_tables_of_four_and_of_five_actions_are_not_compared() -> None:
+    four, five = (AStarChaser(0.2).action_probabilities(MAZE, stay) for stay in (False, True))
+    evader = AStarEvader(0.2).action_probabilities(MAZE)
+    with pytest.raises(ValueError, match=r"tables over 4 and 5 actions; .*give all of them"):
+        duel_wins("chaser", MAZE, [four, five], [evader])
+
+
 def test_who_moves_first_and_how_far_apart_they_start_is_as_in_the_game() -> None:
     chasers = [AStarChaser(epsilon).action_probabilities(MAZE) for epsilon in (0.0, 0.5)]
     evader = AStarEvader(0.2).action_probabilities(MAZE)
@@ -93,6 +103,8 @@ def test_elo_of_chasers_that_err_more_and_more_falls() -> None:
     many = np.repeat(wins[:, :, None], 200, axis=2)  # games in which each wins its share
     assert elo == pytest.approx([rating for rating, _, _ in elo_ratings(many)])
     assert elo_of(wins[:1, :1], 200).tolist() == [1500.0]
+    # The half win each way draws ratings together: 200 games are not the limit of many.
+    assert np.ptp(elo) < np.ptp(elo_of(wins, 20_000))
 
 
 @pytest.mark.parametrize("order", ["simultaneous", "chasers_first"])
@@ -128,6 +140,7 @@ def test_kendalls_tau_and_what_parts_of_a_case_made_by_hand() -> None:
     shares = {row["least"]: (row["pairs"], row["parted"]) for row in parted_by_distance(one)}
     assert shares == {1: (3, pytest.approx(2 / 3)), 2: (3, pytest.approx(1 / 3))}
     assert widest(one, 1) == [(3, 1)]  # first by Elo, third by exploitability
+    assert f"Elo ({GAMES} games a pair)" in snapshot_table(rows_of(one)).markdown()
     alike = standing([1.0, 2.0, 3.0], [3.0, 2.0, 1.0])
     assert agreement(alike)["whole"] == 1.0 and not parted(alike).any() and widest(alike) == []
 

@@ -59,6 +59,29 @@ def test_what_is_written_to_epsilon_lasts_until_something_else_is_configured() -
     assert (simulator.epsilon[:, 1] == 0.5).all() and simulator.epsilon[0, 0] == 0.25
 
 
+def test_one_number_a_game_means_the_same_to_epsilon_and_to_configure() -> None:
+    """With as many games as agents both meanings would fit: it is one for each game."""
+    now, later = Simulator(TASKS["chase"], 2), Simulator(TASKS["chase"], 2)
+    assert now.num_agents == 2
+    now.epsilon = [0.1, 0.9]  # type: ignore[assignment]
+    later.configure(epsilon=[0.1, 0.9])
+    later.reset()
+    assert now.epsilon.tolist() == later.epsilon.tolist() == [[0.1, 0.1], [0.9, 0.9]]
+    both = [[0.1, 0.2], [0.3, 0.4]]
+    now.epsilon = both  # type: ignore[assignment]
+    later.configure(epsilon=both)
+    later.reset()
+    assert now.epsilon.tolist() == later.epsilon.tolist() == both
+    many = Simulator(TASKS["chase"], 3)
+    for write in (
+        lambda: setattr(many, "epsilon", [0.1, 0.9]),
+        lambda: many.configure(epsilon=[0.1, 0.9]),
+    ):
+        with pytest.raises(ValueError, match=r"epsilon of shape \(2,\); give one number, \(3,\)"):
+            write()
+    assert np.isnan(many.epsilon).all()
+
+
 @pytest.mark.parametrize("wrong", [np.inf, -0.1, 1.5, "much", None, [0.5, 2.0], {}, 1j])
 def test_epsilon_is_a_share(wrong: Any) -> None:
     simulator = Simulator(TASKS["chase"], 2)

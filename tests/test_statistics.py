@@ -1,6 +1,6 @@
 """Statistics over few seeds: against SciPy, and by how often they hold."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from typing import Any
 
@@ -99,20 +99,77 @@ def test_holms_correction_is_closed_testing_with_bonferroni() -> None:
     assert np.isnan(holm([0.03, float("nan")])[1]) and holm([]) == []
 
 
+def logrank_by_hand(
+    tasks: Sequence[tuple[Sequence[float], Sequence[float]]], end: float
+) -> tuple[float, float]:
+    """Sum over tasks and times of observed minus expected, and of the variances, as published."""
+    difference = variance = 0.0
+    for ours, theirs in tasks:
+        for time in sorted({t for t in (*ours, *theirs) if t < end}):
+            a, b = sum(t >= time for t in ours), sum(t >= time for t in theirs)
+            n, got = a + b, sum(t == time for t in (*ours, *theirs))
+            difference += sum(t == time for t in ours) - got * a / n
+            variance += got * (a / n) * (b / n) * (n - got) / (n - 1) if n > 1 else 0.0
+    return difference, variance
+
+
 def test_the_log_rank_test_is_that_of_its_definition() -> None:
     ours, theirs = [2.0, 3.0, np.inf], [3.0, 5.0, np.inf, np.inf]
-    ends = ([9.0] * 3, [9.0] * 4)
-    observed = expected = variance = 0.0
-    for time in (2.0, 3.0, 5.0):
-        a, b = sum(t >= time for t in ours), sum(t >= time for t in theirs)
-        got = sum(t == time for t in ours + theirs)
-        n = a + b
-        observed += sum(t == time for t in ours)
-        expected += got * a / n
-        variance += got * (a / n) * (b / n) * (n - got) / (n - 1) if n > 1 else 0.0
-    p = 2.0 * stats.norm.sf(abs(observed - expected) / variance**0.5)
-    assert logrank_p(ours, theirs, ends) == pytest.approx(p)
-    assert np.isnan(logrank_p([np.inf], [np.inf], ([1.0], [1.0])))
+    difference, variance = logrank_by_hand([(ours, theirs)], 9.0)
+    p = 2.0 * stats.norm.sf(abs(difference) / variance**0.5)
+    assert logrank_p([ours], [theirs], ([[9.0] * 3], [[9.0] * 4])) == pytest.approx(p)
+    assert np.isnan(logrank_p([[np.inf]], [[np.inf]], ([[1.0]], [[1.0]])))
+    assert np.isnan(logrank_p([[1.0]], [[]], ([[1.0]], [[]])))
+
+
+def test_the_log_rank_test_of_one_task_is_scipys() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        times, ends = rng.integers(1, 9, (2, 6)).astype(float), rng.integers(1, 9, (2, 6))
+        got = times <= ends
+        got[0, 0] = True
+        samples = [
+            stats.CensoredData.right_censored(np.where(g, t, e), ~g)
+            for g, t, e in zip(got, times, ends, strict=True)
+        ]
+        ours, theirs = (np.where(g, t, np.inf).tolist() for g, t in zip(got, times, strict=True))
+        found = logrank_p([ours], [theirs], ([ends[0].tolist()], [ends[1].tolist()]))
+        assert found == pytest.approx(stats.logrank(*samples).pvalue)
+
+
+def test_the_log_rank_test_of_two_tasks_compares_within_them() -> None:
+    # R's survdiff gives chi-squared 2.14673 for these; two tasks like this have twice the sum of
+    # the differences and twice that of the variances, so twice the chi-squared. Ends that are no
+    # arrivals are censored.
+    inf = np.inf
+    ours, our_ends = [inf, 1.0, 2.0, 3.0, inf, inf, 5.0, inf], [3.0, 1, 2, 3, 2, 1, 5, 3]
+    theirs = [inf, 1.0, inf, inf, 7.0, inf, 5.0, inf, 9.0]
+    their_ends = [1.0, 1, 2, 3, 7, 1, 5, 3, 9]
+    for tasks in (1, 2):
+        p = logrank_p([ours] * tasks, [theirs] * tasks, ([our_ends] * tasks, [their_ends] * tasks))
+        assert p == pytest.approx(stats.chi2.sf(tasks * 2.14673, 1), abs=1e-5)
+
+
+def test_the_log_rank_test_of_tasks_of_different_speed_is_not_that_of_all_runs_together() -> None:
+    # Sooner in each task, but most of its runs are in the slow one: pooled it seems to be late.
+    tasks = [([1.0, 2.0], [3.0, 4.0, 5.0, 6.0, 7.0]), ([50.0, 51.0, 52.0, 53.0], [60.0, 61.0])]
+    ends = tuple([[99.0] * len(task[side]) for task in tasks] for side in (0, 1))
+    difference, variance = logrank_by_hand(tasks, 99.0)
+    p = 2.0 * stats.norm.sf(abs(difference) / variance**0.5)
+    found = logrank_p([task[0] for task in tasks], [task[1] for task in tasks], ends)
+    assert found == pytest.approx(p) and p < 0.01
+    pooled = [[t for task in tasks for t in task[side]] for side in (0, 1)]
+    assert logrank_p([pooled[0]], [pooled[1]], ([[99.0] * 6], [[99.0] * 7])) > 0.1
+
+
+def test_the_stratified_log_rank_test_is_right_as_often_as_it_says() -> None:
+    rng, rejected = np.random.default_rng(1), 0
+    ends = [[3.0] * 8, [30.0] * 8]
+    for _ in range(1000):
+        drawn = rng.exponential([[[1.0], [10.0]]] * 2, (2, 2, 8))
+        sides = np.where(drawn < np.array(ends), drawn, np.inf).tolist()
+        rejected += logrank_p(sides[0], sides[1], (ends, ends)) < 0.05
+    assert 0.03 < rejected / 1000 < 0.07
 
 
 def test_the_interquartile_mean_is_that_of_the_middle_half() -> None:

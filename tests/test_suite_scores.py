@@ -244,7 +244,7 @@ def test_a_heist_in_a_suite_is_held_against_whoever_of_the_scripted_is_paid_most
     assert learned.mean_return == pytest.approx(paid.mean(), abs=1e-5)
     baselines = contest.baselines()
     reference = contest.reference(baselines, learned)
-    assert reference is not None and reference.unit == "paid" and reference.kind == "best known"
+    assert reference is not None and reference.unit == "return" and reference.kind == "best known"
     best = max(score.mean_return or -np.inf for score in baselines)
     assert reference.value == best
     assert reference.distance == pytest.approx(best - paid.mean(), abs=1e-5)

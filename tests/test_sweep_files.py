@@ -129,6 +129,23 @@ def test_ablation_files_are_held_to_the_same(
         load_ablation(str(path))
 
 
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("task = 'maze'", "no chasers or no evaders"),
+        ("hyper = 1", "unknown setting 'hyper' of self-play"),
+        ("curriculum = 'none'", "unknown setting 'curriculum' of self-play"),
+    ],
+)
+def test_settings_that_self_play_does_not_have_are_one_line(
+    setting: str, message: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text(f"kind = 'self-play'\n[settings]\nframes = 1000\n{setting}\n")
+    with pytest.raises(ValueError, match=message):
+        load_sweep(str(file))
+
+
 def test_budgets_on_the_axis_are_what_was_asked_for_not_what_was_measured(tmp_path: Path) -> None:
     grid, rest = "frames = [1000, 2000]", "[report]\nx = 'frames'"
     sweep = load(tmp_path, grid=grid, rest=rest)
@@ -159,7 +176,7 @@ def test_a_dry_run_lists_the_runs_with_what_varies_and_does_nothing(
     main(["ablate", str(tmp_path / "a.toml"), "--out", str(out / "none"), "--dry-run"])
     first, second, power, last = capsys.readouterr().out.splitlines()
     assert "variant=a seed=0" in first and "gamma=0.5" in second and "2 new" in last
-    assert "1 against 1 cannot show p < 0.05" in power
+    assert power.startswith("power: 1 against 1: 0 % at every effect")
 
 
 # -- what a sweep keeps ----------------------------------------------------------------------------

@@ -250,6 +250,21 @@ def test_a_game_does_not_depend_on_its_batch() -> None:
     assert histories[0] == histories[1]
 
 
+def test_a_start_that_repeats_meets_a_team_that_draws_anew() -> None:
+    """Level replay repeats starts; what an optimal team draws is no part of a start."""
+    task = team_task("3x3-open")
+    simulator, actions = Simulator(task, 1, seed=4), np.zeros((1, 3), dtype=np.int32)
+    drawn = np.zeros(16)
+    for _ in range(1000):
+        simulator.seed_starts(None, 3)  # from there the team mixes two joint actions
+        simulator.reset()
+        simulator.act([OptimalChaser()] * 2 + [None], actions)
+        drawn[actions[0, 0] * 4 + actions[0, 1]] += 1
+    expected = OptimalChaser().joint_distribution(task, simulator.games)[0]
+    assert np.count_nonzero(expected > 0.3) == 2
+    assert drawn / 1000 == pytest.approx(expected, abs=4 * 0.5 / 1000**0.5)
+
+
 # -- answers in play -------------------------------------------------------------------------------
 
 

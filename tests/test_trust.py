@@ -132,6 +132,12 @@ def test_what_is_allowed_is_read(module: str, tmp_path: Path, capsys: Any) -> No
     main(["evaluate", str(tmp_path / "run"), "--episodes", "2", "--allow", module])
     assert "learned" in capsys.readouterr().out
     forgotten(module)
+    parts._allowed.clear()
+    with pytest.raises(SystemExit):  # where no terminal is, but all that comes before succeeds
+        play = ["play", "--against", str(tmp_path / "run"), "--terminal"]
+        main([*play, "--allow", module])
+    assert "--terminal needs a terminal" in capsys.readouterr().err
+    forgotten(module)
     pursuit.allow(module)
     assert load_settings(tmp_path / "run").task.rewards == f"{module}:pay"
     for wrong in ("", "a b", "../x"):

@@ -9,7 +9,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as vector_wrappers
 
-from pursuit import ReacherTask, ReacherVectorEnv
+from pursuit import ReacherEnv, ReacherTask, ReacherVectorEnv, SingleAgentEnv, SingleAgentVectorEnv
 from pursuit.maze import Maze
 from scripted_agents.environments import make_env, make_vector_env
 
@@ -21,6 +21,7 @@ GRIDS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "caught in a team": ("chase", "evader_1", {"num_chasers": 2, "num_evaders": 3}),
     "heist": ("heist", "evader", {"maze": ["3x3", "4x4"]}),
     "maze": ("maze", "runner", {"stay_action": True}),
+    "masks observed": ("maze", "runner", {"mask_in_observation": True}),
 }
 ARMS: dict[str, dict[str, Any]] = {
     "kept": {"tolerance": 0.7},
@@ -47,6 +48,23 @@ def pair(form: str, mode: AutoresetMode) -> tuple[Any, Any]:
     return envs, sync(lambda: make_env(name, agent, **game))
 
 
+def check_equal(one: Any, other: Any) -> None:
+    """Observations or infos: the same keys, dtypes, shapes and values."""
+    if isinstance(other, dict):
+        assert one.keys() == other.keys()
+        for key in other:
+            check_equal(one[key], other[key])
+    elif isinstance(other, np.ndarray) and other.dtype.hasobject:
+        assert one.dtype == object and len(one) == len(other)
+        for mine, wanted in zip(one, other, strict=True):
+            check_equal(mine, wanted)
+    elif other is None:
+        assert one is None
+    else:
+        assert (one.dtype, one.shape) == (other.dtype, other.shape)
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("mode", AutoresetMode)
 @pytest.mark.parametrize("form", [*GRIDS, *ARMS])
 def test_it_is_gymnasiums_own_over_single_environments(form: str, mode: AutoresetMode) -> None:
@@ -60,9 +78,8 @@ def test_it_is_gymnasiums_own_over_single_environments(form: str, mode: Autorese
     ends, totals, lengths = 0, np.zeros(GAMES), np.zeros(GAMES, dtype=int)
     waiting = np.zeros(GAMES, dtype=bool)
     for _ in range(120):
-        np.testing.assert_array_equal(observed, expected)
-        if "action_mask" in hints:
-            np.testing.assert_array_equal(infos["action_mask"], hints["action_mask"])
+        check_equal(observed, expected)
+        check_equal(infos, hints)
         actions = ours.action_space.sample()
         observed, rewards, terminations, truncations, infos = ours.step(actions)
         expected, *results, hints = theirs.step(actions)
@@ -72,23 +89,18 @@ def test_it_is_gymnasiums_own_over_single_environments(form: str, mode: Autorese
         totals, lengths = totals + rewards, lengths + ~waiting
         if over.any():
             ends += over.sum()
-            np.testing.assert_array_equal(infos["_episode_return"], over)
-            np.testing.assert_allclose(infos["episode_return"], totals * over, atol=1e-5)
-            np.testing.assert_array_equal(infos["episode_length"], lengths * over)
+            final = infos["final_info"] if mode is AutoresetMode.SAME_STEP else infos
+            np.testing.assert_array_equal(final["_episode_return"], over)
+            np.testing.assert_allclose(final["episode_return"], totals * over, atol=1e-5)
+            np.testing.assert_array_equal(final["episode_length"], lengths * over)
             totals[over], lengths[over] = 0, 0
         assert ("final_obs" in infos) == (mode is AutoresetMode.SAME_STEP and over.any())
-        if "final_obs" in infos:
-            for last, wanted in zip(
-                infos["final_obs"][over], hints["final_obs"][over], strict=True
-            ):
-                np.testing.assert_array_equal(last, wanted)
         waiting = over if mode is AutoresetMode.NEXT_STEP else np.zeros(GAMES, dtype=bool)
         if mode is AutoresetMode.DISABLED and over.any():
             with pytest.raises(ValueError, match="reset_mask"):
                 ours.step(actions)
             observed, infos = ours.reset(options={"reset_mask": over})
-            expected, _ = theirs.reset(options={"reset_mask": over})
-            hints = {}
+            expected, hints = theirs.reset(options={"reset_mask": over})
     assert ends > 10
 
 
@@ -104,9 +116,10 @@ def test_a_reset_mask_leaves_the_other_games_alone(form: str) -> None:
         for envs in (ours, theirs):
             *_, terminations, truncations, _ = envs.step(actions)
         assert not (terminations | truncations).any()
-        observed, _ = ours.reset(seed=seeds, options={"reset_mask": mask})
-        expected, _ = theirs.reset(seed=seeds, options={"reset_mask": mask})
-        np.testing.assert_array_equal(observed, expected)
+        observed, infos = ours.reset(seed=seeds, options={"reset_mask": mask})
+        expected, hints = theirs.reset(seed=seeds, options={"reset_mask": mask})
+        check_equal(observed, expected)
+        check_equal(infos, hints)
         assert (ours.simulator.steps > 0).tolist() == (~mask).tolist()
     ours.reset(seed=3, options={"reset_mask": mask})
     assert ours.simulator.last_seed is None or (ours.simulator.steps[1:3] > 0).all()
@@ -196,6 +209,36 @@ def test_max_episode_steps_cuts_off_as_the_time_limit_of_gymnasium_does(name: st
     for wrong in (0, 1.5, "3"):
         with pytest.raises(ValueError, match="max_episode_steps"):
             gymnasium.make_vec(name, 2, max_episode_steps=wrong)
+
+
+@pytest.mark.parametrize("name", ["Chaser", "Evader", "Maze", "Race", "HeistEvader", "Reacher"])
+def test_the_spec_has_the_limit_of_the_task_and_nothing_truncates_besides(name: str) -> None:
+    name, settings = f"pursuit/{name}-v0", {"max_steps": 405}
+    env, envs = gymnasium.make(name, **settings), gymnasium.make_vec(name, 2, **settings)
+    for each in (env, envs):
+        assert each.spec is not None and each.spec.max_episode_steps == settings["max_steps"]
+    layer: Any = env
+    while layer is not env.unwrapped:
+        assert not isinstance(layer, gymnasium.wrappers.TimeLimit)
+        layer = layer.env
+    short = gymnasium.make(name, max_episode_steps=9), gymnasium.make_vec(name, max_episode_steps=9)
+    assert [each.spec.max_episode_steps for each in short if each.spec] == [9, 9]
+    assert env.unwrapped.task.max_steps == settings["max_steps"]
+    again = gymnasium.make_vec(envs.spec)
+    assert again.spec is not None and again.spec.max_episode_steps == settings["max_steps"]
+
+
+def test_gymnasiums_class_is_a_direct_base_for_skrl() -> None:
+    for kind in (SingleAgentVectorEnv, ReacherVectorEnv):
+        assert gymnasium.vector.VectorEnv in kind.__bases__
+    for single in (SingleAgentEnv, ReacherEnv):
+        assert gymnasium.Env in single.__bases__
+
+
+def test_next_step_is_the_default() -> None:
+    for name in ("Chaser", "Race", "Reacher"):
+        envs = gymnasium.make_vec(f"pursuit/{name}-v0", 2)
+        assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])

@@ -39,6 +39,16 @@ def write_beside(path: Path, write: Callable[[Path], object]) -> None:
             beside.unlink(missing_ok=True)
 
 
+def check_utf8(name: object) -> None:
+    """ValueError for a name, of a file say, that is not text in UTF-8: no record could hold it."""
+    try:
+        str(name).encode()
+    except UnicodeEncodeError:
+        raise ValueError(
+            f"{name}: not UTF-8; rename it, or, where this is no UTF-8 terminal, set PYTHONUTF8=1"
+        ) from None
+
+
 class CannotWrite(OSError):
     """A file could not be written; in words, and without the name of any temporary file."""
 
@@ -50,6 +60,55 @@ def cannot_write(path: Path, error: Exception) -> CannotWrite:
         f"{path}: cannot be written ({reason or type(error).__name__}); make room, or give a "
         "folder that can be written. What was there before is kept"
     )
+
+
+def check_new_files(paths: Iterable[Path | None], overwrite: bool = False) -> None:
+    """ValueError unless a command may write each of these files.
+
+    Args:
+        paths: of its outputs, all different; None for one that is not wanted.
+        overwrite: files that exist may be replaced; otherwise all must be new.
+    """
+    given = [path for path in paths if path is not None]
+    for number, path in enumerate(given):
+        if path in given[:number]:
+            raise ValueError(f"{path}: given for two outputs; give two files")
+        if path.is_dir():
+            raise ValueError(f"{path}: a folder; give the path of a file")
+        if path.exists() and not overwrite:
+            raise ValueError(f"{path}: exists already; give a new file, or --overwrite")
+        if not path.parent.is_dir():
+            raise ValueError(f"{path}: no folder {path.parent}; make it first")
+
+
+def check_output_folder(
+    folder: Path, is_own: Callable[[Path], bool], overwrite: bool | None = None
+) -> None:
+    """ValueError unless a command may write its output into a folder.
+
+    Args:
+        folder: of the output; new, empty, or one that the command wrote before.
+        is_own: whether the command wrote this folder, by the files in it.
+        overwrite: any other folder is allowed as well; None for a command without this option.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder}: a file; give a folder")
+    if overwrite or not folder.exists() or is_own(folder):
+        return
+    if any(path.name != LOCK and not is_leftover(path) for path in folder.iterdir()):
+        raise ValueError(
+            f"{folder}: holds files that this command did not write; give a new folder"
+            + (", or --overwrite" if overwrite is not None else "")
+        )
+
+
+def begins_with(path: Path, text: str) -> bool:
+    """Whether there is a file at `path` that begins with this text."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(text.encode())) == text.encode()
+    except OSError:
+        return False
 
 
 def is_leftover(path: Path) -> bool:
@@ -93,7 +152,10 @@ def read_json(path: Path) -> Any:
     """The JSON in `path`; ValueError naming the file where there is none."""
     try:
         text = path.read_text(encoding="utf-8")
-        return json.loads(text, parse_constant=_number, parse_float=_number)
+        content = json.loads(text, parse_constant=_number, parse_float=_number)
+        if "\\ud" in text.lower():  # an escape, of one half of a character perhaps
+            json.dumps(content, ensure_ascii=False).encode()
+        return content
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
     except (ValueError, RecursionError):  # the latter where it is nested without end
@@ -175,6 +237,34 @@ def hold(folder: Path, what: str, shared: bool = False) -> FileLock:
     except OSError as error:
         raise cannot_write(folder, error) from None
     return lock
+
+
+@contextlib.contextmanager
+def reserved(*paths: Path | None, overwrite: bool = False) -> Iterator[None]:
+    """Holds the paths of output files for this process, which writes them meanwhile.
+
+    Args:
+        paths, overwrite: as in `check_new_files`.
+
+    Raises:
+        ValueError: as `check_new_files`, or another process is to write one of them.
+    """
+    check_new_files(paths, overwrite)
+    with contextlib.ExitStack() as held:
+        for path in filter(None, paths):
+            lock = FileLock(path.with_name(f".{path.name}{LOCK}"))
+            try:
+                lock.acquire(blocking=False)
+            except Timeout:
+                raise ValueError(
+                    f"{path}: another process is to write this file; give another, or wait for it"
+                ) from None
+            except OSError as error:
+                raise cannot_write(path, error) from None
+            held.callback(lock.release)
+            held.callback(Path(lock.lock_file).unlink, missing_ok=True)
+        check_new_files(paths, overwrite)  # one may have been written before it was held
+        yield
 
 
 @contextlib.contextmanager

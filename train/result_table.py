@@ -79,9 +79,21 @@ def words(head: str, name: str | None = None) -> Column:
     return Column(head, lambda row: str(row[name or head]), left=True)
 
 
+_MARKUP = re.compile(
+    r"[\\`|]"
+    r"|\](?=[(\[:])"  # links and images
+    r"|\*(?=\S)|(?<![^\W_])_(?=\S)"
+)
+_HTML = re.compile(r"<(?=[A-Za-z/!?])|&(?=[#\w]+;)|~(?=~)")
+
+
 def in_markdown(text: str) -> str:
-    """A text as the cell of a Markdown table: one line, in which no bar ends the cell."""
-    return one_line(text).replace("\\", "\\\\").replace("|", "\\|")
+    """A text of others in Markdown, letter by letter: one line, nothing in it is markup.
+
+    It may stand in a cell of a table, in a heading, and anywhere in a paragraph but at its start.
+    """
+    escaped = _HTML.sub(lambda found: f"&#{ord(found[0])};", one_line(text))
+    return _MARKUP.sub(r"\\\g<0>", escaped)
 
 
 def one_line(text: str) -> str:

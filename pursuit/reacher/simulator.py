@@ -283,9 +283,10 @@ class ReacherSimulator:
         """
         poses = _in_one_turn(_rows("angles", angles, (self.num_games, self.task.joints)))
         places = _rows("targets", targets, (self.num_games, 2))
-        waiting = self._coming.free_joints
-        free = np.where(waiting >= 0, waiting, self.arms.free_joints)
-        self.task.check_targets(places, free)
+        coming = self._coming  # what the episode that begins here has
+        free = np.where(coming.free_joints >= 0, coming.free_joints, self.arms.free_joints)
+        tolerance = np.where(coming.tolerance >= 0.0, coming.tolerance, self.arms.tolerance)
+        self.task.check_targets(places, free, tolerance)
         if poses[np.arange(self.task.joints) >= free[:, None]].any():
             raise ValueError(f"angles={angles!r}; joints that are locked are straight: angle 0")
         self.reset(seed)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from copy import deepcopy
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.declared import as_array, one_of, whole
+from pursuit.declared import as_array, one_of, reset_options, whole
 from pursuit.keys import Keys
 from pursuit.parallel_env import RENDER_MODES
 from pursuit.reacher.keys import arm_keys
@@ -21,7 +20,7 @@ from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask, make_reacher_task
 from pursuit.rendering import Window
 from pursuit.seeds import checked_seed, some_seed
-from pursuit.vector_env import LockstepVectorEnv, limited
+from pursuit.vector_env import LockstepVectorEnv, StepLimitInSpec, limited
 
 RENDER_FPS = 20
 
@@ -66,15 +65,11 @@ def begin(simulator: ReacherSimulator, seed: int | None, options: Any) -> None:
     Raises:
         ValueError: a seed out of range, or options that make no start. Nothing is changed then.
     """
-    if options is not None and not isinstance(options, Mapping):
-        raise ValueError(f"options={options!r}; give a dict")
-    given = {"angles", "target"} & set(options or {})  # others' own: PettingZoo's test gives some
-    if options is None or not given:
-        simulator.reset(seed)
-    elif len(given) == 1:
-        raise ValueError(f"options={options!r}; give both angles and target, or neither")
+    given = reset_options(options, ("angles", "target"))
+    if given:
+        simulator.place(given["angles"], given["target"], seed)
     else:
-        simulator.place(options["angles"], options["target"], seed)
+        simulator.reset(seed)
 
 
 def checked_mode(render_mode: str | None) -> str | None:
@@ -102,12 +97,13 @@ def render_arm(
     return None
 
 
-class ReacherEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
+class ReacherEnv(StepLimitInSpec, gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
     """One arm as a Gymnasium environment.
 
     The action is [joints] float32 in [-1, 1], the part of `max_turn` by which each joint turns;
     with `discrete_actions` [joints] whole numbers: 0 back, 1 stay, 2 forth. What is outside is an
-    error: wrap the environment in `gymnasium.wrappers.ClipAction` or `RescaleAction`.
+    error: wrap the environment in `gymnasium.wrappers.ClipAction` or `RescaleAction`. The info of
+    the last step holds "episode_return" and "episode_length".
 
     Args:
         task: the rules and settings.
@@ -173,7 +169,11 @@ class ReacherEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
             self.render()
         terminated, truncated = bool(simulator.terminated[0]), bool(simulator.truncated[0])
         observed = simulator.observe(self.observation)[0]
-        return observed, float(simulator.rewards[0]), terminated, truncated, {}
+        info: dict[str, Any] = {}
+        if terminated or truncated:
+            info["episode_return"] = float(simulator.returns[0])
+            info["episode_length"] = int(simulator.steps[0])
+        return observed, float(simulator.rewards[0]), terminated, truncated, info
 
     def get_keys_to_action(self) -> dict[Keys, Any]:
         """For `gymnasium.utils.play.play(env, wait_on_player=True)`: see `pursuit.keys`."""
@@ -192,7 +192,8 @@ class ReacherEnv(gymnasium.Env[NDArray[np.float32], NDArray[Any]]):
             self._window = None
 
 
-class ReacherVectorEnv(LockstepVectorEnv):
+# skrl looks for Gymnasium's class among the direct bases only.
+class ReacherVectorEnv(LockstepVectorEnv, gymnasium.vector.VectorEnv[Any, Any, Any]):
     """Many arms as a Gymnasium vector environment; the `ReacherSimulator` underneath.
 
     How arms begin anew, and what the infos then hold, says `pursuit.vector_env`. Actions are
@@ -220,7 +221,7 @@ class ReacherVectorEnv(LockstepVectorEnv):
         observation: str = "positions",
         render_mode: str | None = None,
         seed: int | None = None,
-        autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
     ) -> None:
         num_envs = whole("num_envs", num_envs, 1, 2**63 - 1)
         self.observation = one_of("observation", observation, ENCODINGS)
@@ -260,7 +261,7 @@ def reacher_vector_env(
     observation: str = "positions",
     render_mode: str | None = None,
     seed: int | None = None,
-    autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
+    autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
     max_episode_steps: int | None = None,
     **settings: Any,
 ) -> ReacherVectorEnv:

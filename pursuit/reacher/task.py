@@ -126,24 +126,31 @@ class ReacherTask:
         digits = 3 ** np.arange(self.joints - 1, -1, -1)
         return (chosen[..., None] // digits % 3 - 1).astype(np.float64)
 
-    def check_targets(self, targets: NDArray[np.float64], free_joints: ArrayLike) -> None:
+    def check_targets(
+        self,
+        targets: NDArray[np.float64],
+        free_joints: ArrayLike,
+        tolerance: ArrayLike | None = None,
+    ) -> None:
         """Raise ValueError for a target that no pose reaches.
 
         Args:
             targets: [arms, 2] float64.
             free_joints: how many joints turn, in each arm or in all; the others are straight.
+            tolerance: of each arm or of all; the task's own by default.
         """
         radii = np.hypot(targets[:, 0], targets[:, 1])
         free = np.broadcast_to(free_joints, radii.shape)
         least = np.maximum(self.joints - 2 * free + 2, 0)  # as `rules.least_radius` has it
-        within = self.tolerance - 1e-9  # what rounding alone could reach is out of reach
+        allowed = np.broadcast_to(self.tolerance if tolerance is None else tolerance, radii.shape)
+        within = allowed - 1e-9  # what rounding alone could reach is out of reach
         wrong = (radii - self.joints > within) | (least - radii > within)
         if wrong.any():
             x, y = targets[wrong][0].tolist()
             raise ValueError(
                 f"target ({x}, {y}) is out of reach; the tip of {self.joints} joint(s) of which "
                 f"{free[wrong][0]} turn goes from radius {least[wrong][0]} to {self.joints}, and "
-                f"tolerance={self.tolerance} beyond: put it nearer"
+                f"tolerance={allowed[wrong][0]} beyond: put it nearer"
             )
 
 

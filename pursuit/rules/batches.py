@@ -75,7 +75,7 @@ def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: A
     """Begin an episode of one game with the settings that waited for it; False where no cells."""
     outcome, coming = outcome_of(memory), next_episode_of(memory)
     for agent in agents_of(rules.teams):
-        outcome.returns[game, agent] = 0.0
+        outcome.returns[game, agent] = outcome.collected[game, agent] = 0.0
         if coming.epsilon[game, agent] != UNCHANGED:
             memory.reals[game, EPSILON, agent] = coming.epsilon[game, agent]
             coming.epsilon[game, agent] = UNCHANGED

@@ -7,7 +7,7 @@ Agents are numbered by role, and the numbers are the seats; N games of A agents 
     goal       0 .. G-1                                               5   6   7     have no number
 
     games.position [N, A]   games.active [N, A]   games.event [N, A]   games.goal [N, G]
-    games.steps [N]         games.maze [N]        streams [N, 1 + A + 1]: starts, seats, curricula
+    games.steps [N]         games.maze [N]        streams [N, 1 + A + 1]: starts, seats, teams
 
 A compiled entry is handed few flat arrays, as each costs its time at every call: what has the same
 shape lies stacked in one (`Memory`). The functions at the end give every layer its name, at once;
@@ -41,7 +41,7 @@ UNCHANGED = -1.0  # the next episode's epsilon where none waits: the present one
 POSITION, ACTIVE, EVENT, FINAL_POSITION, FINAL_ACTIVE, FINAL_EVENT, AGENT_LAYERS = range(7)
 GOAL, FINAL_GOAL, GOAL_LAYERS = range(3)
 STEPS, MAZE, FINAL_STEPS, FINAL_MAZE, CLOCK_LAYERS = range(5)
-EPSILON, NEXT_EPSILON, RETURNS, EPISODE_RETURNS, REAL_LAYERS = range(5)
+EPSILON, NEXT_EPSILON, RETURNS, COLLECTED_GOALS, EPISODE_RETURNS, REAL_LAYERS = range(6)
 ENDED_BY_RULE, ENDED_BY_TIME, FLAG_LAYERS = range(3)
 SCRATCH_DISTANCE, SCRATCH_QUEUE, SCRATCH_AFTER = range(3)
 SCRATCH_CAPTORS, SCRATCH_TAKERS, SCRATCH_CAPTURED, SCRATCH_LAYERS = range(3, 7)
@@ -67,7 +67,9 @@ ROW, COLUMN, MARK_DISTANCE, MOVES, FACT_LAYERS = range(5)
     START_AT_MARKS,
     NUM_RULES,
 ) = range(9)
-PAY_STEP, PAY_CAPTURE, PAY_GOAL, PAY_DISTANCE, PAY_ON_COMPLETION, NUM_PAYS = range(6)
+PAY_STEP, PAY_CAPTURE, PAY_GOAL, PAY_DISTANCE, PAY_ON_COMPLETION, PAY_PER_EVADER, NUM_PAYS = range(
+    7
+)
 
 
 class Teams(NamedTuple):
@@ -87,6 +89,7 @@ class Pay(NamedTuple):
     goal: float
     distance: float
     on_completion: float
+    per_evader: float
 
 
 class Rules(NamedTuple):
@@ -168,6 +171,7 @@ class Outcome(NamedTuple):
 
     rewards: [games, agents] float32, of the last step.
     returns: [games, agents] float64, of the episode so far.
+    collected: [games, agents] float64, goals collected in it so far, those shared in parts.
     terminated, truncated: [games] bool, of the last step.
     episode_returns: [games, agents] float64, of the last finished episode.
     final: the games as their last finished episode ended.
@@ -175,6 +179,7 @@ class Outcome(NamedTuple):
 
     rewards: Any
     returns: Any
+    collected: Any
     terminated: Any
     truncated: Any
     episode_returns: Any
@@ -280,8 +285,8 @@ def outcome_of(memory: Memory) -> Outcome:
         memory.goals[:, FINAL_GOAL], clocks[:, FINAL_STEPS], clocks[:, FINAL_MAZE],
     )  # fmt: skip
     return Outcome(
-        memory.rewards, reals[:, RETURNS], flags[ENDED_BY_RULE], flags[ENDED_BY_TIME],
-        reals[:, EPISODE_RETURNS], final,
+        memory.rewards, reals[:, RETURNS], reals[:, COLLECTED_GOALS], flags[ENDED_BY_RULE],
+        flags[ENDED_BY_TIME], reals[:, EPISODE_RETURNS], final,
     )  # fmt: skip
 
 
@@ -319,7 +324,7 @@ def pay_of(paid: Any) -> Pay:
     """What a role is paid: [NUM_PAYS] float64."""
     return Pay(
         paid[PAY_STEP], paid[PAY_CAPTURE], paid[PAY_GOAL], paid[PAY_DISTANCE],
-        paid[PAY_ON_COMPLETION],
+        paid[PAY_ON_COMPLETION], paid[PAY_PER_EVADER],
     )  # fmt: skip
 
 
@@ -392,7 +397,7 @@ def bit_of(number: int) -> Any:
 
 
 STARTS_STREAM = 0
-"""The random stream of starts; then come one for each seat, and one for curricula."""
+"""The random stream of starts; then come one for each seat, and one for teams."""
 
 
 @inlined
@@ -402,5 +407,14 @@ def stream_of(seat: int) -> int:
 
 
 def num_streams(num_agents: int) -> int:
-    """Random streams of a game: starts, seats, curricula."""
+    """Random streams of a game: starts, seats, teams."""
     return 1 + num_agents + 1
+
+
+@inlined
+def team_stream(streams: Any) -> int:
+    """The stream, of those of a game, that agents who draw together look at.
+
+    It moves on as an episode begins, and by nothing else.
+    """
+    return streams.shape[0] - 1

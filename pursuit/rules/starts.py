@@ -33,8 +33,9 @@ from pursuit.rules.layout import (
     chasers_of,
     evaders_of,
     goals_of,
+    team_stream,
 )
-from pursuit.rules.randomness import next_below
+from pursuit.rules.randomness import next_below, next_word
 
 MAX_PLACEMENT_TRIES = 1000
 
@@ -50,6 +51,7 @@ def start(
     search: Search,
 ) -> bool:
     """Begin an episode: choose the maze, place agents and goals. False where no try was allowed."""
+    next_word(streams[game], team_stream(streams[game]))
     games.maze[game] = choose_maze(coming.maze[game], streams[game], world)
     games.steps[game] = 0
     for agent in agents_of(rules.teams):

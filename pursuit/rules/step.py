@@ -80,6 +80,10 @@ def step(
     pay_ordinary_steps(games, game, rules, world, first_cell, plan, outcome)
     if captures > 0 or collected > 0:
         pay_events(games, game, rules, plan, outcome, captures, collected, end)
+    if rules.chaser.per_evader != 0.0:
+        pay_per_evader(games, game, rules, plan, outcome)
+    if collected > 0:
+        count_goals(games, game, teams, plan, outcome)
     for number in agents_of(teams):
         agent = np.uint64(number)
         games.position[game, agent] = plan.after[agent]
@@ -197,6 +201,16 @@ def is_free(games: Games, game: int, evader: int) -> int:
     return np.int64(games.active[game, evader] != 0)
 
 
+@inlined
+def count_goals(games: Games, game: int, teams: Teams, plan: Plan, outcome: Outcome) -> None:
+    """Add the goals of this step to those that each agent has collected; shared ones in parts."""
+    for goal in goals_of(teams):
+        for agent in collectors_of(teams):
+            here = plan.after[agent] == games.goal[game, goal]
+            if plan.takers[goal] > 0 and here and may_collect(games, game, agent, teams, plan):
+                outcome.collected[game, agent] += 1.0 / plan.takers[goal]
+
+
 # -- rewards ---------------------------------------------------------------------------------------
 
 
@@ -292,6 +306,23 @@ def pay_captures(
             outcome.rewards[game, chaser] = more if met & paid else earned
         games.event[game, evader] = WAS_CAPTURED
         outcome.rewards[game, evader] = np.float32(rules.evader.capture)
+
+
+@inlined
+def pay_per_evader(games: Games, game: int, rules: Rules, plan: Plan, outcome: Outcome) -> None:
+    """Pay every chaser the sum over the evaders that were free before the step, whoever it met."""
+    teams, pay, total = rules.teams, rules.chaser, np.float32(0.0)
+    for number in evaders_of(teams):
+        evader = np.uint64(number)
+        if is_free(games, game, evader) != 0:
+            if plan.captors[evader] > 0:
+                earned = np.float32(pay.capture)
+            else:
+                event, earned = goals_taken_by(games, game, evader, teams, pay, plan)
+                earned = earned if event != 0 else np.float32(pay.step)
+            total = np.float32(total + earned)
+    for number in chasers_of(teams):
+        outcome.rewards[game, np.uint64(number)] = total
 
 
 @inlined

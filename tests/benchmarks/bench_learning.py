@@ -36,7 +36,7 @@ from train.networks.policy import Seat
 from train.runs.by_name import settings_of
 from train.runs.folder import RUN
 from train.runs.loop import Run
-from train.runs.parts import setting_of
+from train.runs.tasks import setting_of
 from train.settings.algorithms import DQNSettings, PPOSettings
 from train.settings.presets import tuned
 from train.settings.run import TrainSettings
@@ -82,7 +82,8 @@ def sb3_model(settings: PPOSettings, seed: int = 0) -> object:
 
     from pursuit.stable_baselines import StableBaselinesVecEnv
 
-    env = make_vector_env("maze", "runner", settings.num_games, maze="5x5", num_goals=3, seed=seed)
+    game = {"maze": "5x5", "num_goals": 3, "seed": seed, "autoreset_mode": "SAME_STEP"}
+    env = make_vector_env("maze", "runner", settings.num_games, **game)
     width = settings.width
     return PPO(
         "MlpPolicy",

@@ -58,7 +58,7 @@ def theirs(name: str, games: int, gradient_steps: int) -> Callable[[int], None]:
     """The same with that of Stable-Baselines3."""
     model = getattr(stable_baselines3, name.upper())(
         "MlpPolicy",
-        StableBaselinesVecEnv(ReacherVectorEnv(TASK, games)),
+        StableBaselinesVecEnv(ReacherVectorEnv(TASK, games, autoreset_mode="SAME_STEP")),
         train_freq=1,
         gradient_steps=gradient_steps,
         batch_size=BATCH,

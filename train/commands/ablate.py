@@ -11,10 +11,7 @@ from typing import Annotated
 import tyro
 
 from train.commands.parse import parse
-from train.commands.sweep import SweepCommand, carry_out
-from train.experiments.ablation import ABLATIONS, load_ablation
-from train.experiments.sweep import shipped
-from train.settings.checks import check
+from train.commands.sweep import SweepCommand, carry_out, check_options
 
 
 @dataclass(frozen=True)
@@ -37,13 +34,16 @@ class AblateCommand(SweepCommand):
 def ablate(arguments: Sequence[str]) -> None:
     """`pursuit ablate`."""
     given = parse(AblateCommand, arguments, "ablate")
+    check_options(given)
+    from train.experiments.ablation import ABLATIONS, load_ablation  # torch is slow to import
+    from train.experiments.sweep import shipped
+
     if given.list:
         for name in shipped(ABLATIONS):
             plan = load_ablation(name)
             arms = len({run.label["variant"] for run in plan.runs})
             print(f"{name:<22}{arms} arms  {plan.title}")
         return
-    check(given.file is not None, "give an ablation file, or --list")
     plan = load_ablation(str(given.file), given.version)
     stem = Path(str(given.file)).stem
     out = Path("ablations") / (f"{stem}-{given.version}" if given.version else stem)

@@ -13,7 +13,6 @@ from train.commands.blindness import print_blindness
 from train.commands.parse import named_task, parse
 from train.commands.scores import (
     certificate_of,
-    pays_of,
     print_bounds,
     print_scores,
     print_whole_game,
@@ -22,7 +21,7 @@ from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
-from train.runs.parts import contest_of
+from train.runs.effects import check_task_effects
 from train.settings.checks import check
 from train.settings.task import AnyTask, TaskSettings
 
@@ -48,14 +47,22 @@ def baseline(arguments: Sequence[str]) -> None:
     given = parse(BaselineCommand, arguments, "baseline", BaselineCommand(named_task(arguments)))
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
     check(0.0 <= given.blindness < inf, f"blindness={given.blindness}; seconds, 0 or more")
+    check_task_effects(given.task)
+    from train.runs.parts import contest_of  # torch is slow to import
+
     contest = contest_of(given.task, given.episodes, given.seed)
+    if given.blindness > 0.0:
+        check(
+            isinstance(contest, GameContest) and contest.task.is_duel,
+            "blindness is for duels in one maze: one chaser, one evader, no goals; leave it out",
+        )
     if isinstance(contest, SuiteContest):
         contest = replace(contest, exact=True)
     if isinstance(contest, GameContest):
         contest = replace(contest, most_work=MAX_EVALUATED_WORK)
     print(contest.line())
     scores = contest.baselines()
-    print_scores(scores, certificate_of(contest), pays_of(contest))
+    print_scores(scores, certificate_of(contest), contest.measure)
     if isinstance(contest, ArmContest):
         print_bounds(contest)
         return
@@ -78,7 +85,6 @@ def baseline(arguments: Sequence[str]) -> None:
     elif len(task.mazes) == 1:
         print_whole_game(contest)
     if given.blindness > 0.0:
-        check(task.is_duel, "blindness is for duels: one chaser, one evader, no goals")
         role: Any = contest.role
         check(role in ("chaser", "evader"), "blindness is for chasers and evaders")
         other = contest.opponents.get(OTHER[role])

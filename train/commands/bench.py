@@ -18,7 +18,6 @@ from pursuit.simulator import Simulator
 from pursuit.task import Task, make_task
 from scripted_agents.environments import default_policies
 from train.commands.parse import parse
-from train.experiments.kinds import start
 from train.runs.folder import RUN
 from train.settings.checks import check
 from train.settings.run import TrainSettings
@@ -165,6 +164,8 @@ def bench(arguments: Sequence[str]) -> None:
 
 def ppo_rate(seconds: float) -> float:
     """Frames a second of PPO with its preset, learning included."""
+    from train.experiments.kinds import start  # torch is slow to import
+
     with TemporaryDirectory() as folder:
         settings: TrainSettings[Any] = TrainSettings(TaskSettings(task="maze"), seconds=seconds)
         run = start(RUN, settings, Path(folder) / "run")

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
+from pursuit.declared import one_of
 from pursuit.replay import with_suffix
-from train.algorithms.registry import entry
 from train.commands.parse import heard, parse, warn
 from train.commands.scores import (
     certificate_of,
-    pays_of,
     print_bounds,
     print_floor,
     print_reference,
@@ -24,37 +23,29 @@ from train.commands.suites import compared, exact_where_known, judged
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.closeups import recorded
 from train.evaluation.contest import GameContest
-from train.evaluation.floor import objective_floor
+from train.evaluation.floor import UNKNOWN, objective_floor
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
-from train.files import write_json
-from train.networks.policy import NO_WALLS
-from train.runs.loop import machine, versions
-from train.runs.opponents import load_policy
-from train.runs.parts import contest_of, suite_contest_of
-from train.runs.saved import load_settings
-from train.runs.single import evaluation_of
+from train.figures import FORMATS
+from train.files import check_new_files, reserved, write_json
+from train.runs.effects import check_task_effects
+from train.runs.tasks import agent_of, task_of
 from train.settings.checks import check
-from train.settings.task import ReacherSettings, in_maze
+from train.settings.task import AnyTask, ReacherSettings, TaskSettings, in_maze
 
 
 @dataclass(frozen=True)
-class EvaluateCommand:
-    """Evaluate the policy of a run: exactly where the game allows it, by episodes elsewhere."""
+class Evaluated:
+    """What is evaluated, and what is written."""
 
     run: Annotated[Path, tyro.conf.Positional]
-    """The folder of the run."""
+    """The folder of the run, or a saved Stable-Baselines3 model (.zip), whose options are other
+    ones: pursuit evaluate model.zip --help."""
     episodes: int = 1000
     """Episodes to play."""
     seed: int = 0
     """Of those episodes: 0 for those of every evaluation, or others; none is ever trained on."""
-    opponent_epsilon: float | None = None
-    """Share of random moves of the opponents; that of the training if left out."""
-    maze: str | None = None
-    """Another maze than that of the training, or a suite of mazes: suite:7x7-test. In a suite every
-    score stands beside the exact optimum of that maze, and what is lost from the mazes of the
-    training beside both."""
     table: Path | None = None
     """Of a suite: write the figures of every maze to this new .csv file."""
     picture: Path | None = None
@@ -65,23 +56,137 @@ class EvaluateCommand:
     """Write the first episodes, as the policy of the run plays them, to this new replay (.json)."""
     replay_episodes: int = 10
     """How many of them."""
+    overwrite: bool = False
+    """Replace --out, --replays, --table and --picture where they exist."""
+
+
+@dataclass(frozen=True)
+class EvaluateCommand(Evaluated):
+    """Evaluate the policy of a run: exactly where the game allows it, by episodes elsewhere."""
+
+    opponent_epsilon: float | None = None
+    """Share of random moves of the opponents; that of the training if left out."""
+    maze: str | None = None
+    """Another maze than that of the training, or a suite of mazes: suite:7x7-test. In a suite every
+    score stands beside the exact optimum of that maze, and what is lost from the mazes of the
+    training beside both."""
+
+
+@dataclass(frozen=True)
+class EvaluateModelCommand(Evaluated):
+    """Evaluate a saved Stable-Baselines3 model (.zip) in a task: exactly where the game allows it,
+    by episodes elsewhere."""
+
+    task: TaskSettings = field(default_factory=TaskSettings)
+    observation: str = "one_hot"
+    """What the model observes. A description beside the model goes first."""
 
 
 def evaluate(arguments: Sequence[str]) -> None:
     """`pursuit evaluate`."""
-    given = parse(EvaluateCommand, arguments, "evaluate")
+    is_model = any(argument.endswith(".zip") for argument in arguments)
+    given: Any = parse(EvaluateModelCommand if is_model else EvaluateCommand, arguments, "evaluate")
     check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
-    check(given.run.is_dir(), f"{given.run}: no such folder")
+    check(is_model or given.run.is_dir(), f"{given.run}: no such folder")
     replays = None if given.replays is None else with_suffix(given.replays)
-    for path in filter(None, (given.out, replays, given.table, given.picture)):
-        check(not path.exists(), f"{path}: exists already")
+    check_new_files([given.out, replays, given.table, given.picture], given.overwrite)
+    if given.picture is not None:
+        one_of("format of a figure", given.picture.suffix[1:], FORMATS)
     check(given.replay_episodes >= 1, f"replay_episodes={given.replay_episodes}; at least 1")
+    with reserved(given.out, replays, given.table, given.picture, overwrite=given.overwrite):
+        carry_out(given, replays)
+
+
+def carry_out(given: Any, replays: Path | None) -> None:
+    """Evaluate as the options say, and write the files that they name."""
+    from train.runs.loop import machine, versions  # torch is slow to import
+    from train.runs.parts import contest_of, suite_contest_of
+    from train.runs.single import evaluation_of
+
+    is_model = isinstance(given, EvaluateModelCommand)
+    judged_by = model_to_judge(given) if is_model else run_to_judge(given)
+    task, training, policies = judged_by.task, judged_by.training, judged_by.policies
+    evaluated = "learned" if judged_by.greedy else "learned, sampled"
+    contest = contest_of(task, given.episodes, given.seed)
+    if isinstance(contest, GameContest):
+        contest = replace(contest, most_work=MAX_EVALUATED_WORK)
+    more: dict[str, Any] = {}
+    print(contest.line())
+    if isinstance(contest, SuiteContest):
+        contest = exact_where_known(contest, list(policies.values()))
+        found = judged(contest, policies, given.table, given.picture)
+        scores = [each.score(given.episodes) for each in found]
+        more["suite"] = {each.name: summary_of(contest, each) for each in found}
+        if not is_model and given.maze is not None:
+            own = suite_contest_of(training, given.episodes, given.seed, contest.exact)
+            shown = next(each for each in found if each.name == evaluated)
+            more["generalisation"] = compared(contest, shown, own, policies[evaluated])
+    else:
+        check(
+            given.table is None and given.picture is None,
+            "--table and --picture are of a suite of mazes; give --maze suite:7x7-test",
+        )
+        scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
+        print_scores(scores, certificate_of(contest), contest.measure)
+    if isinstance(contest, ArmContest):
+        print_bounds(contest)
+    floor = UNKNOWN if judged_by.gamma is None else objective_floor(contest, judged_by.gamma)
+    chosen = "greedy" if judged_by.greedy else "sampled"
+    held = evaluation_of(scores, chosen, floor, certificate_of(contest), contest)
+    print_reference(held["reference"], contest)
+    if judged_by.gamma is not None:
+        print_floor(held["evaluation"], judged_by.gamma)
+    if replays is not None:
+        shown = policies[evaluated]
+        games = {f"episode {number + 1}": number for number in range(given.replay_episodes)}
+        path = recorded(contest, shown, games, judged_by.named["algorithm"]).save(replays)
+        print(f"replays: {path}; watch them with: pursuit view {path}")
+    if given.out is not None:
+        content = {
+            **contest.describe(),
+            **judged_by.named,
+            **held,
+            **more,
+            "versions": versions(),
+            "machine": machine(),
+        }
+        write_json(given.out, content)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What an evaluation needs of a run, or of a model.
+
+    Attributes:
+        task, training: of the evaluation, and of the training.
+        policies: by the names of their scores.
+        greedy: whether the greedy policy is what counts.
+        gamma: the last discount of the training; None where it is not known.
+        named: what is written beside the figures.
+    """
+
+    task: AnyTask
+    training: AnyTask
+    policies: dict[str, Any]
+    greedy: bool
+    gamma: float | None
+    named: dict[str, Any]
+
+
+def run_to_judge(given: EvaluateCommand) -> Judged:
+    """The policies of a run, and its task with what the options change."""
+    from train.algorithms.registry import entry  # torch is slow to import
+    from train.networks.policy import NO_WALLS
+    from train.runs.opponents import load_policy
+    from train.runs.saved import load_settings
+
     with heard():
         settings, policy = load_settings(given.run), load_policy(given.run)
     if given.opponent_epsilon is not None:
         if isinstance(settings.task, ReacherSettings):
             raise ValueError(f"--opponent-epsilon, and {given.run} moves an arm; leave it out")
         task = replace(settings.task, opponent_epsilon=given.opponent_epsilon)
+        check_task_effects(task)
         settings = replace(settings, task=task)
     policies = {"learned": policy}
     if entry(settings.algorithm).learns_distribution:
@@ -92,47 +197,25 @@ def evaluate(arguments: Sequence[str]) -> None:
         settings = replace(settings, task=replace(task, maze=given.maze))
         if settings.observation in NO_WALLS:
             warn(f"{given.run} observes {settings.observation!r}, which shows no walls")
-    contest = contest_of(settings.task, given.episodes, given.seed)
-    if isinstance(contest, GameContest):
-        contest = replace(contest, most_work=MAX_EVALUATED_WORK)
-    more: dict[str, Any] = {}
-    print(contest.line())
-    if isinstance(contest, SuiteContest):
-        contest = exact_where_known(contest, list(policies.values()))
-        found = judged(contest, policies, given.table, given.picture)
-        scores = [each.score(given.episodes) for each in found]
-        more["suite"] = {each.name: summary_of(contest, each) for each in found}
-        if given.maze is not None:
-            own = suite_contest_of(training, given.episodes, given.seed, contest.exact)
-            evaluated = "learned" if settings.evaluate == "greedy" else "learned, sampled"
-            shown = next(each for each in found if each.name == evaluated)
-            more["generalisation"] = compared(contest, shown, own, policies[evaluated])
-    else:
-        check(
-            given.table is None and given.picture is None,
-            "--table and --picture are of a suite of mazes; give --maze suite:7x7-test",
-        )
-        scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
-        print_scores(scores, certificate_of(contest), pays_of(contest))
-    if isinstance(contest, ArmContest):
-        print_bounds(contest)
-    floor = objective_floor(contest, settings.hyper.last_gamma)
-    held = evaluation_of(scores, settings.evaluate, floor, certificate_of(contest), contest)
-    print_reference(held["reference"], contest)
-    print_floor(held["evaluation"], settings.hyper.last_gamma)
-    if replays is not None:
-        shown = load_policy(given.run, greedy=settings.evaluate == "greedy")
-        games = {f"episode {number + 1}": number for number in range(given.replay_episodes)}
-        path = recorded(contest, shown, games, settings.algorithm).save(replays)
-        print(f"replays: {path}; watch them with: pursuit view {path}")
-    if given.out is not None:
-        same = ("algorithm", "curriculum", "seed")
-        content = {
-            **contest.describe(),
-            **{name: getattr(settings, name) for name in same},
-            **held,
-            **more,
-            "versions": versions(),
-            "machine": machine(),
-        }
-        write_json(given.out, content)
+    named = {name: getattr(settings, name) for name in ("algorithm", "curriculum", "seed")}
+    how = (settings.evaluate == "greedy", settings.hyper.last_gamma)
+    return Judged(settings.task, training, policies, *how, named)
+
+
+def model_to_judge(given: EvaluateModelCommand) -> Judged:
+    """The policies of a saved model, in the task of the options."""
+    from train.runs.opponents import check_fits  # torch is slow to import
+    from train.runs.third_party import load_stable_baselines
+
+    built = task_of(given.task)
+    agent = agent_of(given.task, built)
+    trained: dict[str, Any] = {"task": built, "agent": agent, "observation": given.observation}
+    trained["mask_bumps"] = given.task.mask_bumps
+    greedy = load_stable_baselines(given.run, **trained)
+    check_fits(greedy, built.seat_roles[built.seat(agent)], built, str(given.run))
+    policies = {"learned": greedy}
+    drawn = load_stable_baselines(given.run, None, **trained)
+    if not drawn.greedy:
+        policies["learned, sampled"] = drawn
+    named = {"algorithm": "Stable-Baselines3", "model": str(given.run)}
+    return Judged(given.task, given.task, policies, True, None, named)

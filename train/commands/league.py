@@ -6,30 +6,24 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from pursuit.task import Task
 from train.commands.parse import Formats, heard, parse
 from train.commands.tables import print_table
-from train.experiments.methods import METHODS, league_methods
 from train.figures import Look
-from train.files import write_json, write_text
+from train.files import check_output_folder, hold, write_json, write_text
 from train.result_table import ResultTable
-from train.runs.loop import machine, versions
 from train.runs.provenance import command_line
-from train.self_play.league import LeagueTable, enter, is_agent, play_league, rate
-from train.self_play.payoffs import league_table, ratings_table
-from train.self_play.people import (
-    enter_people,
-    play_along,
-    settings_of_people,
-    split_people,
-)
-from train.self_play.pictures import draw_league
 from train.settings.checks import check
 from train.settings.self_play import ROLES
+
+if TYPE_CHECKING:
+    from train.self_play.league import LeagueTable
+
+LEAGUE = "league.json"
 
 
 @dataclass(frozen=True)
@@ -37,8 +31,9 @@ class LeagueCommand:
     """All chasers against all evaders: payoff matrix, Elo, openskill, Nash averaging, cycles.
 
     Give the folders of runs (`pursuit train` of a chaser or evader, `pursuit self-play` for both),
-    and the names of scripted agents: astar, random, optimal, searching, sweeping, belief. A folder
-    of games played by hand (`pursuit play --out`) has whoever played them rated with the rest.
+    saved Stable-Baselines3 models (.zip) and the names of scripted agents: astar, random, optimal,
+    searching, sweeping, belief. A folder of games played by hand (`pursuit play --out`) has whoever
+    played them rated with the rest.
     """
 
     entries: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
@@ -56,11 +51,18 @@ class LeagueCommand:
     names: tuple[str, ...] = ()
     """What the entries are called in tables and figures, in their order; if left out, the shortest
     ends of their paths that tell them apart."""
+    model_roles: tuple[str, ...] = ()
+    """Of Stable-Baselines3 models without a description beside them (as model.save() writes):
+    chaser or evader; one for all, or one for each in their order."""
+    model_observations: tuple[str, ...] = ()
+    """Likewise, what they observe, such as one_hot."""
     out: Path = Path("league")
     """Folder for league.json, league.png, the tables (table, chasers and evaders, each as .csv and
     .tex) and methods.md."""
     format: Formats = ()
     """pdf, svg, or both: the figure is saved so, too, beside its .png."""
+    overwrite: bool = False
+    """Write into --out though it holds files of others, and replace those of the same names."""
 
 
 def league(arguments: Sequence[str]) -> None:
@@ -68,13 +70,28 @@ def league(arguments: Sequence[str]) -> None:
     given = parse(LeagueCommand, arguments, "league")
     check(given.games >= 2, f"games={given.games}; at least 2")
     check(len(given.entries) > 0, "nobody to play; give folders of runs, or astar, random, optimal")
-    look = Look(given.format)
+    look, out = Look(given.format), given.out
+    check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
+    from train.experiments.methods import METHODS, league_methods  # torch is slow to import
+    from train.runs.loop import machine, versions
+    from train.self_play.league import enter, is_agent, is_model, play_league, rate
+    from train.self_play.payoffs import league_table, ratings_table
+    from train.self_play.people import (
+        enter_people,
+        play_along,
+        settings_of_people,
+        split_people,
+    )
+    from train.self_play.pictures import draw_league
+
     with heard():
         by_hand, names = split_people(given.entries)
         how = (given.maze, given.opponent_epsilon, given.greedy)
         played = settings_of_people(by_hand)
-        task, entries = enter(names, *how, played=played, called=given.names)
+        models = (given.model_roles, given.model_observations)
+        task, entries = enter(names, *how, played, given.names, *models)
         people = enter_people(by_hand, task, [entry.name for entry in entries])
+    lock = hold(out, "league")
     table = play_league(task, entries, given.games, given.seed)
     policies = {role: [e.policy for e in entries if e.role == role] for role in ROLES}
     content = rate(table, given.seed, play_along(people, policies)) | {
@@ -89,17 +106,16 @@ def league(arguments: Sequence[str]) -> None:
         "versions": versions(),
         "machine": machine(),
     }
-    out = given.out
-    out.mkdir(parents=True, exist_ok=True)
-    write_json(out / "league.json", content)
+    write_json(out / LEAGUE, content)
     draw_league(out / "league.png", table, f"League on {task.mazes[0].name}", look)
     tables = {"table": league_table(table, content)}
     tables |= {f"{role}s": ratings_table(role, content) for role in ROLES}
     for stem, each in tables.items():
         each.write(out, stem)
-    folders = [Path(name) for name in names if not is_agent(name)]
+    folders = [Path(name) for name in names if not is_agent(name) and not is_model(name)]
     write_text(out / METHODS, league_methods(content, folders))
     _print(task, table, tables, content)
+    lock.release()
     print(f"figures, tables and methods: {out}")
 
 

@@ -12,10 +12,7 @@ import tyro
 from curricula import LevelReplay
 from train.commands.parse import parse
 from train.runs.folder import MISFITS, load_checkpoint, misfit, part_of
-from train.runs.parts import parts_of
-from train.runs.saved import load_settings
 from train.settings.checks import check
-from train.teaching.teacher import load_curriculum
 
 
 @dataclass(frozen=True)
@@ -33,6 +30,10 @@ def levels(arguments: Sequence[str]) -> None:
     given = parse(LevelsCommand, arguments, "levels")
     check(given.run.is_dir(), f"{given.run}: no such folder")
     check(given.count >= 1, f"count={given.count}; at least 1")
+    from train.runs.parts import parts_of  # torch is slow to import
+    from train.runs.saved import load_settings
+    from train.teaching.teacher import load_curriculum
+
     settings = load_settings(given.run)
     parts = parts_of(settings)
     curriculum = None if parts.plan is None else parts.plan.curriculum()

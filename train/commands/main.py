@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,6 +16,7 @@ from typing import Any
 import pursuit
 from pursuit.parts import look_in
 from train.commands.parse import fail
+from train.files import check_utf8
 from train.runs.interruption import Diverged, Signals, Stopped
 
 
@@ -121,12 +124,19 @@ GROUPS: dict[str, dict[str, Command]] = {
 COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}
 
 
+NARROWEST = 40
+"""Columns that help is laid out for at least: tyro does not end in terminals of a few."""
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a subcommand; errors are one line on stderr and exit status 2.
 
     Other statuses: 1 where training diverged or runs of a sweep failed, 130 after Ctrl-C, 143 after
     SIGTERM, and 141 where whoever read the output has seen enough.
     """
+    open_streams()
+    if shutil.get_terminal_size().columns < NARROWEST:
+        os.environ["COLUMNS"] = str(NARROWEST)
     given = list(sys.argv[1:] if arguments is None else arguments)
     with Signals() as signals:
         try:
@@ -150,8 +160,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
             sys.exit(stop.status if isinstance(stop, Stopped) else signals.status or 130)
 
 
+def open_streams() -> None:
+    """Have standard streams that are closed (`>&-`) take anything, and those that are open write
+    what their encoding has not as escapes."""
+    for name in ("stdin", "stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            mode = "r" if name == "stdin" else "w"
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
+        elif name == "stdout" and isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
 def obey(given: list[str]) -> None:
     """Run the subcommand that the arguments name, or tell what there is."""
+    for argument in given:
+        check_utf8(argument)
     if not given or given[0] in ("-h", "--help"):
         print(usage())
         return
@@ -162,8 +186,6 @@ def obey(given: list[str]) -> None:
     if name not in COMMANDS:
         fail(f"unknown command {name!r}; one of {', '.join(COMMANDS)}")
     look_in(Path.cwd())  # where users keep parts of their own
-    if name == "train":
-        import_module("train.commands.ahead").compile_ahead(rest)
     command(name)(rest)
 
 
@@ -196,7 +218,8 @@ def usage() -> str:
 def command(name: str) -> Callable[[Sequence[str]], None]:
     """The function of a subcommand: that of its name, in the file of its name.
 
-    Imported only when it is called: torch takes seconds.
+    Imported only when it is called, as some of what they need is slow to import. What imports torch
+    is imported by the subcommand itself, once its options are accepted.
     """
     module = name.replace("-", "_")
     function: Any = getattr(import_module(f"train.commands.{module}"), module)

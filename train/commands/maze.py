@@ -17,8 +17,8 @@ from scripted_agents import fewest_searchers, fewest_steps_to_find
 from scripted_agents.tour import expected_tour_length
 from train.commands.parse import Formats, parse
 from train.figures import BLUE, FORMATS, GREEN, Look, draw_walls, pyplot, save
-from train.files import write_beside, write_text
-from train.settings.checks import check
+from train.files import check_new_files, write_beside, write_text
+from train.settings.checks import check, check_default
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,8 @@ class MazeCommand:
     """Draw the maze into this .png file, or as lines into this .pdf or .svg file."""
     format: Formats = ()
     """pdf, svg or png: --picture is drawn so, too."""
+    overwrite: bool = False
+    """Replace --out and --picture where they exist."""
 
 
 def maze(arguments: Sequence[str]) -> None:
@@ -75,6 +77,9 @@ def maze(arguments: Sequence[str]) -> None:
         "--searchers, --view-radius, --line-of-sight and --evader-speed are of --search-number; "
         "give it too",
     )
+    if given.generate is None:
+        names = ("height", "width", "loops", "no_dead_ends", "seed")
+        check_default(given, MazeCommand, names, "it is of --generate")
     if given.generate is not None:
         made = generate_maze(
             given.generate,
@@ -87,8 +92,7 @@ def maze(arguments: Sequence[str]) -> None:
     else:
         made = load_maze(str(given.maze))
     pictures = pictures_of(given.picture, given.format)
-    for path in (given.out, *pictures.values()):
-        check(path is None or not path.exists(), f"{path}: exists already; give a new file")
+    check_new_files([given.out, *pictures.values()], given.overwrite)
     if max(made.height, made.width) <= 60:
         print(made.to_text(), end="")
     print(describe_maze(made))

@@ -8,6 +8,7 @@ import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import fields
 from typing import Any, NoReturn, TypeVar
 
 import tyro
@@ -60,6 +61,13 @@ def named_task(arguments: Sequence[str]) -> AnyTask:
             name = argument
         before = argument
     return task_form(name)()
+
+
+def named_options(form: type[Any], arguments: Sequence[str]) -> list[str]:
+    """The options of the dataclass `form` that the arguments name, whatever their values are."""
+    known = {"--" + field.name.replace("_", "-") for field in fields(form)}
+    given = [argument.partition("=")[0].replace("_", "-") for argument in arguments]
+    return [name for name in dict.fromkeys(given) if name in known]
 
 
 ALLOW_HELP = f"""everywhere:
@@ -124,6 +132,30 @@ def parse(
             print(ALLOW_HELP)
             raise
         raise ValueError(f"{in_words(boxed.getvalue())} (see pursuit {prog} --help)") from None
+
+
+def parse_known(default: Form, arguments: Sequence[str]) -> Form:
+    """Those of `arguments` that the dataclass of `default` has; `default` where one is wrong.
+
+    For options that decide what the other options are; errors are reported by `parse`.
+    """
+    with (
+        contextlib.suppress(SystemExit, ValueError),
+        contextlib.redirect_stderr(io.StringIO()),
+    ):
+        found, _ = tyro.cli(
+            type(default),
+            args=[a for a in arguments if a not in ("-h", "--help")],
+            return_unknown_args=True,
+            default=default,
+            config=(
+                tyro.conf.OmitArgPrefixes,
+                tyro.conf.FlagCreatePairsOff,
+                tyro.conf.AvoidSubcommands,
+            ),
+        )
+        return found
+    return default
 
 
 def in_words(boxed: str) -> str:

@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from train.commands.parse import heard, named_task, parse
+from train.commands.parse import fail, heard, named_task, parse, taken_allowed
 from train.play.browser import open_page
 from train.play.kept import Keeper
 from train.play.outcome import total_line
-from train.play.seats import game_of_run, is_self_play, of_side, session_of
 from train.play.server import PlayServer
 from train.play.session import Session
 from train.play.terminal import play_in_terminal
+from train.runs.folder import CONFIG
 from train.runs.interruption import Stopped
 from train.settings.checks import check, evaluation_seed
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
@@ -54,9 +54,13 @@ class PlayCommand:
 
 def play(arguments: Sequence[str]) -> None:
     """`pursuit play`."""
+    arguments = taken_allowed(arguments)  # before the run is read, which may name their modules
     task = named_task(arguments)
-    against = option("against", arguments)
-    run = game_of_run(against) if against and isinstance(task, TaskSettings) else None
+    against, run = option("against", arguments), None
+    if against and (Path(against) / CONFIG).exists() and isinstance(task, TaskSettings):
+        from train.play.seats import game_of_run  # torch is slow to import
+
+        run = game_of_run(against)
     given = parse(PlayCommand, arguments, "play", PlayCommand(run or task))
     check(0 <= given.port < 2**16, f"port={given.port}; 0 for any that is free, to 65535")
     task = settings_of(given, bool(option("opponent-epsilon", arguments)))
@@ -69,11 +73,18 @@ def play(arguments: Sequence[str]) -> None:
         in_terminal(session, keeper)
     else:
         on_page(session, given.port, not given.no_browser, keeper)
-    if keeper is not None and session.outcomes:
+    if keeper is not None and keeper.added:
         print(f"kept: {keeper.folder}")
     line = total_line(session.outcomes)
     if line:
         print(line)
+    if keeper is not None and keeper.added < len(session.outcomes):
+        lost = len(session.outcomes) - keeper.added
+        fail(
+            f"{keeper.folder}: {lost} of {len(session.outcomes)} finished games could not be "
+            "written and are lost; make room, or give a folder that can be written",
+            1,
+        )
 
 
 def option(name: str, arguments: Sequence[str]) -> str:
@@ -107,11 +118,15 @@ def settings_of(given: PlayCommand, epsilon_given: bool = False) -> AnyTask:
     )
     if against == "optimal" and not epsilon_given:
         task = replace(task, opponent_epsilon=0.0)
+    from train.play.seats import of_side  # torch is slow to import
+
     return of_side(replace(task, opponent=against))
 
 
 def session_for(given: PlayCommand, task: AnyTask) -> Session:
     """The games that the command asks for."""
+    from train.play.seats import is_self_play, session_of  # torch is slow to import
+
     beside = given.beside or "astar"
     if given.beside is None and given.against and is_self_play(Path(given.against)):
         beside = given.against

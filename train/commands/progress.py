@@ -5,15 +5,18 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from time import perf_counter
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from train.experiments.kinds import is_complete
-from train.runs.folder import CONFIG, load_results
-from train.runs.loop import Run
+from train.figures import Look
+from train.runs.folder import CONFIG, load_final, load_results
+from train.runs.forms import Final
 from train.runs.provenance import allow_options
+
+if TYPE_CHECKING:
+    from train.runs.loop import Run
 
 QUIET = 2.0
 """Seconds of work that need no report."""
@@ -99,6 +102,22 @@ class Watch(ProgressLines):
             )
 
 
+def final_of(given: Any) -> Final:
+    """What the final results are made with: as the command says, else as the run's first one did.
+
+    Args:
+        given: a command with `episodes`, `format` and `resume`.
+
+    Raises:
+        ValueError: too few episodes, an unknown format, or no run to resume.
+    """
+    before = Final()
+    if given.resume is not None and (given.resume / CONFIG).exists():
+        before = load_final(given.resume)
+    episodes = before.episodes if given.episodes is None else given.episodes
+    return Final(episodes, Look(given.format or before.formats).formats)
+
+
 def carry_out(
     run: Run, episodes: int, again: str, before: Callable[[], None] = lambda: None
 ) -> dict[str, Any]:
@@ -112,6 +131,8 @@ def carry_out(
         again: the command that goes on with it.
         before: is called when the results are about to be made.
     """
+    from train.experiments.kinds import is_complete  # torch is slow to import
+
     print(f"folder: {run.folder}", flush=True)
     if is_complete(run.folder):
         return load_results(run.folder)

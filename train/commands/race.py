@@ -7,17 +7,17 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from train.commands.parse import Formats, parse
-from train.experiments.sweep import shipped
 from train.figures import Look
-from train.race.plan import FILES, Race, load_race
-from train.race.report import race_report
-from train.race.run import run_race
+from train.files import check_output_folder
 from train.settings.checks import check
+
+if TYPE_CHECKING:
+    from train.race.plan import Race
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ class RaceCommand:
     """Check the file and say what would be done, but do nothing."""
     format: Formats = ()
     """pdf, svg, or both: the figure is saved so, too, beside its .png."""
+    overwrite: bool = False
+    """Use --out though it is the folder of another race: its bouts stay, its report is replaced."""
 
 
 def race(arguments: Sequence[str]) -> None:
@@ -52,11 +54,16 @@ def race(arguments: Sequence[str]) -> None:
     given = parse(RaceCommand, arguments, "race")
     check(given.workers >= 1, f"workers={given.workers}; at least 1")
     look = Look(given.format)
+    from train.race.plan import load_race  # torch is slow to import
+    from train.race.report import race_report
+    from train.race.run import is_folder_of, run_race
+
     plan = load_race(given.file, given.version, given.clock)
     out = given.out or Path("races") / f"{Path(given.file).stem}-{given.version}"
     tell_plan(plan, out, given.workers)
     if given.dry_run:
         return
+    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     try:
         standing = run_race(plan, out, lambda line: print(line, flush=True), given.workers)
     except KeyboardInterrupt:
@@ -72,6 +79,9 @@ def race(arguments: Sequence[str]) -> None:
 
 def tell_plan(plan: Race, out: Path, workers: int) -> None:
     """Say what is to be done."""
+    from train.experiments.sweep import shipped  # torch is slow to import
+    from train.race.plan import FILES
+
     trials, finals = plan.count()
     print(f"{plan.title}: {', '.join(plan.contestants)}")
     for on in plan.tasks:

@@ -16,14 +16,12 @@ from train.commands.parse import Formats, heard, parse
 from train.evaluation.contest import GameContest
 from train.evaluation.regret import REMEDY, Regret, group_rows, regret_of
 from train.figures import PLAIN, Look, draw_walls, pyplot, save
-from train.files import write_csv, write_text
-from train.result_table import Column, ResultTable
-from train.runs.opponents import load_policy
-from train.runs.parts import contest_of
-from train.runs.saved import load_settings
+from train.files import begins_with, check_output_folder, write_csv, write_text
+from train.result_table import Column, ResultTable, in_markdown
 from train.settings.checks import check
 
 WORST = 5
+HEAD = "# Regret\n\n"
 
 
 @dataclass(frozen=True)
@@ -47,6 +45,8 @@ class RegretCommand:
     out."""
     format: Formats = ()
     """pdf, svg, or both: the map is saved so, too."""
+    overwrite: bool = False
+    """Write into --out though it holds files of others, and replace those of the same names."""
 
 
 def regret(arguments: Sequence[str]) -> None:
@@ -54,6 +54,14 @@ def regret(arguments: Sequence[str]) -> None:
     given = parse(RegretCommand, arguments, "regret")
     check(given.run.is_dir(), f"{given.run}: no such folder")
     check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
+    out, look = given.out or given.run / "regret", Look(given.format)
+    check_output_folder(
+        out, lambda folder: begins_with(folder / "regret.md", HEAD), given.overwrite
+    )
+    from train.runs.opponents import load_policy  # torch is slow to import
+    from train.runs.parts import contest_of
+    from train.runs.saved import load_settings
+
     with heard():
         settings = load_settings(given.run)
         policy = load_policy(given.run, greedy=not given.sampled)
@@ -61,18 +69,18 @@ def regret(arguments: Sequence[str]) -> None:
     if not isinstance(contest, GameContest):
         raise ValueError(f"{given.run}: {REMEDY}")
     found = regret_of(contest, policy)
-    out = given.out or given.run / "regret"
     out.mkdir(parents=True, exist_ok=True)
     table = table_of(found)
     write_csv(out / "table.csv", table.rows)
     write_csv(out / "states.csv", state_rows(found))
     maze = contest.task.mazes[0]
     kind = "sampled" if given.sampled else "greedy"
-    draw_map(out / "map.png", maze, found, f"{contest.role}, {kind}", Look(given.format))
-    lines = [contest.line(), "", *told(found, kind), "", table.markdown(), ""]
+    draw_map(out / "map.png", maze, found, f"{contest.role}, {kind}", look)
+    lines = ["", *told(found, kind), "", table.markdown(), ""]
     lines += [f"The worst states of {len(found.cell)} that are visited:", "", *worst(maze, found)]
-    write_text(out / "regret.md", "# Regret\n\n" + "\n".join(lines) + "\n\n![map.png](map.png)\n")
-    print("\n".join(lines))
+    page = [HEAD + in_markdown(contest.line()), *lines, "", "![map.png](map.png)", ""]
+    write_text(out / "regret.md", "\n".join(page))
+    print("\n".join([contest.line(), *lines]))
     print(f"\ntable.csv, states.csv, regret.md and map.png: {out}")
 
 

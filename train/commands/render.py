@@ -17,12 +17,11 @@ from scripted_agents import (
     why_not_optimal,
 )
 from scripted_agents.environments import DEFAULTS
-from train.commands.parse import heard, named_task, parse
+from train.commands.parse import heard, named_options, named_task, parse
 from train.evaluation.arm_contest import ArmContest
-from train.runs.opponents import load_policy
-from train.runs.parts import contest_of
+from train.files import check_new_files
+from train.runs.effects import check_task_effects
 from train.runs.pictures import save_replay
-from train.runs.saved import load_settings
 from train.settings.checks import check
 from train.settings.task import AnyTask, TaskSettings
 
@@ -36,6 +35,8 @@ class RenderCommand:
     task: AnyTask = field(default_factory=TaskSettings)
     out: Path = Path("replay.gif")
     """A new .gif or .mp4 file."""
+    overwrite: bool = False
+    """Replace --out where it exists."""
     episodes: int = 3
     """Episodes to show."""
     optimal: bool = False
@@ -47,13 +48,25 @@ def render(arguments: Sequence[str]) -> None:
     default = RenderCommand(task=named_task(arguments))
     given = parse(RenderCommand, arguments, "render", default)
     check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
-    check(not given.out.exists(), f"{given.out}: exists already; give a new file")
+    check_new_files([given.out], given.overwrite)
+    check(given.run is None or given.run.is_dir(), f"{given.run}: no such folder")
+    if given.run is not None:
+        named = named_options(type(given.task), arguments)
+        check(
+            not named,
+            f"{', '.join(named)} with {given.run}, which is rendered in the task of its training; "
+            "leave them out, or leave out the run",
+        )
+    from train.runs.opponents import load_policy  # torch is slow to import
+    from train.runs.parts import contest_of
+    from train.runs.saved import load_settings
+
     policy: Any
     if given.run is not None:
-        check(given.run.is_dir(), f"{given.run}: no such folder")
         with heard():
             policy, contest = load_policy(given.run), contest_of(load_settings(given.run).task, 2)
     else:
+        check_task_effects(given.task)
         contest = contest_of(given.task, 2)
         policy = scripted_policy(contest)
     if given.optimal:

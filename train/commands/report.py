@@ -10,10 +10,8 @@ from typing import Annotated
 import tyro
 
 from train.commands.parse import Formats, heard, parse
-from train.experiments.overlay import overlay
-from train.experiments.report import report as make_report
-from train.experiments.sweep import status_of
 from train.figures import Look
+from train.files import check_output_folder
 from train.runs.folder import CONFIG
 from train.settings.checks import check
 
@@ -39,6 +37,8 @@ class ReportCommand:
     out: Path | None = None
     """Where curves that are laid over each other go; comparison if left out, or the folder report
     of a single run."""
+    overwrite: bool = False
+    """Write into --out though it holds files of others, and replace those of the same names."""
 
 
 def report(arguments: Sequence[str]) -> None:
@@ -48,14 +48,20 @@ def report(arguments: Sequence[str]) -> None:
     for folder in given.folders:
         check(folder.is_dir(), f"{folder}: no such folder")
     look = Look(given.format, given.x, given.log)
+    from train.experiments.overlay import is_overlay, overlay  # torch is slow to import
+    from train.experiments.report import report as make_report
+    from train.experiments.sweep import status_of
+
     only = given.folders[0] if len(given.folders) == 1 else None
     sweep = only is not None and not (only / CONFIG).exists() and given.out is None
+    out = given.out or (Path("comparison") if only is None else only / "report")
+    if not sweep:
+        check_output_folder(out, is_overlay, given.overwrite)
     with heard():
         if only is not None and sweep:
             folder = make_report(only, look)
         else:
-            beside = Path("comparison") if only is None else only / "report"
-            folder = overlay(given.folders, given.out or beside, look)
+            folder = overlay(given.folders, out, look)
     print((folder / "report.md").read_text(encoding="utf-8"))
     if only is not None and sweep:
         states = [status_of(path.parent) for path in only.glob("runs/*/config.json")]

@@ -8,17 +8,18 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from train.commands.parse import parse
 from train.commands.sweep import SweepWatch
-from train.experiments.sweep import Sweep, status_of
-from train.reproduction.plan import Replication, load_replication, tuning_sweep
-from train.reproduction.report import write_replication
-from train.reproduction.run import TUNING, carry_out, folder_of, planned_sweep
+from train.files import check_output_folder
 from train.settings.checks import check
+
+if TYPE_CHECKING:
+    from train.experiments.sweep import Sweep
+    from train.reproduction.plan import Replication
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,19 @@ class ReproduceCommand:
     """Say what there is to do, but do nothing."""
     page: bool = False
     """Only write the page, of the runs that are complete."""
+    overwrite: bool = False
+    """Use --out though it is the folder of another replication: its runs stay, its page is
+    replaced."""
 
 
 def reproduce(arguments: Sequence[str]) -> None:
     """`pursuit reproduce`."""
     given = parse(ReproduceCommand, arguments, "reproduce")
     check(given.workers >= 0, f"workers={given.workers}; at least 0")
+    from train.reproduction.plan import load_replication  # torch is slow to import
+    from train.reproduction.report import is_folder_of, write_replication
+    from train.reproduction.run import carry_out
+
     plan = load_replication(given.studies, given.version, given.mazes, given.claims)
     if given.list:
         for study in plan.studies:
@@ -69,6 +77,7 @@ def reproduce(arguments: Sequence[str]) -> None:
     if given.dry_run:
         tell_plan(plan, out, workers)
         return
+    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     if given.page:
         check(out.is_dir(), f"{out}: no such folder; leave --page out to begin")
         print(f"page: {write_replication(plan, out)}")
@@ -93,6 +102,10 @@ def reproduce(arguments: Sequence[str]) -> None:
 
 def tell_plan(plan: Replication, out: Path, workers: int) -> None:
     """Say what there is to do, and what is done already."""
+    from train.experiments.sweep import status_of  # torch is slow to import
+    from train.reproduction.plan import tuning_sweep
+    from train.reproduction.run import TUNING, folder_of, planned_sweep
+
     total = 0
     places = []
     if plan.tuning is not None:

@@ -16,21 +16,20 @@ from train.evaluation.contest import GameContest
 from train.evaluation.hidden_contest import Certificate
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK, joint_work
 from train.evaluation.scores import (
-    BEST_PAID,
+    BY_STEPS,
     FULL_SIGHT,
+    Measure,
     Reference,
     Score,
     optimality_gap,
-    return_regret,
 )
-from train.evaluation.suite_contest import SuiteContest
 
 
 def print_floor(evaluation: Mapping[str, Any], discount: float) -> None:
     """One line on the floor of the training objective, where it is known."""
     floor, paid = evaluation.get("objective_floor"), evaluation.get("return_floor")
     best = f"of the policy that is best by the rewards with discount {discount:g}"
-    if floor is not None:
+    if floor is not None and paid is None:
         print(
             f"floor of the objective: {100 * floor:+.2f} % (the gap {best}; exact, over all starts)"
         )
@@ -97,6 +96,9 @@ def print_whole_game(contest: GameContest) -> None:
     if contest.best_of_returns is not None:
         mean = contest.best_of_returns.mean_over_starts
         print(f"most that {contest.agent} can be paid, over all starts: {mean:.4f} (exact)")
+    if contest.best_of_goals is not None:
+        mean = contest.best_of_goals.mean_over_starts
+        print(f"most goals that {contest.agent} can collect, over all starts: {mean:.4f} (exact)")
 
 
 def certificate_of(contest: Any) -> Certificate | None:
@@ -113,17 +115,15 @@ def print_certificate(certificate: Certificate | None) -> None:
         )
 
 
-def pays_of(contest: Any) -> bool:
-    """Whether the agent of a contest is judged by what it is paid."""
-    return isinstance(contest, (GameContest, SuiteContest)) and contest.pays
-
-
 def print_scores(
-    scores: Sequence[Score], certificate: Certificate | None = None, pays: bool = False
+    scores: Sequence[Score],
+    certificate: Certificate | None = None,
+    measure: Measure = BY_STEPS,
 ) -> None:
     """A table of scores with the gap to the optimal one, or to what is proven of it.
 
-    `pays` adds what is paid in an episode, which stands there anyhow where the best is known.
+    Where they are compared by goals or returns, these stand first, with what is missing to the
+    best where that is known.
     """
     optimum = next((score for score in scores if score.name == "optimal"), None)
     table = Table(box=None, pad_edge=False)
@@ -131,10 +131,13 @@ def print_scores(
     certain = () if certificate is None else ("discounted", certificate.head)
     cut = [s for s in scores if s.success_rate < 1.0 and s.solved_gap is not None]
     solved = ("of the solved",) if cut else ()
-    paid_names = (BEST_PAID, BEST_PAID + FULL_SIGHT)
-    best = next((score for score in scores if score.name in paid_names), None)
-    paid = ("return", "below the best")[: 2 if best is not None else int(pays)]
-    for column in ("steps", "95 % interval", "success", "gap to optimum", *solved, *paid, *certain):
+    names = (measure.optimum, measure.optimum + FULL_SIGHT)
+    best = next((score for score in scores if score.name in names), None)
+    own: tuple[str, ...] = ()
+    if measure.name != "steps":
+        own = (measure.name, "below the best")[: 1 if best is None else 2]
+    gaps = () if own else ("gap to optimum",)
+    for column in (*own, "steps", "95 % interval", "success", *gaps, *solved, *certain):
         table.add_column(column, justify="right")
     for score in scores:
         gap = optimality_gap(score, optimum)
@@ -144,16 +147,16 @@ def print_scores(
         if certificate is not None and steps is not None:
             proven = [f"{steps:.3f}", f"{100 * certificate.gap(steps):+.2f} %"]
         table.add_row(
-            score.name,
+            "optimal steps" if own and score is optimum else score.name,
+            *_measured(measure, score, best)[: len(own)],
             f"{score.mean_steps:.3f}",
             interval,
             f"{100 * score.success_rate:.1f} %",
-            _percent(None if score is optimum else gap),
+            *[_percent(None if score is optimum else gap)] * len(gaps),
             *(
                 ["" if score not in cut else f"{100 * (score.solved_gap or 0.0):+.2f} %"]
                 * len(solved)
             ),
-            *_paid(score, best)[: len(paid)],
             *(proven if certain else ()),
             style="bold" if score.name == "learned" else "",
         )
@@ -161,12 +164,12 @@ def print_scores(
     print_certificate(certificate)
 
 
-def _paid(score: Score, best: Score | None) -> tuple[str, str]:
-    """What is paid in an episode, and what less than the best."""
-    regret = None if score is best else return_regret(score, best)
+def _measured(measure: Measure, score: Score, best: Score | None) -> tuple[str, str]:
+    """The goals or the return of an episode, and what is missing to the best."""
+    value, missing = measure.of(score), measure.distance(score, best)
     return (
-        "" if score.mean_return is None else f"{score.mean_return:.3f}",
-        "" if regret is None else f"{regret:.3f}",
+        "" if value is None else f"{value:.3f}",
+        "" if missing is None or score is best else f"{missing:.3f}",
     )
 
 

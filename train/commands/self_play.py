@@ -2,82 +2,165 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, make_dataclass, replace
 from pathlib import Path
 from time import strftime
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
-from train.commands.parse import Formats, budget_of, heard, parse
-from train.commands.progress import Alive, carry_out, leave
+import tyro
+
+from train.commands.parse import Formats, budget_of, heard, parse, parse_known
+from train.commands.progress import Alive, carry_out, final_of, leave
 from train.commands.tables import print_table
-from train.experiments.kinds import resume, start
-from train.experiments.methods import METHODS, methods
-from train.experiments.sweep_report import reduction
 from train.figures import Look
 from train.files import write_text
-from train.runs.folder import CURVE, REPORT, SELF_PLAY
-from train.runs.loop import Run
+from train.runs.folder import CURVE, REPORT, SELF_PLAY, check_new
 from train.self_play.averages import told_averages
-from train.self_play.payoffs import matches_table
-from train.self_play.pictures import draw_self_play
-from train.self_play.report import (
-    meaning_of_nash_conv,
-    told_independent,
-    told_whole_game,
-    write_self_play_report,
-)
+from train.self_play.learners import complete
+from train.settings.algorithms import Hyperparameters
 from train.settings.checks import check
-from train.settings.self_play import SelfPlaySettings
+from train.settings.self_play import LEARN, SelfPlaySettings, self_play_ppo
+from train.settings.task import TaskSettings
+
+
+@dataclass(frozen=True)
+class Options(SelfPlaySettings):
+    """The settings of self-play, but for those of other algorithms than PPO (`other_options`)."""
+
+    chaser_hyper: Annotated[Any, tyro.conf.Suppress] = None
+    evader_hyper: Annotated[Any, tyro.conf.Suppress] = None
+
+
+@dataclass(frozen=True)
+class _First:
+    """The options that decide what the other options are."""
+
+    task: TaskSettings = field(default_factory=TaskSettings)
+    chaser: str = LEARN
+    evader: str = LEARN
+    chaser_algorithm: str = "ppo"
+    evader_algorithm: str = "ppo"
+    gamma: float = self_play_ppo().gamma
+    gamma_end: float | None = None
+    recurrent: str | None = None
+
+
+if TYPE_CHECKING:
+    from train.runs.loop import Run
 
 
 @dataclass(frozen=True)
 class SelfPlayCommand:
     """Chasers and evaders learn against each other; every evaluation has the exact exploitability.
 
-    Each role meets opponents from a pool of the other role's snapshots, another one in every game.
-    To compare settings over several seeds: `pursuit sweep self_play_sampling`.
+    Each role meets the latest policy of the other role, or with another --sampling its snapshots.
+    To compare settings over several seeds: `pursuit sweep self_play_sampling`. The options of PPO's
+    settings are for every role that learns by it. Those of another algorithm have the role before
+    their names: `pursuit self-play --chaser-algorithm dqn --help` shows --chaser-batch-size.
     """
 
-    settings: SelfPlaySettings = field(default_factory=lambda: SelfPlaySettings(seconds=120.0))
+    settings: Options
+    others: Any = None
     out: Path | None = None
     """A new folder; runs/self-play-MAZE-TIME if left out."""
     resume: Path | None = None
     """Go on with the self-play in this folder instead; all other options are taken from there."""
-    episodes: int = 1000
-    """Episodes of the final evaluation, where it is not exact."""
+    episodes: int | None = None
+    """Episodes of the final evaluation, where it is not exact; if left out 1000, or with --resume
+    those of the first command."""
     format: Formats = ()
-    """pdf, svg, or both: the curve is saved so, too, beside its .png."""
+    """pdf, svg, or both: the curve is saved so, too, beside its .png; if left out with --resume,
+    those of the first command."""
 
 
 def self_play(arguments: Sequence[str]) -> None:
     """`pursuit self-play`."""
-    default = SelfPlayCommand(SelfPlaySettings(**budget_of(arguments, 120.0)))
-    given = parse(SelfPlayCommand, arguments, "self-play", default)
-    check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
-    look = Look(given.format)
+    given, settings = parsed(arguments)
+    final = final_of(given)
     name = f"self-play-{Path(given.settings.task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
+    out = given.out or Path("runs") / name
+    if given.resume is None:
+        check_new(out)
+    else:
+        check(given.resume.is_dir(), f"{given.resume}: no such folder")
+    from train.experiments.kinds import resume, start  # torch is slow to import
+    from train.self_play.pictures import draw_self_play
+    from train.self_play.report import write_self_play_report
+
     with heard():
-        if given.resume is not None:
-            run = resume(given.resume, SELF_PLAY)
+        if given.resume is None:
+            run = start(SELF_PLAY, settings, out, final)
         else:
-            run = start(SELF_PLAY, given.settings, given.out or Path("runs") / name)
+            run = resume(given.resume, SELF_PLAY)
     task, sampling = run.trainee.task, run.trainee.settings.sampling
     print(
         f"self-play: {task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "
         f"{task.num_evaders} evader(s); opponents: {sampling}"
     )
     run.trainee.tell = Alive()
-    content = carry_out(run, given.episodes, "pursuit self-play")
+    content = carry_out(run, final.episodes, "pursuit self-play")
     title = f"Self-play on {task.mazes[0].name} ({sampling})"
-    draw_self_play(run.folder / CURVE, run.metrics.rows, title, look)
+    draw_self_play(run.folder / CURVE, run.metrics.rows, title, Look(final.formats))
     write_self_play_report(run.folder, run.trainee, title, content)
     show(run, content)
     leave(run)
 
 
+def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlaySettings]:
+    """The command in `arguments`, and its settings with those of every algorithm that learns.
+
+    Raises:
+        ValueError: options that there are not, or values that are not allowed.
+    """
+    first = vars(parse_known(_First(), arguments))
+    same = {name: first.pop(name) for name in ("gamma", "gamma_end", "recurrent")}
+    whole = complete(
+        SelfPlaySettings(**first, hyper=replace(self_play_ppo(), **same), frames=1)  # any budget
+    )
+    others = {role: getattr(whole, f"{role}_hyper") for role in whole.other_learners}
+    del first["task"]
+    if whole.hyper is None:
+        first |= {"hyper": None} | {f"{role}_hyper": hyper for role, hyper in others.items()}
+    default = SelfPlayCommand(
+        Options(**first, **budget_of(arguments, 120.0)), other_options(others)
+    )
+    given = parse(SelfPlayCommand, arguments, "self-play", default)
+    found = {f.name: getattr(given.settings, f.name) for f in fields(SelfPlaySettings)}
+    for role, hyper in others.items():
+        own = {f.name: getattr(given.others, f"{role}_{f.name}") for f in fields(hyper)}
+        found[f"{role}_hyper"] = type(hyper)(**own)
+    return given, SelfPlaySettings(**found)
+
+
+def other_options(others: Mapping[str, Hyperparameters]) -> Any:
+    """An instance of a dataclass with the settings of other algorithms than PPO, by option.
+
+    Args:
+        others: the settings by role.
+    """
+    options = []
+    for role, hyper in others.items():
+        hints = get_type_hints(type(hyper))
+        told = tyro.conf.arg(help=f"Of the {role}s' algorithm: `pursuit train --help` explains it.")
+        options += [
+            (
+                f"{role}_{f.name}",
+                Annotated[hints[f.name], told],
+                field(default=getattr(hyper, f.name)),
+            )
+            for f in fields(hyper)
+        ]
+    return make_dataclass("Others", options, frozen=True)() if options else None
+
+
 def show(run: Run, content: dict[str, Any]) -> None:
     """Print what was found."""
+    from train.experiments.methods import METHODS, methods  # torch is slow to import
+    from train.experiments.sweep_report import reduction
+    from train.self_play.payoffs import matches_table
+    from train.self_play.report import meaning_of_nash_conv, told_independent, told_whole_game
+
     found, matches = content["evaluation"], content["matches"]
     table = matches_table(matches)
     table.write(run.folder)

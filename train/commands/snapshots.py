@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
@@ -13,25 +13,19 @@ import tyro
 from train.commands.parse import Formats, heard, parse
 from train.commands.tables import print_table
 from train.figures import Look
-from train.files import write_csv, write_json, write_text
-from train.result_table import Column, ResultTable, words
+from train.files import begins_with, check_output_folder, write_csv, write_json, write_text
+from train.result_table import Column, ResultTable, in_markdown, words
 from train.runs.provenance import command_line
 from train.self_play.averages import averages, nash_convs, told_averages
-from train.self_play.past import (
-    Past,
-    Standings,
-    agreement,
-    parted_by_distance,
-    read_past,
-    rows_of,
-    standings,
-    widest,
-)
-from train.self_play.pictures import draw_snapshots
 from train.settings.checks import check
 from train.settings.self_play import ROLES
 
-FOLDER = "snapshots"
+if TYPE_CHECKING:
+    from train.self_play.past import Past, Standings
+
+FOLDER, PAGE = "snapshots", "snapshots.md"
+HEADS = ("# Snapshots of self-play on", "# Elo against exploitability")
+"""Begin the pages of one run and of several."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +43,8 @@ class SnapshotsCommand:
     it goes."""
     format: Formats = ()
     """pdf, svg, or both: the figures are saved so, too, beside their .png."""
+    overwrite: bool = False
+    """Write into a folder though it holds files of others, and replace those of the same names."""
 
 
 def snapshots(arguments: Sequence[str]) -> None:
@@ -56,34 +52,48 @@ def snapshots(arguments: Sequence[str]) -> None:
     given = parse(SnapshotsCommand, arguments, "snapshots")
     check(len(given.runs) > 0, "nothing to look at; give folders of self-play")
     look, several = Look(given.format), len(given.runs) > 1
+    outs = [folder / FOLDER for folder in given.runs]
+    if not several and given.out is not None:
+        outs = [given.out]
+    out = (given.out or Path(FOLDER)) if several else outs[0]
+    for each in {out, *outs}:
+        check_output_folder(each, is_own, given.overwrite)
+    from train.self_play.past import read_past, standings  # torch is slow to import
+
+    with heard():
+        pasts = [read_past(folder) for folder in given.runs]
     rows: list[dict[str, Any]] = []
-    for folder in given.runs:
-        with heard():
-            past = read_past(folder)
+    for folder, place, past in zip(given.runs, outs, pasts, strict=True):
         found = standings(past)
-        out = folder / FOLDER if several or given.out is None else given.out
-        told = write_run(out, past, found, look)
+        told = write_run(place, past, found, look)
         rows += summary_rows(folder, past, found)
         if not several:
             print("\n".join(told))
             print(f"\nfigure and tables: {out}")
     table = summary_table(rows)
     if several:
-        out = given.out or Path(FOLDER)
         out.mkdir(parents=True, exist_ok=True)
         table.write(out)
-        write_text(out / "snapshots.md", f"# Elo against exploitability\n\n{table.markdown()}\n")
+        write_text(out / PAGE, f"{HEADS[1]}\n\n{table.markdown()}\n")
         print_table(table)
         print(f"\ntable: {out}; of every run: RUN/{FOLDER}")
 
 
 def write_run(out: Path, past: Past, found: dict[str, Standings], look: Look) -> list[str]:
     """Write the figure and the tables of a run; the lines that say what came out."""
+    from train.self_play.past import (  # torch is slow to import
+        agreement,
+        parted_by_distance,
+        rows_of,
+        widest,
+    )
+    from train.self_play.pictures import draw_snapshots
+
     out.mkdir(parents=True, exist_ok=True)
     task, sides = past.task, list(found.values())
     maze, sampling = task.mazes[0].name, past.settings.sampling
-    title = f"Snapshots of self-play on {maze} ({sampling}, seed {past.settings.seed})"
-    draw_snapshots(out / "snapshots.png", sides, title, look)
+    told = f"{maze} ({sampling}, seed {past.settings.seed})"
+    draw_snapshots(out / "snapshots.png", sides, f"{HEADS[0][2:]} {told}", look)
     table = snapshot_table([row for one in sides for row in rows_of(one)])
     table.write(out)
     names, steps = past.names["evader"], found["chaser"].steps.tolist()
@@ -108,9 +118,22 @@ def write_run(out: Path, past: Past, found: dict[str, Standings], look: Look) ->
         ]
     lines += ["", distance_table(distances).markdown()]
     lines += ["", *average_lines(out, past)]
-    body = [f"# {title}", "", *lines, "", "![snapshots.png](snapshots.png)", "", table.markdown()]
-    write_text(out / "snapshots.md", "\n".join(body) + "\n")
+    body = [
+        f"{HEADS[0]} {in_markdown(told)}",
+        "",
+        *lines,
+        "",
+        "![snapshots.png](snapshots.png)",
+        "",
+        table.markdown(),
+    ]
+    write_text(out / PAGE, "\n".join(body) + "\n")
     return lines
+
+
+def is_own(folder: Path) -> bool:
+    """Whether this command wrote a folder."""
+    return any(begins_with(folder / PAGE, head) for head in HEADS)
 
 
 def average_lines(out: Path, past: Past) -> list[str]:
@@ -142,11 +165,13 @@ def told_pair(one: Standings, first: int, second: int) -> str:
 
 def snapshot_table(rows: list[dict[str, Any]]) -> ResultTable:
     """A row for each snapshot."""
+    from train.self_play.past import GAMES  # torch is slow to import
+
     columns = [
         words("side", "role"),
         words("snapshot"),
         Column("frames", lambda row: f"{row['frames']:,.0f}"),
-        Column("Elo", lambda row: f"{row['elo']:.1f}"),
+        Column(f"Elo ({GAMES} games a pair)", lambda row: f"{row['elo']:.1f}"),
         Column("exploitability", lambda row: f"{row['exploitability']:.4f}"),
         Column("rank by Elo", lambda row: str(row["rank_by_elo"])),
         Column("by exploitability", lambda row: str(row["rank_by_exploitability"])),
@@ -172,6 +197,8 @@ def distance_table(rows: list[dict[str, Any]]) -> ResultTable:
 
 def summary_rows(folder: Path, past: Past, found: dict[str, Standings]) -> list[dict[str, Any]]:
     """A row for each side of a run, and one of their means."""
+    from train.self_play.past import agreement  # torch is slow to import
+
     settings = past.settings
     head = {"run": str(folder), "sampling": settings.sampling, "seed": settings.seed}
     rows = []

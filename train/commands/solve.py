@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -12,15 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.declared import one_of
+from pursuit.declared import one_of, share
 from pursuit.maze import Maze, load_maze
 from pursuit.task import make_task
 from scripted_agents import ChaseSolution, cop_number, independent_team, solve_chase
 from train.commands.blindness import print_blindness, radii_of
 from train.commands.parse import Formats, parse
 from train.commands.progress import Alive
-from train.figures import BLUE, FORMATS, ORANGE, PLAIN, Look, draw_walls, pyplot, save
-from train.settings.checks import check
+from train.figures import BLUE, FORMATS, ORANGE, PLAIN, Look, draw_walls, names_of, pyplot, save
+from train.files import check_new_files
+from train.settings.checks import check, check_default
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class SolveCommand:
     horizon: int | None = None
     """Solve for this number of steps instead, without discount."""
     num_chasers: int = 1
-    """Chasers, who act as one player; 2 is for small mazes."""
+    """Chasers, who act as one player; 2 is for small mazes, and has no picture."""
     stay_action: bool = False
     """Whether a fifth action, stay, exists."""
     move_order: str = "simultaneous"
@@ -56,14 +58,17 @@ class SolveCommand:
     """The picture (.png, .pdf or .svg); solve-MAZE.png if left out."""
     format: Formats = ()
     """pdf, svg, or both: the picture is saved so, too."""
+    overwrite: bool = False
+    """Replace the picture where it exists."""
 
 
 def solve(arguments: Sequence[str]) -> None:
     """`pursuit solve`."""
     given = parse(SolveCommand, arguments, "solve")
+    check_options(given)
     maze = load_maze(given.maze)
     if given.view_radius is not None:
-        role: Any = one_of("role", given.role, ("chaser", "evader"))
+        role: Any = given.role
         rest = (given.seconds, given.discount, given.stay_action, given.move_order)
         radii = radii_of(given.view_radius)
         print_blindness(maze, radii, role, given.opponent_epsilon, *rest)
@@ -83,6 +88,7 @@ def solve(arguments: Sequence[str]) -> None:
     out = given.out or Path(f"solve-{Path(given.maze).stem}.png")
     look = Look(given.format)
     check(out.suffix[1:] in FORMATS, f"out={out}; give a .png, .pdf or .svg file")
+    check_new_files([out.with_name(name) for name in names_of(out.name, look)], given.overwrite)
     began = perf_counter()
     order: Any = given.move_order
     alive, solving = Alive(), f"solving {maze.name}"
@@ -113,6 +119,28 @@ def solve(arguments: Sequence[str]) -> None:
         )
         draw_solution(out, solution, *cells, look=look)
         print(f"picture: {out}")
+
+
+PICTURE = ("chaser_cell", "evader_cell", "out", "format", "overwrite")
+OF_ONE_SIGHT = ("role", "opponent_epsilon", "seconds")
+"""Options of the picture, and of an agent with limited sight."""
+
+
+def check_options(given: SolveCommand) -> None:
+    """ValueError for a value that is not allowed, or an option that has no effect beside others."""
+    one_of("role", given.role, ("chaser", "evader"))
+    share("opponent_epsilon", given.opponent_epsilon)
+    check(0.0 < given.seconds < inf, f"seconds={given.seconds}; a finite number above 0")
+    if given.view_radius is None:
+        check_default(given, SolveCommand, OF_ONE_SIGHT, "it goes with --view-radius")
+        if given.horizon is not None:
+            check_default(given, SolveCommand, ["discount"], "--horizon solves without discount")
+    else:
+        names = ("num_chasers", "horizon", *PICTURE)
+        alone = "--view-radius solves for one chaser and one evader, discounted, without a picture"
+        check_default(given, SolveCommand, names, alone)
+    if given.num_chasers > 1:
+        check_default(given, SolveCommand, PICTURE, "there is a picture of one chaser only")
 
 
 def describe(solution: ChaseSolution, seconds: float) -> str:

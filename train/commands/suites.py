@@ -38,7 +38,7 @@ def judged(
     """
     own = [contest.in_mazes(name, policy) for name, policy in policies.items()]
     found = [*contest.references(), *own]
-    print_scores([each.score(contest.episodes) for each in found], pays=contest.pays)
+    print_scores([each.score(contest.episodes) for each in found], measure=contest.measure)
     told = [each for each in found if each is not contest.best]
     rows = maze_rows(contest, told)
     if rows[0]["kind"]:

@@ -10,18 +10,18 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from train.commands.parse import Formats, parse
 from train.experiments.exact import write_exact
-from train.experiments.executors import run_locally, run_on_ray
-from train.experiments.power import power_lines
-from train.experiments.report import report
-from train.experiments.sweep import Sweep, load_sweep, shipped, status_of
 from train.figures import Look
+from train.files import check_output_folder
 from train.settings.checks import check
+
+if TYPE_CHECKING:
+    from train.experiments.sweep import Sweep
 
 DONE = ("complete", "stopped")
 """Runs that are not done when a sweep is run again."""
@@ -57,18 +57,38 @@ class SweepCommand:
     can show. But do none."""
     format: Formats = ()
     """pdf, svg, or both: figures are saved so, too, beside their .png."""
+    overwrite: bool = False
+    """Use --out though it is the folder of another sweep: its runs stay, its report is replaced."""
 
 
 def sweep(arguments: Sequence[str]) -> None:
     """`pursuit sweep`."""
     given = parse(SweepCommand, arguments, "sweep")
+    check_options(given)
+    from train.experiments.sweep import load_sweep, shipped  # torch is slow to import
+
     if given.list:
         for name in shipped():
             print(f"{name:<28}{load_sweep(name).title}")
         return
-    check(given.file is not None, "give a sweep file, or --list")
     plan = load_sweep(str(given.file), given.version)
     carry_out(plan, given, f"pursuit sweep {shlex.join(arguments)}")
+
+
+def check_options(given: SweepCommand) -> None:
+    """ValueError for options that no sweep takes, whatever its file."""
+    check(
+        given.file is None or not given.list,
+        f"{given.file!r} with --list, which names the shipped files; leave one of the two out",
+    )
+    check(given.list or given.file is not None, "give a file, or --list")
+    check(given.executor in ("local", "ray"), f"unknown executor {given.executor!r}; local or ray")
+    check(
+        given.address is None or given.executor == "ray",
+        f"address={given.address!r} is of a Ray cluster; give --executor ray, or leave it out",
+    )
+    check(given.workers >= 0, f"workers={given.workers}; at least 0")
+    Look(given.format)
 
 
 def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
@@ -80,8 +100,10 @@ def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
         ValueError: options that make no sense.
         KeyboardInterrupt: it was interrupted; what was learned is saved.
     """
-    check(given.executor in ("local", "ray"), f"unknown executor {given.executor!r}; local or ray")
-    check(given.workers >= 0, f"workers={given.workers}; at least 0")
+    from train.experiments.executors import run_locally, run_on_ray  # torch is slow to import
+    from train.experiments.report import report
+    from train.experiments.sweep import is_folder_of, status_of
+
     check(
         plan.scheduler is None or given.executor == "ray",
         f"scheduler={plan.scheduler!r} needs --executor ray; or leave it out of [search]",
@@ -92,7 +114,7 @@ def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
     if given.dry_run:
         list_runs(plan, out)
         return
-    check(not out.is_file(), f"{out}: a file; give a folder")
+    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     out.mkdir(parents=True, exist_ok=True)
     if plan.exact is not None:
         print(write_exact(plan.title, plan.exact, out))
@@ -134,6 +156,9 @@ def counts(statuses: Iterable[str]) -> str:
 
 def list_runs(plan: Sweep, out: Path) -> None:
     """Print every run: how far it is, what varies, its folder; and what so many can show."""
+    from train.experiments.power import power_lines  # torch is slow to import
+    from train.experiments.sweep import status_of
+
     folders = [out / "runs" / run.name for run in plan.runs]
     statuses = [status_of(folder) for folder in folders]
     for run, folder, status in zip(plan.runs, folders, statuses, strict=True):

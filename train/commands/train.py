@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import strftime
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-import tyro
-
-from train.commands.parse import Formats, budget_of, heard, named_task, parse
-from train.commands.progress import carry_out, leave
+from train.commands.ahead import compile_ahead
+from train.commands.parse import Formats, budget_of, heard, named_task, parse, parse_known
+from train.commands.progress import carry_out, final_of, leave
 from train.commands.scores import (
     certificate_of,
-    pays_of,
     print_bounds,
     print_floor,
     print_reference,
@@ -25,22 +21,21 @@ from train.commands.scores import (
 )
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.scores import Score
-from train.experiments.kinds import resume, start
-from train.experiments.methods import METHODS, methods
 from train.figures import PLAIN, Look
 from train.files import write_text
-from train.runs.folder import CURVE, REPLAY, REPORT, RUN
-from train.runs.loop import Run
-from train.runs.parts import setting_of
+from train.runs.folder import CURVE, REPLAY, REPORT, RUN, check_new
 from train.runs.pictures import draw_learning_curve, save_replay
-from train.runs.report import loops_told, of_solved, write_report
-from train.runs.saved import load_settings
-from train.runs.single import SingleAgent
+from train.runs.report import headline, loops_told, of_solved, write_report
+from train.runs.tasks import setting_of
 from train.settings.algorithms import Hyperparameters
 from train.settings.checks import check
 from train.settings.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
 from train.settings.run import TrainSettings
 from train.settings.task import AnyTask, TaskSettings
+
+if TYPE_CHECKING:
+    from train.runs.loop import Run
+    from train.runs.single import SingleAgent
 
 H = TypeVar("H", bound=Hyperparameters, covariant=True)
 
@@ -63,10 +58,12 @@ class TrainCommand(Generic[H]):
     """A new folder for the run; runs/TASK-ROLE-MAZE-TIME if left out."""
     resume: Path | None = None
     """Go on with the run in this folder instead; all other options are taken from there."""
-    episodes: int = 1000
-    """Episodes of the final evaluation."""
+    episodes: int | None = None
+    """Episodes of the final evaluation; if left out 1000, or with --resume those of the first
+    command."""
     format: Formats = ()
-    """pdf, svg, or both: the learning curve is saved so, too, beside its .png."""
+    """pdf, svg, or both: the learning curve is saved so, too, beside its .png; if left out with
+    --resume, those of the first command."""
 
 
 @dataclass(frozen=True)
@@ -86,25 +83,32 @@ def train(arguments: Sequence[str]) -> None:
     default = _defaults(arguments)
     form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
     given: TrainCommand[Any] = parse(form, arguments, "train", default)
-    check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
-    settings, look = given.settings, Look(given.format)
+    settings, final = given.settings, final_of(given)
     name = f"{settings.task.label}-{strftime('%Y%m%d-%H%M%S')}"
+    out = given.out or Path("runs") / name
+    if given.resume is None:
+        check_new(out)
+    else:
+        check(given.resume.is_dir(), f"{given.resume}: no such folder")
+    compile_ahead(arguments)
+    from train.experiments.kinds import resume, start  # torch is slow to import
+
     with heard():
-        if given.resume is not None:
-            run = resume(given.resume, RUN)
+        if given.resume is None:
+            run = start(RUN, settings, out, final)
         else:
-            run = start(RUN, settings, given.out or Path("runs") / name)
+            run = resume(given.resume, RUN)
     trainee: SingleAgent = run.trainee
     print(trainee.contest.line())
     if trainee.teacher is not None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
     content = carry_out(
         run,
-        given.episodes,
+        final.episodes,
         "pursuit train",
         lambda: say_what_is_solved(trainee.contest, run.stopped),
     )
-    show(run, content, look)
+    show(run, content, Look(final.formats))
     leave(run)
 
 
@@ -114,22 +118,7 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
     Raises:
         ValueError: an unknown algorithm or preset, or two that do not go together.
     """
-    first = _First(named_task(arguments))
-    with (
-        contextlib.suppress(SystemExit, ValueError),
-        contextlib.redirect_stderr(io.StringIO()),  # errors are told when all is parsed
-    ):
-        first, _ = tyro.cli(
-            _First,
-            args=[a for a in arguments if a not in ("-h", "--help")],
-            return_unknown_args=True,
-            default=first,
-            config=(
-                tyro.conf.OmitArgPrefixes,
-                tyro.conf.FlagCreatePairsOff,
-                tyro.conf.AvoidSubcommands,
-            ),
-        )
+    first = parse_known(_First(named_task(arguments)), arguments)
     algorithm = first.algorithm or preset_algorithm(first.preset) or "ppo"
     setting = replace(setting_of(first.task), recurrent=first.recurrent is not None)
     hyper = hyperparameters(algorithm, setting, first.preset, first.gamma is not None)
@@ -146,10 +135,13 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
 
 def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
     """Print and draw what was found: what stands at the end of every run, interrupted or not."""
+    from train.experiments.methods import METHODS, methods  # torch is slow to import
+    from train.runs.saved import load_settings
+
     trainee: SingleAgent = run.trainee
     print()
     scores = [Score(**score) for score in content["scores"]]
-    print_scores(scores, certificate_of(trainee.contest), pays_of(trainee.contest))
+    print_scores(scores, certificate_of(trainee.contest), trainee.contest.measure)
     if isinstance(trainee.contest, ArmContest):
         print_bounds(trainee.contest)
     contest, teacher = trainee.contest, trainee.teacher
@@ -164,13 +156,15 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
         teacher.rows if teacher is not None else None,
         teacher.describes if teacher is not None else "",
         look,
+        content["objective"]["column"],
     )
     write_text(run.folder / METHODS, methods([run.folder]))
     save_replay(run.folder / REPLAY, contest, trainee.policy)
     evaluation = content["evaluation"]
     judged, settings = trainee.judged(evaluation["episodes"]), load_settings(run.folder)
     write_report(run.folder, settings, judged, trainee.policy, content)
-    if evaluation["optimality_gap"] is not None:
+    column = content["objective"]["column"]
+    if evaluation["optimality_gap"] is not None and column == "mean_steps":
         how = "exactly" if evaluation["exact"] else "on the same starts"
         print(
             f"\nlearned {evaluation['mean_steps']:.3f} steps, optimum "
@@ -180,11 +174,8 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
     remembers = settings.frame_stack > 1 or settings.hyper.recurrent is not None
     if settings.evaluate == "greedy" and not remembers and (told := loops_told(content)):
         print(told)
-    if evaluation.get("return_regret") is not None:
-        print(
-            f"\nlearned return {evaluation['mean_return']:.3f}, the best on the same starts "
-            f"{evaluation['optimal_return']:.3f}: {evaluation['return_regret']:.3f} below it"
-        )
+    if column != "mean_steps":
+        print(f"\n{headline(content)}")
     print_reference(content.get("reference", {}), judged)
     print_floor(evaluation, trainee.parts.hyper.last_gamma)
     print(f"results, curve, replay, methods and {REPORT}: {run.folder}")

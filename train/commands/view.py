@@ -14,16 +14,12 @@ from pursuit.replay import Replay
 from pursuit.viewer.data import Builder, Extras
 from train.commands.parse import heard, parse
 from train.evaluation.closeups import recorded, sides_of
-from train.experiments.kinds import KINDS, open_run
+from train.files import check_new_files
 from train.pages import PLAYER_ROOM, paragraph, write_page
 from train.play.browser import open_page
 from train.runs.folder import RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
 from train.runs.forms import read_results
-from train.runs.opponents import load_policy
-from train.runs.parts import contest_of
 from train.runs.report import write_report
-from train.runs.saved import load_settings
-from train.self_play.report import write_self_play_report
 from train.settings.checks import check
 
 
@@ -42,6 +38,8 @@ class ViewCommand:
     """The page; replay.html if left out and no run's report is asked for."""
     episodes: int = 4
     """Episodes of each run, where several things are shown."""
+    overwrite: bool = False
+    """Replace --out where it exists."""
     no_open: bool = False
     """Only write the page, and open no browser."""
 
@@ -53,6 +51,7 @@ def view(arguments: Sequence[str]) -> None:
     check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
     for path in given.paths:
         check(path.exists(), f"{path}: no such file or folder")
+    check_new_files([given.out], given.overwrite)
     with heard():
         alone = len(given.paths) == 1 and given.paths[0].is_dir()
         alone = alone and read_config(given.paths[0])[0] != SIDE
@@ -64,6 +63,12 @@ def view(arguments: Sequence[str]) -> None:
 
 def report_again(folder: Path, out: Path | None) -> Path:
     """The report of a run, of what stands in its folder now."""
+    from train.experiments.kinds import KINDS, open_run  # torch is slow to import
+    from train.runs.opponents import load_policy
+    from train.runs.parts import contest_of
+    from train.runs.saved import load_settings
+    from train.self_play.report import write_self_play_report
+
     kind, _ = read_config(folder)
     check(
         (folder / RESULTS).exists(),
@@ -83,7 +88,7 @@ def report_again(folder: Path, out: Path | None) -> Path:
 def together(given: ViewCommand) -> Path:
     """One page for several runs and replays."""
     page = given.out or Path("replay.html")
-    check(given.out is not None or not page.exists(), f"{page}: exists already; give --out")
+    check_new_files([page], given.overwrite)
     builder = Builder()
     for path in given.paths:
         add_run(builder, path, given.episodes) if path.is_dir() else add_replay(builder, path)
@@ -98,6 +103,10 @@ def together(given: ViewCommand) -> Path:
 
 def add_run(builder: Builder, folder: Path, episodes: int) -> None:
     """The first episodes of the evaluation of a run."""
+    from train.runs.opponents import load_policy  # torch is slow to import
+    from train.runs.parts import contest_of
+    from train.runs.saved import load_settings
+
     settings = load_settings(folder)
     policy = load_policy(folder, greedy=settings.evaluate == "greedy")
     contest: Any = contest_of(settings.task, max(episodes, 2))

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from scripted_agents import (
     least_steps_of,
 )
 from train.evaluation.games import half_width
-from train.evaluation.scores import Reference, Score, reference_of
+from train.evaluation.scores import BY_STEPS, Measure, Reference, Score, reference_of
 from train.files import write_beside
 from train.settings.checks import EVALUATION_SEED
 
@@ -128,7 +128,7 @@ class ArmContest:
     task: ReacherTask
     episodes: int = 1000
     seed: int = EVALUATION_SEED
-    less_is_better: bool = True
+    measure: ClassVar[Measure] = BY_STEPS
 
     def describe(self) -> dict[str, Any]:
         """The task, how many joints, and between which bounds the least steps lie."""

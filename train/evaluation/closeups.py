@@ -16,7 +16,7 @@ from pursuit.viewer.data import Side
 from scripted_agents import action_values
 from train.evaluation.contest import GameContest
 from train.evaluation.games import is_exact, table_in
-from train.evaluation.scores import Contest, told
+from train.evaluation.scores import BY_LONG_LIFE, BY_STEPS, Contest, Measure, told
 from train.evaluation.suite_contest import SuiteContest
 
 MOST_OVERLAY_CELLS = 225
@@ -34,25 +34,27 @@ class Losses:
     Attributes:
         lengths: [episodes], expected ones where they are known.
         optimal: [episodes], the optimum of each start; None where it is not known.
-        less_is_better: whether few steps are good.
-        returns: [episodes], what each paid; given where steps do not say how good it was.
+        few_steps_are_good: whether they are; not so of an evader that lives on.
+        values: [episodes], the goals or the return of each; None where steps are the measure.
+        measure: what the contest is compared by.
     """
 
     lengths: NDArray[np.float64]
     optimal: NDArray[np.float64] | None
-    less_is_better: bool
-    returns: NDArray[np.float64] | None = None
+    few_steps_are_good: bool
+    values: NDArray[np.float64] | None = None
+    measure: Measure = BY_STEPS
 
     @property
     def lost(self) -> NDArray[np.float64]:
         """[episodes], steps worse than the optimum; than nothing at all where it is not known."""
-        sign = 1.0 if self.less_is_better else -1.0
+        sign = 1.0 if self.few_steps_are_good else -1.0
         known = np.zeros_like(self.lengths) if self.optimal is None else self.optimal
         return sign * (self.lengths - known)
 
     def notable(self) -> dict[str, int]:
         """The episodes worth a look by what they are: best, median and worst."""
-        badness = self.lost if self.returns is None else -self.returns
+        badness = self.lost if self.values is None else -self.values
         order = np.argsort(badness, kind="stable").tolist()
         return {
             "best": order[0],
@@ -75,11 +77,11 @@ class Losses:
 
 def losses_of(contest: Contest, policy: Any) -> Losses:
     """Where a policy loses steps in a contest."""
-    returns = None
-    if isinstance(contest, GameContest) and contest.task.num_goals and contest.task.num_agents > 1:
-        returns = contest.returns(policy)  # a short race may be lost, and a heist end by a capture
+    measure, values = contest.measure, None
+    if isinstance(contest, (GameContest, SuiteContest)) and measure.name != "steps":
+        values = contest.values(policy)  # a short race may be lost, and a heist end by a capture
     lengths, optimal = contest.lengths(policy), contest.optimal_lengths()
-    return Losses(lengths, optimal, contest.less_is_better, returns)
+    return Losses(lengths, optimal, measure != BY_LONG_LIFE, values, measure)
 
 
 def recorded(contest: Any, policy: Any, games: Mapping[str, int], player: str) -> Replay:

@@ -57,16 +57,21 @@ from train.evaluation.hidden_contest import (
 )
 from train.evaluation.joint_contest import (
     MAX_WORK,
+    best_of_goals,
     best_of_returns,
     best_of_steps,
     why_not_joint,
 )
 from train.evaluation.scores import (
-    BEST_PAID,
+    BY_GOALS,
+    BY_RETURN,
+    BY_STEPS,
     DISCOUNTED,
     FULL_SIGHT,
+    Measure,
     Reference,
     Score,
+    measure_of,
     reference_of,
     told,
 )
@@ -96,15 +101,11 @@ class GameContest:
         return self.task.seat_roles[self.task.seat(self.agent)]
 
     @property
-    def less_is_better(self) -> bool:
-        """Whether few steps are good: for everybody but evaders that have nothing to collect."""
-        return self.role != "evader" or self.task.num_goals > 0
-
-    @property
-    def pays(self) -> bool:
-        """Whether an agent is judged by what it is paid: where evaders collect goals, a capture
-        ends the game as the last goal does, and steps say little."""
-        return self.task.num_goals > 0 and self.task.num_evaders > 0
+    def measure(self) -> Measure:
+        """As `Contest`: steps in a chase, and of a runner alone; goals of a runner among rivals;
+        the return of chasers and evaders where evaders collect goals, as a capture ends that game
+        as the last goal does, and steps say little."""
+        return measure_of(self.task, self.role)
 
     @property
     def is_exact(self) -> bool:
@@ -141,11 +142,18 @@ class GameContest:
         """Play every start to its end: episode lengths [episodes], and who won [episodes]."""
         return self._played(policy, self.starts())
 
-    def returns(self, policy: Policy) -> NDArray[np.float64]:
-        """[episodes], what the agent is paid from every start."""
+    def values(self, policy: Policy) -> NDArray[np.float64]:
+        """[episodes], the goals or the return from every start, whichever is the measure."""
         simulator = self.starts()
         self._played(policy, simulator)
-        return simulator.returns[:, self.task.seat(self.agent)].copy()
+        found = simulator.collected if self.measure == BY_GOALS else simulator.returns
+        return found[:, self.task.seat(self.agent)].copy()
+
+    def _means(self, simulator: Simulator) -> dict[str, float | None]:
+        """What the agent was paid, and the goals that it collected, in games that were played."""
+        seat = self.task.seat(self.agent)
+        goals = float(simulator.collected[:, seat].mean()) if self.task.num_goals else None
+        return {"mean_return": float(simulator.returns[:, seat].mean()), "mean_goals": goals}
 
     def _played(
         self, policy: Policy, simulator: Simulator
@@ -187,8 +195,8 @@ class GameContest:
             certain = discounted(self.task, self.role, policy, self.opponent_table(), lengths)
         of_solved = None if exact else self._gap_of(lengths, won)
         score = Score(name, mean, ci95, float(won.mean()), len(lengths), exact, *certain)
-        paid = simulator.returns[:, self.task.seat(self.agent)]
-        return replace(score, solved_gap=of_solved, mean_return=float(paid.mean()))
+        means: dict[str, Any] = self._means(simulator)
+        return replace(score, solved_gap=of_solved, **means)
 
     def _gap_of(self, lengths: NDArray[np.int64], won: NDArray[np.bool_]) -> float | None:
         """The gap of these starts to their shortest tours, where those are known."""
@@ -292,14 +300,14 @@ class GameContest:
         if best is not None:
             return self._score_of("optimal", best)
         if self.best_of_steps is not None:
-            return self._joint_score("optimal", self.best_of_steps)
-        lengths = self.tours
-        if lengths is None:
+            return self._joint_score(self.best_of_steps, BY_STEPS)
+        if self.tours is None:
             return None
-        share = float((lengths <= task.max_steps).mean())
+        share = float((self.tours <= task.max_steps).mean())
         if share == 0.0:  # every episode is cut off: everybody takes as long
             return None
-        mean = float(np.minimum(lengths, task.max_steps).mean())
+        lengths = np.minimum(self.tours, task.max_steps)
+        mean = float(lengths.mean())
         return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
 
     def why_not_joint(self) -> str | None:
@@ -327,23 +335,38 @@ class GameContest:
             return None
         return best_of_returns(self.task, self.agent, self.opponents)
 
-    def _joint_score(self, name: str, best: JointResponse) -> Score:
-        """What a best response achieves on the starts of the evaluation: expected from each, not
-        sampled; the other figures are of its games."""
+    @cached_property
+    def best_of_goals(self) -> JointResponse | None:
+        """The best response in goals, of a runner among rivals."""
+        if self.measure != BY_GOALS or self.why_not_joint() is not None:
+            return None
+        return best_of_goals(self.task, self.agent, self.opponents)
+
+    def _joint_score(self, best: JointResponse, measure: Measure) -> Score:
+        """What a best response in this measure achieves on the starts of the evaluation: expected
+        from each, not sampled; the other figures are of its games."""
+        name = measure.optimum
         simulator = self.starts()
         expected = best.values_of(simulator.games)
         lengths, won = self._played(best.policy, simulator)
-        paid = float(simulator.returns[:, self.task.seat(self.agent)].mean())
-        mean, ci95, share = float(expected.mean()), half_width(expected), float(won.mean())
-        if best.objective == "return":
-            paid, mean, ci95 = mean, float(lengths.mean()), half_width(lengths)
-        return Score(name, mean, ci95, share, self.episodes, False, mean_return=paid)
+        means: dict[str, Any] = self._means(simulator)
+        if measure is BY_STEPS:
+            mean, ci95 = float(expected.mean()), half_width(expected)
+        else:
+            mean, ci95 = float(lengths.mean()), half_width(lengths)
+            means[measure.column] = float(expected.mean())
+        return Score(name, mean, ci95, float(won.mean()), self.episodes, False, **means)
 
     def optimal_return(self) -> Score | None:
         """Who is paid most, among rivals for goals: `mean_return` is expected from the same starts,
         exactly. None where it is not known, or nobody competes for goals."""
         best = self.best_of_returns
-        return None if best is None else self._joint_score(BEST_PAID, best)
+        return None if best is None else self._joint_score(best, BY_RETURN)
+
+    def optimal_goals(self) -> Score | None:
+        """As `optimal_return`, of a runner that collects as many goals as it can among rivals."""
+        best = self.best_of_goals
+        return None if best is None else self._joint_score(best, BY_GOALS)
 
     @cached_property
     def tours(self) -> NDArray[np.int64] | None:
@@ -359,6 +382,11 @@ class GameContest:
                 lengths[here] = tour_lengths(maze, starts, goals)
         return lengths
 
+    def _optima(self) -> list[Score]:
+        """The exact optima that are known: in steps, goals and returns."""
+        found = (self.optimal(), self.optimal_goals(), self.optimal_return())
+        return [score for score in found if score is not None]
+
     def baselines(self) -> list[Score]:
         """Random, scripted (A* or nearest goal) and, where they are known, the optima."""
         scripted = {"chaser": "A* chaser", "evader": "A* evader", "runner": "nearest goal"}
@@ -372,11 +400,9 @@ class GameContest:
         if solution is not None:
             scores.append(self.score("certified", solution.policy))
         if self.is_limited:
-            full = (self.in_full_sight.optimal(), self.in_full_sight.optimal_return())
-            scores += [replace(best, name=f"{best.name}{FULL_SIGHT}") for best in full if best]
-        optimum = self.optimal()
-        paid = self.optimal_return()
-        scores += [score for score in (optimum, paid) if score is not None]
+            full = self.in_full_sight._optima()
+            scores += [replace(best, name=f"{best.name}{FULL_SIGHT}") for best in full]
+        scores += self._optima()
         best = self.best_response(mask_bumps=True) if self.mask_bumps else None
         return scores if best is None else [*scores, self._score_of("optimal with masks", best)]
 
@@ -388,7 +414,7 @@ class GameContest:
             return Reference("certified", name, DISCOUNTED, proven.far, proven.gap(steps))
         limited = limited_references(self.task, self.agent, self.opponents)
         fair = (*limited, "random") if self.is_limited else None
-        return reference_of(scores, learned, self.pays, self.less_is_better, fair)
+        return reference_of(scores, learned, self.measure, fair)
 
     def scenes(self, policy: Policy, episodes: int = 3) -> list[Scene]:
         """What a person sees of some episodes, one after the other."""

@@ -80,11 +80,15 @@ def all_caught(simulator: Simulator) -> Mask:
 def won_by(simulator: Simulator, seat: int) -> Mask:
     """[num_games] bool: whether the agent in `seat` has won, of games that have just ended.
 
-    Chasers win when no evader is left, runners when no goal is; evaders when they are not caught
-    and, where there are goals, none is left.
+    Chasers win when no evader is left; evaders when they are not caught and, where there are goals,
+    none is left. A runner alone wins when no goal is left; a runner among other agents that collect
+    goals when it has collected more than each of them (so of a draw nobody is the winner).
     """
     task = simulator.task
     role, own = task.seat_roles[seat], simulator.active[:, seat] != 0
+    if role == "runner" and task.num_runners + task.num_evaders > 1:
+        others = np.delete(simulator.collected, seat, axis=1)
+        return np.asarray(simulator.collected[:, seat] > others.max(axis=1))
     if role == "chaser" and task.num_evaders:
         return all_caught(simulator)
     if role == "evader" and not task.num_goals:

@@ -1,16 +1,17 @@
 """The exact references of games that only a solver of whole games knows: teams, races, heists.
 
 A game in which evaders collect goals ends by a capture as by the last goal, so steps say little of
-it: its reference is what its agents are paid. In a race both are known: the steps until all goals
-are collected, and what a runner can be paid.
+it: its reference is what its agents are paid. A race is compared by goals: known are the goals that
+a runner can collect, what it can be paid, and the steps until all goals are collected.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from pursuit.policy import Policy
-from pursuit.task import Task
+from pursuit.task import Rewards, Task
 from scripted_agents import (
     JointResponse,
     check_joint_states,
@@ -73,6 +74,14 @@ def best_of_returns(
         return None
     own = [_name(task, agent)]
     return solve_joint(task, own, opponents, task.max_steps, objective="return")
+
+
+def best_of_goals(task: Task, agent: str, opponents: Mapping[str, Policy]) -> JointResponse:
+    """The best response in goals that the agent collects, whatever it is paid."""
+    role = task.seat_roles[task.seat(agent)]
+    by_goals = replace(task, rewards={role: Rewards(goal=1.0)})
+    own = [_name(task, agent)]
+    return solve_joint(by_goals, own, opponents, task.max_steps, objective="return")
 
 
 def _name(task: Task, agent: str) -> str:

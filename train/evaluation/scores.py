@@ -4,17 +4,67 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.policy import Policy
+from pursuit.task import Task
 
-BEST_PAID = "optimal return"
-"""The name of whoever is paid most, where that is known."""
+BEST_PAID, MOST_GOALS = "optimal return", "optimal goals"
+"""The names of the policies that are paid most, and that collect most, where these are known."""
 FULL_SIGHT = ", full sight"
 """Behind the name of an optimum of who sees everything: a bound for an agent that does not."""
+
+
+MeasureName = Literal["steps", "goals", "return"]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """What the policies of a contest are compared by: the one place that says which is better.
+
+    Attributes:
+        name: "steps" of an episode, "goals" that the agent collects in it, or its "return"; means
+            over episodes.
+        less_is_better: whether the smaller value is the better one.
+    """
+
+    name: MeasureName = "steps"
+    less_is_better: bool = True
+
+    @property
+    def column(self) -> str:
+        """The attribute of `Score`, and the column of `metrics.csv`, that holds it."""
+        return f"mean_{self.name}"
+
+    @property
+    def optimum(self) -> str:
+        """The name of the score that is the exact optimum in this measure."""
+        return "optimal" if self.name == "steps" else f"optimal {self.name}"
+
+    def of(self, score: Score) -> float | None:
+        """The value of a score; None where it was not measured."""
+        value: float | None = getattr(score, self.column)
+        return value
+
+    def best(self, scores: Sequence[Score]) -> Score | None:
+        """The best of those scores that have a value; None where none has."""
+        known = [score for score in scores if self.of(score) is not None]
+        choose: Any = min if self.less_is_better else max
+        return choose(known, key=self.of) if known else None
+
+    def distance(self, achieved: Score, best: Score | None) -> float | None:
+        """How far from the best: of steps the ratio less 1, else the difference; None if unknown.
+
+        Of steps it is below 0 for evaders that live less long; of goals and returns it is above 0
+        for agents that get less.
+        """
+        value, most = self.of(achieved), None if best is None else self.of(best)
+        if value is None or most is None:
+            return None
+        return value / most - 1.0 if self.name == "steps" else most - value
 
 
 @dataclass(frozen=True)
@@ -26,7 +76,8 @@ class Score:
         mean_steps: mean episode length; an episode that runs out of time counts with all its steps.
         ci95: half width of the 95 % confidence interval of the mean; 0 where it is exact.
         success_rate: share of episodes won: the chasers caught all, the evader lived to the last
-            step, all goals were collected.
+            step, all goals were collected; of a race, the runner collected more goals than each of
+            the others.
         episodes: played for this score (or, where exact, for the success rate alone).
         exact: whether `mean_steps` is an exact mean over all starts.
         discounted_steps, discounted_ci95: the same of discounted steps, for agents with limited
@@ -34,6 +85,7 @@ class Score:
         solved_gap: achieved / optimal - 1 over the starts that were solved alone, of one runner:
             what is left of the gap without those that ran out of time. None elsewhere.
         mean_return: the mean of what the agent is paid in an episode; None where none was played.
+        mean_goals: the mean number of goals that it collects, likewise; None without goals.
     """
 
     name: str
@@ -46,6 +98,7 @@ class Score:
     discounted_ci95: float | None = None
     solved_gap: float | None = None
     mean_return: float | None = None
+    mean_goals: float | None = None
 
 
 def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
@@ -53,14 +106,23 @@ def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
     return None if optimum is None else achieved.mean_steps / optimum.mean_steps - 1.0
 
 
+BY_STEPS, BY_GOALS = Measure(), Measure("goals", False)
+BY_LONG_LIFE, BY_RETURN = Measure("steps", False), Measure("return", False)
+DISCOUNTED = "discounted steps"
+
+
+def measure_of(task: Task, role: str) -> Measure:
+    """What an agent of a role is judged by in a task; see `GameContest.measure`."""
+    if task.num_goals == 0:
+        return BY_LONG_LIFE if role == "evader" else BY_STEPS
+    if role != "runner":
+        return BY_RETURN
+    return BY_GOALS if task.num_runners + task.num_evaders > 1 else BY_STEPS
+
+
 def return_regret(achieved: Score, best: Score | None) -> float | None:
     """By how much less an agent is paid in an episode than the best one, on the same starts."""
-    if best is None or best.mean_return is None or achieved.mean_return is None:
-        return None
-    return best.mean_return - achieved.mean_return
-
-
-STEPS, PAID, DISCOUNTED = "steps", "paid", "discounted steps"
+    return BY_RETURN.distance(achieved, best)
 
 
 @dataclass(frozen=True)
@@ -72,9 +134,10 @@ class Reference:
             nobody can pass, such as the optimum of an agent that sees everything; "best known", the
             best of the scripted agents, random play among them.
         name: of the score that it is.
-        unit: `STEPS`, `DISCOUNTED` or `PAID`.
+        unit: the name of the measure, or `DISCOUNTED`.
         value: in that unit.
-        distance: of steps the gap to it, achieved / reference - 1; of payments what is missing.
+        distance: of steps the gap to it, achieved / reference - 1; of goals and returns what is
+            missing.
     """
 
     kind: str
@@ -85,9 +148,9 @@ class Reference:
 
     def line(self) -> str:
         """In words."""
-        paid = self.unit == PAID
+        missing = self.unit not in ("steps", DISCOUNTED)
         less = "less" if self.distance >= 0 else "more"
-        far = f"{abs(self.distance):.3f} {less}" if paid else f"gap {100 * self.distance:+.2f} %"
+        far = f"{abs(self.distance):.3f} {less}" if missing else f"gap {100 * self.distance:+.2f} %"
         kinds = {"bound": "a bound", "best known": "best known, not proven"}
         what = kinds.get(self.kind, self.kind)
         return f"reference: {self.name} ({what}), {self.value:.3f} {self.unit}; learned: {far}"
@@ -96,8 +159,7 @@ class Reference:
 def reference_of(
     scores: Sequence[Score],
     learned: Score,
-    paid: bool = False,
-    less_is_better: bool = True,
+    measure: Measure = BY_STEPS,
     fair: Sequence[str] | None = None,
 ) -> Reference | None:
     """The strongest reference among these scores: exact, a bound, or the best known.
@@ -105,38 +167,29 @@ def reference_of(
     Args:
         scores: of the references and of what was learned.
         learned: what is held against it.
-        paid: whether a policy is judged by what it is paid.
-        less_is_better: whether few steps are good.
+        measure: what policies are compared by.
         fair: names of the scripted agents that see no more than the learner, for one of limited
             sight: the others are no reference. None for all of them.
 
     Returns:
         None where nobody but the learner has been scored.
     """
-    goal = BEST_PAID if paid else "optimal"
     by_name = {score.name: score for score in scores}
-    for kind, name in (("exact", goal), ("bound", goal + FULL_SIGHT)):
+    for kind, name in (("exact", measure.optimum), ("bound", measure.optimum + FULL_SIGHT)):
         if name in by_name:
-            return _held_against(kind, by_name[name], learned, paid)
+            return _held_against(kind, by_name[name], learned, measure)
     known = [
         score
         for score in scores
-        if (fair is None or score.name in fair)
-        and not score.name.startswith("learned")
-        and (not paid or score.mean_return is not None)
+        if (fair is None or score.name in fair) and not score.name.startswith("learned")
     ]
-    if not known:
-        return None
-    worth: Any = (lambda s: -s.mean_return) if paid else (lambda s: s.mean_steps)
-    best = min(known, key=worth) if paid or less_is_better else max(known, key=worth)
-    return _held_against("best known", best, learned, paid)
+    best = measure.best(known)
+    return None if best is None else _held_against("best known", best, learned, measure)
 
 
-def _held_against(kind: str, best: Score, learned: Score, paid: bool) -> Reference:
-    value = best.mean_return if paid else best.mean_steps
-    distance = return_regret(learned, best) if paid else optimality_gap(learned, best)
-    unit = PAID if paid else STEPS
-    return Reference(kind, best.name, unit, float(value or 0.0), float(distance or 0.0))
+def _held_against(kind: str, best: Score, learned: Score, measure: Measure) -> Reference:
+    value, distance = measure.of(best), measure.distance(learned, best)
+    return Reference(kind, best.name, measure.name, float(value or 0.0), float(distance or 0.0))
 
 
 def told(policy: Policy) -> str:
@@ -149,11 +202,11 @@ class Contest(Protocol):
     """What a run is judged by.
 
     Attributes:
-        less_is_better: whether few steps are good.
+        measure: what policies are compared by, and which is better.
     """
 
     @property
-    def less_is_better(self) -> bool: ...  # noqa: D102 -- see the class
+    def measure(self) -> Measure: ...  # noqa: D102 -- see the class
 
     def describe(self) -> dict[str, Any]:
         """What is played, by whom and where, as plain values: "task", "role", "maze"."""

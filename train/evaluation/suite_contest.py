@@ -22,7 +22,7 @@ from scripted_agents.references import limited_references
 from scripted_agents.tour import MAX_EXACT_GOALS
 from train.evaluation.contest import GameContest
 from train.evaluation.games import MAX_EXACT_CELLS, half_width, play_out, scenes_of, won_by
-from train.evaluation.scores import Reference, Score, reference_of
+from train.evaluation.scores import BY_GOALS, Measure, Reference, Score, reference_of
 from train.evaluation.suite_tables import (
     is_known,
     is_one_goal,
@@ -46,7 +46,8 @@ class InMazes:
         success: [mazes] share of episodes won.
         exact: whether these are means over all starts and all chance, computed.
         lengths: [games] of the starts that were played; None where they are exact.
-        returns: [games] what the agent was paid in them; None where they are exact, or not played.
+        returns, goals: [games] what the agent was paid in them, and the goals that it collected;
+            None where they are exact, or not played.
     """
 
     name: str
@@ -55,13 +56,24 @@ class InMazes:
     exact: bool
     lengths: NDArray[Any] | None = None
     returns: NDArray[np.float64] | None = None
+    goals: NDArray[np.float64] | None = None
 
     def score(self, episodes: int) -> Score:
         """The mean over the mazes, each of which counts as much."""
         mean, won = float(self.steps.mean()), float(self.success.mean())
         ci95 = 0.0 if self.lengths is None else half_width(self.lengths)
-        paid = None if self.returns is None else float(self.returns.mean())
-        return Score(self.name, mean, ci95, won, episodes, self.exact, mean_return=paid)
+        paid, goals = (
+            None if found is None else float(found.mean()) for found in (self.returns, self.goals)
+        )
+        rest = {"mean_return": paid, "mean_goals": goals}
+        return Score(self.name, mean, ci95, won, episodes, self.exact, **rest)
+
+    def values(self, measure: Measure) -> NDArray[np.float64] | None:
+        """[mazes] the mean of a measure in each maze; None where it was not played."""
+        if measure.name == "steps":
+            return self.steps
+        found = self.goals if measure.name == "goals" else self.returns
+        return None if found is None else found.reshape(len(self.steps), -1).mean(axis=1)
 
 
 @dataclass(frozen=True)
@@ -101,14 +113,9 @@ class SuiteContest:
         return self.task.seat(self.agent)
 
     @property
-    def less_is_better(self) -> bool:
+    def measure(self) -> Measure:
         """As `Contest`."""
-        return self.one.less_is_better
-
-    @property
-    def pays(self) -> bool:
-        """As `GameContest`."""
-        return self.one.pays
+        return self.one.measure
 
     @property
     def solvable(self) -> bool:
@@ -197,7 +204,7 @@ class SuiteContest:
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """As `Contest`."""
         fair = (*self.limited, "random") if self.one.is_limited else None
-        return reference_of(scores, learned, self.pays, self.less_is_better, fair)
+        return reference_of(scores, learned, self.measure, fair)
 
     @property
     def limited(self) -> dict[str, Policy]:
@@ -212,6 +219,13 @@ class SuiteContest:
         """As `Contest`: of the starts that are played."""
         return self.play(policy)[0].astype(np.float64)
 
+    def values(self, policy: Policy) -> NDArray[np.float64]:
+        """As `GameContest.values`."""
+        simulator = self.starts()
+        self._played(policy, simulator)
+        found = simulator.collected if self.measure == BY_GOALS else simulator.returns
+        return found[:, self.seat].copy()
+
     # -- scores --------------------------------------------------------------------------------
 
     def in_mazes(self, name: str, policy: Policy) -> InMazes:
@@ -223,7 +237,8 @@ class SuiteContest:
         if not self.is_exact:
             simulator = self.starts()
             found = self._over_mazes(name, *self._played(policy, simulator))
-            return replace(found, returns=simulator.returns[:, self.seat].copy())
+            goals = simulator.collected[:, self.seat].copy() if self.task.num_goals else None
+            return replace(found, returns=simulator.returns[:, self.seat].copy(), goals=goals)
         return self._exactly(name, tables_of(policy, self.part, self.seat))
 
     def _exactly(self, name: str, tables: Iterator[NDArray[np.float64]]) -> InMazes:

@@ -47,7 +47,8 @@ def gaps_of(found: InMazes, best: InMazes) -> NDArray[np.float64]:
 
 
 def maze_rows(contest: SuiteContest, policies: Sequence[InMazes]) -> list[dict[str, Any]]:
-    """A row for each of the mazes `played`: its measures, and steps, success and gap of policies.
+    """A row for each of the mazes `played`: its measures, and steps, success and gap of policies;
+    where the contest is compared by goals or returns, these too.
 
     Args:
         contest: in which they played.
@@ -62,6 +63,9 @@ def maze_rows(contest: SuiteContest, policies: Sequence[InMazes]) -> list[dict[s
             name = found.name.replace(", ", " ").replace(" ", "_")
             row[f"{name}_steps"] = float(found.steps[number])
             row[f"{name}_success"] = float(found.success[number])
+            measured = found.values(contest.measure)
+            if contest.measure.name != "steps" and measured is not None:
+                row[f"{name}_{contest.measure.name}"] = float(measured[number])
             if contest.best is not None:
                 row[f"{name}_gap"] = float(gaps_of(found, contest.best)[number])
         rows.append(row)
@@ -82,13 +86,16 @@ def summary_of(contest: SuiteContest, found: InMazes) -> dict[str, Any]:
         "success_rate": float(found.success.mean()),
         "solved_mazes": float((found.success >= SOLVED).mean()),
     }
+    measured = found.values(contest.measure)
+    if contest.measure.name != "steps" and measured is not None:
+        told[contest.measure.column] = float(measured.mean())
     if contest.best is not None:
         gaps = gaps_of(found, contest.best)
         told |= {
             "optimal_steps": float(contest.best.steps.mean()),
             "optimality_gap": float(found.steps.mean() / contest.best.steps.mean() - 1.0),
             "mean_gap": float(gaps.mean()),
-            "worst_gap": float(gaps.max() if contest.less_is_better else gaps.min()),
+            "worst_gap": float(gaps.max() if contest.measure.less_is_better else gaps.min()),
         }
     return told
 

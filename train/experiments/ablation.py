@@ -103,11 +103,17 @@ def load_ablation(
             "self-play in a sweep, with [[variants]]",
         )
         for task, run in {run.settings.task: run for run in sweep.runs}.items():
+            contest = contest_of(run.settings.task, 2)
             check(
-                contest_of(run.settings.task, 2).optimal() is not None,
+                contest.optimal() is not None,
                 f"the exact optimum of task {task.task!r} with these agents is not known, and an "
                 "ablation is measured against it; take a runner alone, one chaser against one "
                 "evader, or a smaller game without a hunt for goals",
+            )
+            check(
+                contest.measure.name == "steps",
+                f"task {task.task!r} is judged by {contest.measure.name}, and an ablation by the "
+                "gap in steps; take a runner alone, or a chase",
             )
         report = {"control": control, "arms": names, "x": sweep.report["x"], "primary": primary}
         return replace(sweep, report=report | {"margin": margin, "threshold": threshold})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -29,7 +30,7 @@ from train.experiments.statistics import (
 from train.experiments.tables import collect
 from train.figures import PLAIN, Look
 from train.files import write_text
-from train.result_table import Column, ResultTable
+from train.result_table import Column, ResultTable, in_markdown
 from train.settings.checks import check
 
 LEVEL = 0.05
@@ -39,6 +40,11 @@ SPENT = 0.8
 
 def curve_of(row: dict[str, Any], evaluations: list[dict[str, Any]]) -> Curve:
     """The curve of a complete run; ValueError where the optimum of its task is not known."""
+    check(
+        row["objective"] == "mean_steps",
+        f"{row['run']}: it is judged by {row['objective']}, and an ablation is measured by the gap "
+        "in steps; take a runner alone, or a chase",
+    )
     check(
         row.get("optimality_gap") is not None,
         f"{row['run']}: the exact optimum of its task is not known, and an ablation is measured "
@@ -116,13 +122,13 @@ def ablation_report(out: Path, look: Look = PLAIN) -> Path:
         if name != control and {c.task for c in curves} == {c.task for c in arms.get(control, [])}
     ]
     others = len(sizes) - (hints.primary is not None)
-    power = "".join(f"Here {power_line(each, others)}. " for each in dict.fromkeys(sizes))
+    power = "".join(f"Power of {power_line(each, others)}. " for each in dict.fromkeys(sizes))
     folder = out / "report"
     folder.mkdir(exist_ok=True)
     figures = ["final.png"]
     draw_final(folder / "final.png", rows, control, hints.title, look)
     for task in dict.fromkeys(curve.task for curves in arms.values() for curve in curves):
-        name = f"arms{'-' + task if task else ''}.png".replace("/", "_")
+        name = re.sub(r"[^A-Za-z0-9_.+-]+", "_", f"arms{'-' + task if task else ''}.png")
         here = {arm: [c for c in curves if c.task == task] for arm, curves in arms.items()}
         title = hints.title + (f" ({task})" if task else "")
         draw_arms(folder / name, {a: c for a, c in here.items() if c}, control, title, look)
@@ -134,10 +140,16 @@ def ablation_report(out: Path, look: Look = PLAIN) -> Path:
     return folder
 
 
-def strata(curves: Sequence[Curve]) -> list[list[float]]:
-    """The final shortfalls of each task, in the order of the tasks' names."""
-    tasks = sorted({curve.task for curve in curves})
-    return [[curve.final for curve in curves if curve.task == task] for task in tasks]
+def strata(curves: Sequence[Curve], tasks: set[str] | None = None) -> list[list[Curve]]:
+    """The curves of each task, in the order of the tasks' names; by default of the tasks that the
+    curves have."""
+    tasks = {curve.task for curve in curves} if tasks is None else tasks
+    return [[curve for curve in curves if curve.task == task] for task in sorted(tasks)]
+
+
+def finals_of(curves: Sequence[Curve]) -> list[list[float]]:
+    """The final shortfalls of each task."""
+    return [[curve.final for curve in task] for task in strata(curves)]
 
 
 def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, Any]:
@@ -145,7 +157,7 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
 
     Shortfalls in per cent, times in seconds and frames.
     """
-    finals, tasks = strata(curves), {c.task for c in curves}
+    finals, tasks = finals_of(curves), {c.task for c in curves}
     low, high = distance_interval(finals)
     row: dict[str, Any] = {"arm": name, "runs": len(curves)}
     row |= {"gap": float(np.mean([np.mean(each) for each in finals]))}
@@ -159,16 +171,18 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
             times = [first_below(getattr(c, unit), c.shortfall, threshold) for c in curves]
             row[f"reached_{threshold:g}"] = int(np.isfinite(times).sum())
             row[f"{unit}_to_{threshold:g}"] = _median(times)
-    areas = [mean_over(c.frames, c.optimality) for c in curves]
-    low, high = distance_interval([areas])
-    row |= {"area": float(np.mean(areas)), "area_low": low, "area_high": high}
+    areas = [[mean_over(c.frames, c.optimality) for c in task] for task in strata(curves)]
+    low, high = distance_interval(areas)
+    row |= {"area": float(np.mean([np.mean(each) for each in areas]))}
+    row |= {"area_low": low, "area_high": high}
     row["settled"] = float(np.mean([c.settled for c in curves]))
     empty = (float("nan"), float("nan"))
     point, (low, high), p, apart = float("nan"), empty, float("nan"), empty
     if control and tasks == {c.task for c in control}:
-        point, (low, high) = probability_of_improvement(finals, strata(control))
-        p = permutation_p(finals, strata(control))
-        apart = difference_interval(finals, strata(control), 1.0 - 2.0 * LEVEL)
+        theirs = finals_of(control)
+        point, (low, high) = probability_of_improvement(finals, theirs)
+        p = permutation_p(finals, theirs)
+        apart = difference_interval(finals, theirs, 1.0 - 2.0 * LEVEL)
     row |= {"improvement": point, "improvement_low": low, "improvement_high": high, "p": p}
     row |= {"apart_low": apart[0], "apart_high": apart[1]}
     for threshold in THRESHOLDS:
@@ -177,14 +191,13 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
 
 
 def _p_of_times(curves: list[Curve], control: list[Curve], threshold: float) -> float:
-    """Of the log-rank test of frames to a gap, over all tasks; nan without a control."""
-    if not control:
-        return float("nan")
-    sides = [
-        [first_below(c.frames, c.shortfall, threshold) for c in side] for side in (curves, control)
-    ]
-    ends = ([c.frames[-1] for c in curves], [c.frames[-1] for c in control])
-    return logrank_p(sides[0], sides[1], ends)
+    """Of the log-rank test of frames to a gap, stratified by task; nan without a control."""
+    tasks = {c.task for c in [*curves, *control]}
+    times, ends = [], []
+    for side in (strata(curves, tasks), strata(control, tasks)):
+        times.append([[first_below(c.frames, c.shortfall, threshold) for c in t] for t in side])
+        ends.append([[float(c.frames[-1]) for c in t] for t in side])
+    return logrank_p(times[0], times[1], (ends[0], ends[1]))
 
 
 def correct(rows: list[dict[str, Any]], hints: Hints) -> None:
@@ -291,8 +304,8 @@ def markdown(
     figures: list[str],
     power: str,
 ) -> str:
-    """The report as Markdown; `power` says what so many runs can show."""
-    lines = [f"# {hints.title}", "", table.markdown()]
+    """The report as Markdown; `power` has the sentences on the power of its test."""
+    lines = [f"# {in_markdown(hints.title)}", "", table.markdown()]
     budgets = {(row["budget_seconds"], row["budget_frames"]) for row in rows}
     told = "; ".join(f"{s:g} s" if s is not None else f"{f:,} frames" for s, f in budgets)
     seeds = sorted({row["seed"] for row in rows})
@@ -301,7 +314,8 @@ def markdown(
     if hints.primary is None:
         asked = "No arm was named as the primary one before the runs, so all p are corrected. "
     else:
-        asked = f"Asked for before the runs: {hints.primary} against {hints.control}. "
+        pair = in_markdown(f"{hints.primary} against {hints.control}")
+        asked = f"Asked for before the runs: {pair}. "
     if hints.margin is not None:
         asked += (
             f"Equal is said where the 90 % interval of the difference of the means (Welch) lies "
@@ -310,7 +324,7 @@ def markdown(
     lines += [
         "",
         f"{len(rows)} runs of {told} each, seeds {', '.join(map(str, seeds))}, "
-        f"on {'; '.join(machines)}.",
+        f"on {in_markdown('; '.join(machines))}.",
         "",
         "Every arm is evaluated on the same task at its final difficulty, throughout training. The "
         f"gap is by how many per cent the {' or '.join(kinds)} policy is worse than the exact "
@@ -321,7 +335,7 @@ def markdown(
         "worst run. Times are those of the first evaluation at or below the threshold, medians "
         "over runs; a run that never got there "
         "counts as infinitely late, not as missing, and is censored in the log-rank test (of "
-        "frames). Optimality is optimum / steps (for evaders "
+        "frames, stratified by task). Optimality is optimum / steps (for evaders "
         "steps / optimum), averaged over the frames of training; 1 is perfect. P is the "
         "probability that "
         "a run of the arm ends nearer to the optimum than one of the control (Mann and Whitney), "
@@ -335,7 +349,9 @@ def markdown(
     missing = [row for row in everything if row["status"] != "complete"]
     if missing:
         lines += ["", f"Not complete: {len(missing)} runs.", ""]
-        lines += [f"- {r['run']}: {r['status']} {r['error'] or ''}".rstrip() for r in missing]
+        for row in missing:
+            status = f"{row['run']}: {row['status']} {row['error'] or ''}"
+            lines.append(f"- {in_markdown(status)}")
     lines += [""] + [f"![{name}]({name})\n" for name in figures]
     return "\n".join(lines)
 

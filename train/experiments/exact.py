@@ -6,8 +6,9 @@ from pathlib import Path
 
 from pursuit.maze import load_maze
 from scripted_agents.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
-from train.experiments.forms import Exact
+from train.experiments.forms import EXACT, Exact
 from train.files import write_text
+from train.result_table import in_markdown
 
 
 def write_exact(title: str, exact: Exact, out: Path) -> str:
@@ -23,7 +24,7 @@ def write_exact(title: str, exact: Exact, out: Path) -> str:
         f"{'s' if g > 1 else ''}"
         for g in goals
     ]
-    lines = [f"# {title}", "", "| maze | cells | " + " | ".join(heads) + " |"]
+    lines = [f"# {in_markdown(title)}", "", "| maze | cells | " + " | ".join(heads) + " |"]
     lines.append("|---|---|" + "---|" * len(heads))
     for name in mazes:
         maze = load_maze(name)
@@ -31,8 +32,8 @@ def write_exact(title: str, exact: Exact, out: Path) -> str:
         for number in goals:
             mean = expected_tour_length(maze, number)
             cells.append(f"{mean:.4f}" if mean.exact else f"{mean:.3f} ± {mean.ci95:.3f}")
-        lines.append(f"| {name} | {maze.num_cells} | " + " | ".join(cells) + " |")
+        lines.append(f"| {in_markdown(name)} | {maze.num_cells} | " + " | ".join(cells) + " |")
     lines += ["", "Means over all placements; those with ± are of samples, the others exact."]
     text = "\n".join(lines) + "\n"
-    write_text(out / "exact.md", text)
+    write_text(out / EXACT, text)
     return text

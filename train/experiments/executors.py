@@ -21,7 +21,7 @@ __all__ = ["progress_of", "run_locally", "run_on_ray"]
 
 
 def run_locally(
-    sweep: Sweep, out: Path, workers: int, told: Told, again: bool = False
+    sweep: Sweep, out: Path | str, workers: int, told: Told, again: bool = False
 ) -> dict[str, str]:
     """Do all runs that have not ended in `workers` processes.
 
@@ -40,6 +40,7 @@ def run_locally(
     Raises:
         KeyboardInterrupt: once the runs have saved.
     """
+    out = Path(out)
     with only_one(out, "sweep"):
         folders = dict((run.name, folder) for run, folder in prepare(sweep, out))
         statuses = {name: status_of(folder) for name, folder in folders.items()}
@@ -92,7 +93,7 @@ def import_ray() -> Any:
 
 
 def run_on_ray(
-    sweep: Sweep, out: Path, address: str | None, told: Told, again: bool = False
+    sweep: Sweep, out: Path | str, address: str | None, told: Told, again: bool = False
 ) -> dict[str, str]:
     """Do all runs that have not ended as tasks of a Ray cluster, one core each.
 
@@ -113,6 +114,7 @@ def run_on_ray(
     Raises:
         KeyboardInterrupt: once the runs have saved, and that is here.
     """
+    out = Path(out)
     check_answers(address)
     ray = import_ray()
     with only_one(out, "sweep"):

@@ -13,7 +13,7 @@ from train.files import read_json
 from train.schemas import read_as, unknown
 from train.settings.checks import check, check_seed
 
-HINTS, LABEL = "sweep.json", "run.json"
+HINTS, LABEL, EXACT = "sweep.json", "run.json", "exact.md"
 VERSIONS = ("short", "full")
 THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
 """Gaps in per cent that an ablation waits for."""

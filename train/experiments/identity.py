@@ -78,7 +78,9 @@ def policy_files(path: Path) -> dict[str, bytes]:
         return {file.name: file.read_bytes() for file in whole if file.is_file()}
     described = description_of(path)
     own = {MODEL: path.read_bytes()}
-    return own | {description_of(Path(MODEL)).name: described.read_bytes()}
+    if described.is_file():
+        own[description_of(MODEL).name] = described.read_bytes()
+    return own
 
 
 def digest_of(files: Mapping[str, bytes]) -> str:
@@ -117,9 +119,9 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     mazes = plain.get("lessons", {}).get("curriculum_mazes")
     if mazes is not None:
         plain["lessons"]["curriculum_mazes"] = [named_maze(n).to_text() for n in names_in(mazes)]
-    for name in ("view_radius", "line_of_sight", "unknown_maze"):
+    for name in ("view_radius", "line_of_sight", "unknown_maze", "opponent_observation"):
         if not plain["task"].get(name):
-            plain["task"].pop(name, None)  # runs of full sight are those of versions before it
+            plain["task"].pop(name, None)  # runs without are those of versions before it
     if plain.get("frame_stack") == 1:  # and so are those that remember nothing
         del plain["frame_stack"]
     if plain.get("clock") == "wall" or plain.get("frames") is not None:
@@ -130,12 +132,13 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
                 del plain[name]
     if plain.get("processes") == 1:
         del plain["processes"]  # and those of the one process that there was
-    for added, before in ADDED_HYPER.items():  # and those from before there were these
-        if plain["hyper"].get(added) == before:
-            plain["hyper"].pop(added, None)
-    if plain["hyper"].get("recurrent") is None:
-        for name in ("recurrent", "burn_in"):
-            plain["hyper"].pop(name, None)
+    for hyper in filter(None, (plain.get(n) for n in ("hyper", "chaser_hyper", "evader_hyper"))):
+        for added, before in ADDED_HYPER.items():  # and those from before there were these
+            if hyper.get(added) == before:
+                hyper.pop(added, None)
+        if hyper.get("recurrent") is None:
+            for name in ("recurrent", "burn_in"):
+                hyper.pop(name, None)
     if parts := provenance(settings):
         plain["parts"] = parts  # users' modules count by their source
     text = json.dumps({"kind": kind, "episodes": episodes, **plain}, sort_keys=True)

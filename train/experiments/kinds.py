@@ -9,6 +9,7 @@ from typing import Any
 
 from train.files import hold, remove_leftovers
 from train.runs.by_name import settings_of
+from train.runs.effects import check_effects
 from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -24,6 +25,7 @@ from train.runs.folder import (
     load_results,
     save_config,
 )
+from train.runs.forms import Final
 from train.runs.loop import Run
 from train.runs.parts import parts_of
 from train.runs.provenance import check_sources
@@ -31,6 +33,7 @@ from train.runs.saved import from_plain
 from train.runs.single import make_run
 from train.runs.tasks import maze_text_of
 from train.runs.threads import check_device
+from train.self_play.learners import complete
 from train.self_play.parts import (
     self_play_from_plain,
     self_play_parts,
@@ -49,6 +52,7 @@ class Kind:
         settings_of: settings by their names on the command line, checked.
         from_plain: settings from `config.json`.
         check: ValueError for settings that cannot run.
+        complete: the same settings with all that a run would fill in.
         make: the run of settings in a folder, from its beginning (None) or from a checkpoint.
         again: the command that goes on with one.
         pictures: what that command draws of the results.
@@ -57,6 +61,7 @@ class Kind:
     settings_of: Callable[..., Any]
     from_plain: Callable[[dict[str, Any], str], Any]
     check: Callable[[Any], object]
+    complete: Callable[[Any], Any]
     make: Callable[[Any, Path, dict[str, Any] | None], Run]
     again: str
     pictures: tuple[str, ...]
@@ -64,12 +69,19 @@ class Kind:
 
 KINDS = {
     RUN: Kind(
-        settings_of, from_plain, parts_of, make_run, "pursuit train", (CURVE, REPLAY, REPORT)
+        settings_of,
+        from_plain,
+        parts_of,
+        lambda settings: settings,
+        make_run,
+        "pursuit train",
+        (CURVE, REPLAY, REPORT),
     ),
     SELF_PLAY: Kind(
         self_play_settings_of,
         self_play_from_plain,
         self_play_parts,
+        complete,
         make_self_play,
         "pursuit self-play",
         (CURVE, REPORT),
@@ -77,37 +89,42 @@ KINDS = {
 }
 
 
-def start(kind: str, settings: Any, path: Path) -> Run:
+def start(kind: str, settings: Any, path: Path | str, final: Final | None = None) -> Run:
     """A new run in a new folder, held: its settings are on disk before anything is learned.
 
     Args:
         kind: "single", one agent that learns, or "self-play".
         settings: `TrainSettings` of the one, `SelfPlaySettings` of the other.
         path: of the folder.
+        final: what its final results are to be made with, also after it was resumed;
+            None for the defaults.
 
     Returns:
         The run: `train()` learns, `results()` evaluates and writes `results.json`.
 
     Raises:
-        ValueError: settings that cannot run here (no folder is made then), or a folder that holds
-            something, or that another process has begun to fill.
+        ValueError: settings that cannot run here or have no effect (no folder is made then), or a
+            folder that holds something, or that another process has begun to fill.
     """
+    path = Path(path)
     check_new(path)
     check_device(settings.device)
     KINDS[kind].check(settings)
+    check_effects(settings)
+    settings = KINDS[kind].complete(settings)
     lock = hold(path, "run", shared=True)
     check_new(path)
     remove_leftovers(path)
     run = KINDS[kind].make(settings, path, None)
     run.lock = lock
-    write_config(kind, settings, path)
+    write_config(kind, settings, path, final)
     return run
 
 
-def write_config(kind: str, settings: Any, folder: Path) -> None:
+def write_config(kind: str, settings: Any, folder: Path, final: Final | None = None) -> None:
     """Write `config.json`; the mazes of a curriculum that were files stand in it as their texts."""
     plain = replace(with_mazes(settings), task=settings.task)
-    save_config(folder, kind, plain, maze_text_of(settings.task))
+    save_config(folder, kind, plain, maze_text_of(settings.task), final)
 
 
 def with_mazes(settings: Any) -> Any:
@@ -123,8 +140,9 @@ def with_mazes(settings: Any) -> Any:
     return replace(settings, task=task, lessons=replace(lessons, curriculum_mazes=texts))
 
 
-def read_settings(folder: Path) -> tuple[str, Any]:
+def read_settings(folder: Path | str) -> tuple[str, Any]:
     """The kind of a run and its settings; ValueError for no run, or a side of self-play."""
+    folder = Path(folder)
     kind, plain = load_config(folder)
     check(
         kind in KINDS,
@@ -133,12 +151,13 @@ def read_settings(folder: Path) -> tuple[str, Any]:
     return kind, KINDS[kind].from_plain(plain, str(folder / CONFIG))
 
 
-def open_run(folder: Path) -> Run:
+def open_run(folder: Path | str) -> Run:
     """The run in a folder, held, where it was left: at its checkpoint, or without one at the start.
 
     Raises:
         ValueError: no run there, a damaged one, or one that another process works on.
     """
+    folder = Path(folder)
     kind, settings = read_settings(folder)
     check_sources(folder / CONFIG, settings, resuming=True)
     lock = hold(folder, "run", shared=True)
@@ -163,12 +182,13 @@ def is_drawn(folder: Path, kind: str) -> bool:
     return all((folder / name).exists() for name in KINDS[kind].pictures)
 
 
-def resume(folder: Path, kind: str) -> Run:
+def resume(folder: Path | str, kind: str) -> Run:
     """Go on with the run in `folder`; one that has only its results or pictures to write does that.
 
     Raises:
         ValueError: no run there, a damaged one, one of another kind, or complete.
     """
+    folder = Path(folder)
     check(folder.is_dir(), f"{folder}: no such folder")
     found, _ = read_settings(folder)
     check(

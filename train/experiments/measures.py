@@ -61,7 +61,7 @@ def measure_of(rows: list[dict[str, Any]]) -> Measure:
         known = all(row.get("optimality_gap") is not None for row in rows)
         return GAP if known else STEPS
     name = "NashConv" if column == "nash_conv" else column.replace("_", " ")
-    told = f"{name} ({unit})" if name != unit else name
+    told = name if name.endswith(unit) else f"{name} ({unit})"
     return Measure(column, column, 1.0, told, told, column, told, logarithmic=False)
 
 

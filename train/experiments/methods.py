@@ -4,26 +4,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pursuit.parts import is_reference
 from scripted_agents.environments import AGENTS
+from train.experiments.defaults import defaults_of
 from train.experiments.forms import read_label
 from train.experiments.sweep import MEASURED, flat_plain
-from train.experiments.where_and_how import commands_told, where_it_ran
+from train.experiments.where_and_how import commands_told, parts_told, where_it_ran
 from train.files import read_json
-from train.result_table import Column, ResultTable, Row, words
+from train.result_table import Column, ResultTable, Row, in_markdown, words
 from train.runs.folder import CONFIG, RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
-from train.runs.parts import setting_of
-from train.runs.provenance import COMMAND
+from train.runs.provenance import COMMAND, Records, recorded_parts
 from train.runs.saved import ADDED_HYPER
-from train.settings.algorithms import HYPERPARAMETERS
-from train.settings.presets import hyperparameters, lessons_for
-from train.settings.run import TrainSettings
-from train.settings.self_play import SelfPlaySettings
-from train.settings.task import task_form, who_learns
+from train.settings.self_play import LEARN, ROLES
+from train.settings.task import who_learns
 
 METHODS = "methods.md"
 METHODS_LINE = f"How these runs were made: [{METHODS}]({METHODS})."
@@ -47,6 +43,7 @@ class Facts:
         defaults: the same, as they would be if nobody had set them.
         results: `results.json`, checked; empty where there is none yet.
         command: that began it.
+        parts: of users' own, with the hashes of their source.
     """
 
     name: str
@@ -55,6 +52,7 @@ class Facts:
     defaults: Row
     results: dict[str, Any]
     command: str
+    parts: Records
 
 
 def facts_of(folder: Path) -> Facts:
@@ -77,7 +75,8 @@ def facts_of(folder: Path) -> Facts:
     if kind == RUN and "role" in settings:
         settings["role"] = who_learns(settings["task"], settings["role"])
     command = read_json(folder / CONFIG).get(COMMAND, "")
-    return Facts(folder.name, kind, settings, defaults, results, str(command))
+    parts = recorded_parts(folder / CONFIG)
+    return Facts(folder.name, kind, settings, defaults, results, str(command), parts)
 
 
 def _named(maze: Any) -> str:
@@ -85,34 +84,7 @@ def _named(maze: Any) -> str:
     return "given as text in config.json" if "\n" in str(maze) else str(maze)
 
 
-def defaults_of(kind: str, plain: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings that a run of this task, algorithm and curriculum has where nobody sets any.
-
-    Nothing of a user's is imported for it: the settings of a user's own algorithm or curriculum
-    have no defaults here.
-    """
-    if kind == SELF_PLAY:
-        return asdict(SelfPlaySettings(frames=1))
-    form = task_form(plain["task"]["task"])
-    task = form(**{n: v for n, v in plain["task"].items() if not is_reference(v)})
-    algorithm, curriculum = plain["algorithm"], plain["curriculum"]
-    hyper: dict[str, Any] = {}
-    lessons: dict[str, Any] = {}
-    usual = NONE
-    if algorithm in HYPERPARAMETERS:
-        setting = setting_of(task)
-        hyper = asdict(hyperparameters(algorithm, setting))
-        usual = lessons_for(algorithm, setting)[0]
-        if not is_reference(curriculum):
-            lessons = asdict(lessons_for(algorithm, setting, curriculum=curriculum)[1])
-            if curriculum == usual:
-                lessons = asdict(lessons_for(algorithm, setting)[1])
-    own = asdict(TrainSettings(form(), frames=1))
-    own |= {"task": asdict(form()), "hyper": hyper, "lessons": lessons}
-    return own | {"algorithm": algorithm, "curriculum": usual}
-
-
-def methods(folders: Sequence[Path]) -> str:
+def methods(folders: Sequence[Path | str]) -> str:
     """What was done, as Markdown, ready for a paper's section on methods.
 
     Args:
@@ -122,7 +94,7 @@ def methods(folders: Sequence[Path]) -> str:
         ValueError: a folder that holds no run, or a damaged one.
     """
     lines = ["# Methods", ""]
-    facts = [facts_of(folder) for folder in folders]
+    facts = [facts_of(Path(folder)) for folder in folders]
     for form in dict.fromkeys(map(_form_of, facts)):
         lines += _of_one_kind([run for run in facts if _form_of(run) == form])
     return "\n".join([*lines, *commands_told(run.command for run in facts)])
@@ -136,7 +108,7 @@ def _form_of(run: Facts) -> tuple[str, bool]:
 def _of_one_kind(runs: Sequence[Facts]) -> list[str]:
     """The paragraph of runs of one kind, and the tables that it needs."""
     varying = _varying(runs)
-    lines = [" ".join(_sentences(runs)), ""]
+    lines = [in_markdown(" ".join(_sentences(runs))), ""]
     shared = [
         name
         for name in _names(runs)
@@ -147,14 +119,19 @@ def _of_one_kind(runs: Sequence[Facts]) -> list[str]:
         for name in shared
         if (told := _default(runs, name)) != _text(runs[0].settings[name])
     ]
+    unknown = [row for row in rows if row["default"] == MISSING]
+    rows = [row for row in rows if row["default"] != MISSING]
     if rows:
         lines += [f"Settings of {_all(runs)} that differ from the defaults:", ""]
         lines += [_settings_table(rows).markdown(), ""]
     else:
         lines += [f"Otherwise the settings of {_all(runs)} are the defaults.", ""]
+    if unknown:
+        table = ResultTable(unknown, [words("setting"), words("value")])
+        lines += [f"Settings of user-defined parts in {_all(runs)}:", "", table.markdown(), ""]
     if varying:
         lines += ["What they differ in:", "", _differences(runs, varying).markdown(), ""]
-    return lines
+    return lines + parts_told(run.parts for run in runs)
 
 
 def league_methods(content: Mapping[str, Any], folders: Sequence[Path]) -> str:
@@ -183,7 +160,9 @@ def league_methods(content: Mapping[str, Any], folders: Sequence[Path]) -> str:
         "and Nash averaging (Balduzzi et al., 2018). " + where_it_ran([content])
     )
     runs = dict.fromkeys(_run_of(folder) for folder in folders)
-    text = "\n".join(["# Methods", "", told, "", *commands_told([str(content["command"])])])
+    text = "\n".join(
+        ["# Methods", "", in_markdown(told), "", *commands_told([str(content["command"])])]
+    )
     return text if not runs else text + "\n" + methods(list(runs)).replace("# Methods", "## Runs")
 
 
@@ -213,8 +192,11 @@ def _varying(runs: Sequence[Facts]) -> list[str]:
 
 
 def _default(runs: Sequence[Facts], name: str) -> str:
-    """What a setting is by default; all that it is, where that depends on the run."""
-    return " or ".join(dict.fromkeys(_text(run.defaults.get(name)) for run in runs))
+    """What a setting is by default; all that it is, where that depends on the run.
+
+    `MISSING` for a setting of a user's own part, whose defaults are not known here.
+    """
+    return " or ".join(dict.fromkeys(_text(run.defaults.get(name, MISSING)) for run in runs))
 
 
 def _text(value: Any) -> str:
@@ -263,10 +245,7 @@ def _sentences(runs: Sequence[Facts]) -> list[str]:
     subject = "It plays" if len(runs) == 1 and not pairs else "They play"
     said.append(f"{subject} {where}, at most {setting('max_steps')} steps an episode.")
     if pairs:
-        said.append(
-            f"Both sides learn against snapshots of each other, drawn by the scheme "
-            f"{setting('sampling')}."
-        )
+        said += dict.fromkeys(map(_opponents, runs))
     elif "opponent_epsilon" in runs[0].settings and setting("task") != "maze":
         seats = each(_opponent)
         if setting("task") == "race" and setting("opponent") in (NONE, "astar"):
@@ -282,10 +261,10 @@ def _sentences(runs: Sequence[Facts]) -> list[str]:
 def _who(runs: Sequence[Facts], setting: Callable[[str], str]) -> str:
     number = len(runs)
     if runs[0].kind == SELF_PLAY:
-        sides = [
-            f"{role}s by {_learners(setting(f'{role}_algorithm'))}" for role in ("chaser", "evader")
-        ]
-        what = "A pair of sides was" if number == 1 else f"{number} pairs of sides were"
+        learn = [role for role in ROLES if any(run.settings[role] == LEARN for run in runs)]
+        sides = [f"{role}s by {_learners(setting(f'{role}_algorithm'))}" for role in learn]
+        one, several = ("pair of sides", "pairs of sides") if len(learn) == 2 else ("side", "sides")
+        what = f"A {one} was" if number == 1 else f"{number} {several} were"
         return f"{what} trained in self-play: {', '.join(sides)}."
     role = setting("role") if "role" in runs[0].settings else "arm"
     what = f"One agent ({role}) was" if number == 1 else f"{number} agents ({role}) were"
@@ -301,6 +280,22 @@ def _learners(names: str) -> str:
 def _learner(name: str) -> str:
     """A learner as papers write it."""
     return name.replace("_", " ") if "_" in name or ":" in name else name.upper()
+
+
+def _opponents(run: Facts) -> str:
+    """Against what the sides of self-play learn; a side that does not is said to be played."""
+    fixed = [role for role in ROLES if run.settings[role] != LEARN]
+    if not fixed and run.settings["sampling"] == "latest":
+        return "Both sides learn against each other's latest policies."
+    if not fixed:
+        return (
+            "Both sides learn against snapshots of each other, drawn by the scheme "
+            f"{run.settings['sampling']}."
+        )
+    name = str(run.settings[fixed[0]])
+    if name == "astar":
+        name = f"A* with {100 * run.settings['opponent_epsilon']:g} % random moves"
+    return f"The {fixed[0]}s do not learn; they are played by {name}."
 
 
 def _opponent(run: Facts) -> str:

@@ -190,13 +190,12 @@ def tune(
             folder = Path(temporary)
             unpack(folder, given[name], trusted)
             run = open_run(folder)
-            evaluations, heard = 0, time.monotonic()
+            heard = time.monotonic()
 
             def hand_over(row: dict[str, float]) -> None:
-                nonlocal evaluations
-                evaluations += 1
                 tell(run, files_of(folder), resting=True)
-                ray_tune.report({"score": score(run, row), "evaluations": evaluations})
+                # Those of the whole run, from its checkpoint, not of this session alone.
+                ray_tune.report({"score": score(run, row), "evaluations": run.evaluations})
                 run.stopped |= tell(run)
 
             def report(run: Run, row: dict[str, float]) -> None:

@@ -32,7 +32,8 @@ from train.figures import (
     time_head,
     time_scale,
 )
-from train.files import write_text
+from train.files import begins_with, only_one, write_text
+from train.result_table import in_markdown
 from train.runs.folder import CONFIG, RESULTS, read_metrics
 from train.self_play.names import entry_names
 from train.settings.checks import check
@@ -42,10 +43,13 @@ DASHES = ("-", "--", "-.", ":")
 GAP_CURVE = replace(GAP, curve="optimality_gap", curve_axis=GAP.axis)
 """Runs that know their optimum are laid over each other by the gap: whatever their tasks are."""
 
+TITLE = "Learning curves of"
+"""Begins the titles of these reports."""
+
 Rows = list[dict[str, Any]]
 
 
-def overlay(folders: Sequence[Path], out: Path, look: Look = PLAIN) -> Path:
+def overlay(folders: Sequence[Path | str], out: Path | str, look: Look = PLAIN) -> Path:
     """Lay the learning curves of all that is in `folders` over each other.
 
     A run is a curve; a sweep has one for each of its settings, an ablation one for each arm, of
@@ -63,12 +67,13 @@ def overlay(folders: Sequence[Path], out: Path, look: Look = PLAIN) -> Path:
         ValueError: a folder without anything that is complete, or runs that are judged by different
             measures.
     """
+    out = Path(out)
     names = entry_names([str(folder) for folder in folders], lambda entry: False)
     rows: Rows = []
     by_run: dict[str, Rows] = {}
     paths: list[Path] = []
     for name, folder in zip(names, folders, strict=True):
-        found = _curves_of(folder)
+        found = _curves_of(Path(folder))
         for row, path in found:
             parts = (name if len(folders) > 1 or not row["_group"] else "", row["_group"])
             row["_group"] = ": ".join(filter(None, parts))
@@ -85,19 +90,24 @@ def overlay(folders: Sequence[Path], out: Path, look: Look = PLAIN) -> Path:
     measure = measure_of(rows)
     measure = GAP_CURVE if measure is GAP else measure
     check(not out.is_file(), f"{out}: a file; give a folder")
-    out.mkdir(parents=True, exist_ok=True)
-    draw_overlay(out / "curves.png", rows, by_run, measure, look)
     table = table_of(rows, summary(rows, None), None)
-    table.write(out)
-    write_text(out / METHODS, methods(paths))
-    title = f"Learning curves of {', '.join(names)}"
+    title = f"{TITLE} {', '.join(names)}"
     files = ", ".join(f"[{name}]({name})" for name in names_of("curves.png", look))
-    lines = [f"# {title}", "", table.markdown(), ""]
+    lines = [f"# {in_markdown(title)}", "", table.markdown(), ""]
     lines += [told_bands(rows), ""]
     lines += [METHODS_LINE, "", "![curves.png](curves.png)", "", f"Figure: {files}", ""]
-    write_text(out / "report.md", "\n".join(lines))
-    page_of(out / "report.md")
+    with only_one(out, "report"):
+        draw_overlay(out / "curves.png", rows, by_run, measure, look)
+        table.write(out)
+        write_text(out / METHODS, methods(paths))
+        write_text(out / "report.md", "\n".join(lines))
+        page_of(out / "report.md")
     return out
+
+
+def is_overlay(folder: Path) -> bool:
+    """Whether `overlay` wrote this folder."""
+    return begins_with(folder / "report.md", f"# {TITLE}")
 
 
 def told_bands(rows: Rows) -> str:
@@ -179,7 +189,7 @@ def draw_overlay(
     elif measure.logarithmic:
         axis.set_yscale("log")
         plain_numbers(axis.yaxis)
-    else:
+    elif measure.curve != "mean_return":
         axis.set_ylim(bottom=0)
     time_axis(axis, look.log)
     axis.set_xlabel(time_head(unit))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
-from html import escape
+from html import unescape
 from pathlib import Path
 
 import markdown
@@ -12,30 +12,44 @@ import markdown
 from train.pages import write_page
 
 KINDS = {".png": "image/png", ".svg": "image/svg+xml"}
-PICTURE = re.compile(r'src="([^":]+)"')
+LINK = re.compile(r'<(?P<tag>a|img)\b[^>]*? (?:href|src)="(?P<address>[^"]*)"[^>]*>')
+
+
+def in_html(text: str) -> str:
+    """Markdown as HTML, with tables; what is HTML in it already stands there as text."""
+    converter = markdown.Markdown(extensions=["tables"])
+    converter.preprocessors.deregister("html_block")
+    converter.inlinePatterns.deregister("html")
+    return converter.convert(text)
 
 
 def page_of(report: Path) -> Path:
     """Write `report.html` beside a `report.md`; where it is.
 
-    All of the text is escaped first, so that nothing in it is HTML; figures that are not there, or
-    of another kind than .png and .svg, are left as links that lead nowhere.
+    Nothing in the text is HTML, and nothing leads out of the report's folder: other links are left
+    as text, and other pictures out. So are figures that are not there, or of another kind than .png
+    and .svg.
 
     Raises:
         OSError: it cannot be read or written.
     """
     text = report.read_text(encoding="utf-8")
     title = next((line[2:] for line in text.splitlines() if line.startswith("# ")), report.stem)
-    body = markdown.markdown(escape(text, quote=False), extensions=["tables"])
+    title = unescape(re.sub("<[^>]*>", "", in_html(title)))
+    body = in_html(text)
 
     def inside(found: re.Match[str]) -> str:
-        path = report.parent / found[1]
+        path, is_link = report.parent / found["address"], found["tag"] == "a"
         kind = KINDS.get(path.suffix)
-        if kind is None or not path.is_file() or path.resolve().parent != report.parent.resolve():
+        here = path.parent == report.parent and path.resolve().parent == report.parent.resolve()
+        if not here or not path.is_file() or (kind is None and not is_link):
+            return "<a>" if is_link else ""
+        if is_link:
             return found[0]
-        return f'src="data:{kind};base64,{base64.b64encode(path.read_bytes()).decode("ascii")}"'
+        content = base64.b64encode(path.read_bytes()).decode("ascii")
+        return found[0].replace(f'src="{found["address"]}"', f'src="data:{kind};base64,{content}"')
 
-    body = PICTURE.sub(inside, body.split("</h1>", 1)[-1])
+    body = LINK.sub(inside, body.split("</h1>", 1)[-1])
     path = report.with_suffix(".html")
     write_page(
         path,

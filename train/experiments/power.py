@@ -1,4 +1,4 @@
-"""What so few runs can show, said before they are done."""
+"""The power of a study's test with the planned number of runs, printed before they are done."""
 
 from __future__ import annotations
 
@@ -6,17 +6,19 @@ from collections import Counter
 from collections.abc import Sequence
 from itertools import count
 
-from train.experiments.statistics import least_p
+from train.experiments.statistics import least_p, power
 from train.experiments.sweep import MEASURED, Sweep, SweepRun, flat_settings
 
 LEVEL = 0.05
+EFFECTS = (0.5, 1.0, 1.5, 2.0)
+"""The differences of the means for which the power is given, in standard deviations of the runs."""
 
 
 def power_lines(plan: Sweep) -> list[str]:
-    """What the report of a sweep or an ablation can show with this many runs, a line each.
+    """The power of the test that the report of an ablation makes, a line each.
 
-    Of an ablation by the test that its report makes, for every arm that has other numbers of runs;
-    a sweep's report makes none, and that is said.
+    One line for every arm that has other numbers of runs. The report of a sweep makes no test: its
+    line says so, and gives the power of a test of two settings.
     """
     if not plan.runs:
         return []
@@ -46,11 +48,12 @@ def _ablation(plan: Sweep, control: str) -> list[str]:
 
 
 def power_line(sizes: Sequence[tuple[int, int]], arms: int = 1) -> str:
-    """Whether runs of an arm against the control can show p < 0.05, by the test of the report.
+    """The power of the report's test with so many runs of an arm and of the control.
 
     Args:
         sizes: the runs of both, for each task.
-        arms: that are compared, for which p is corrected (Holm): the least p is that of the first.
+        arms: that are compared, for which p is corrected (Holm). The power is that of the first
+            step, in which p is multiplied by their number: it is no smaller in later steps.
     """
     told = " and ".join(dict.fromkeys(f"{ours} against {theirs}" for ours, theirs in sizes))
     if min(min(pair) for pair in sizes) == 0:
@@ -58,22 +61,33 @@ def power_line(sizes: Sequence[tuple[int, int]], arms: int = 1) -> str:
     if len(sizes) > 1:
         same = len(set(sizes)) == 1
         told += f" in {'each of ' if same else ''}{len(sizes)} tasks"
-    least = min(1.0, max(arms, 1) * least_p(sizes))
-    test = "the least p of the permutation test (of Mann and Whitney's U)"
-    if arms > 1:
-        test += f", corrected for {arms} arms,"
-    if least < LEVEL:
-        return f"{told} can show p < {LEVEL:g}: {test} is {least:.2g}"
-    remedy = _remedy(len(sizes), max(arms, 1))
-    return f"{told} cannot show p < {LEVEL:g}: {test} is {least:.2f}; {remedy}"
+    arms = max(arms, 1)
+    least = min(1.0, arms * least_p(sizes))
+    test = "permutation test of Mann and Whitney's U"
+    corrected = f" corrected for {arms} arms (Holm)" if arms > 1 else ""
+    if least >= LEVEL:
+        return (
+            f"{told}: 0 % at every effect, since the smallest attainable p{corrected} of the "
+            f"{test} is {least:.2f}; {_remedy(len(sizes), arms)}"
+        )
+    found = [f"{100.0 * power(sizes, effect, LEVEL / arms):.0f} %" for effect in EFFECTS]
+    return (
+        f"{told}: {_listed(found)} at effects of {_listed([f'{e:g}' for e in EFFECTS])} standard "
+        f"deviations ({test}, p < {LEVEL:g}{corrected}, normally distributed runs); "
+        f"the smallest attainable p is {least:.2g}"
+    )
 
 
-def _remedy(tasks: int, arms: int = 1) -> str:
+def _listed(words: Sequence[str]) -> str:
+    return f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _remedy(tasks: int, arms: int) -> str:
     def least(runs: int) -> float:
         return arms * least_p([(runs, runs)] * tasks)
 
     enough = next(n for n in count(1) if least(n) < LEVEL)
-    return f"it takes {enough} against {enough} ({least(enough):.2g})"
+    return f"p < {LEVEL:g} takes {enough} against {enough} ({least(enough):.2g})"
 
 
 def _sweep(numbers: Sequence[int]) -> list[str]:
@@ -85,8 +99,4 @@ def _sweep(numbers: Sequence[int]) -> list[str]:
         line += "of a single seed there is no interval either, and nothing tells chance apart"
     else:
         line += f"it gives Student's 95 % intervals of the mean over {told} seeds"
-    p = least_p([(least, least)])
-    verb = "could not" if p >= LEVEL else "could"
-    line += f". A permutation test of {least} against {least} {verb} show p < {LEVEL:g}: "
-    line += f"its least p is {p:.2g}" if p < LEVEL else f"its least p is {p:.2f}; {_remedy(1)}"
-    return [line]
+    return [f"{line}. The power of a test of two settings, {power_line([(least, least)])}"]

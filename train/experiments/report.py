@@ -9,9 +9,10 @@ from train.experiments.forms import read_hints
 from train.experiments.page import page_of
 from train.experiments.sweep_report import sweep_report
 from train.figures import PLAIN, Look
+from train.files import only_one
 
 
-def report(out: Path, look: Look = PLAIN) -> Path:
+def report(out: Path | str, look: Look = PLAIN) -> Path:
     """Collect the runs in `out`, draw their figures and write their tables.
 
     Returns:
@@ -21,7 +22,9 @@ def report(out: Path, look: Look = PLAIN) -> Path:
     Raises:
         ValueError: neither a sweep nor an ablation in `out`, or none of its runs has results.
     """
+    out = Path(out)
     ablation = read_hints(out).control is not None
-    folder = ablation_report(out, look) if ablation else sweep_report(out, look)
-    page_of(folder / "report.md")
+    with only_one(out / "report", "report"):
+        folder = ablation_report(out, look) if ablation else sweep_report(out, look)
+        page_of(folder / "report.md")
     return folder

@@ -16,6 +16,7 @@ import msgspec
 from pursuit.maze import load_maze
 from pursuit.parts import check_trusted
 from train.experiments.forms import (
+    EXACT,
     HINTS,
     LABEL,
     REMEDY,
@@ -27,6 +28,7 @@ from train.experiments.forms import (
     check_keys,
     check_seeds,
     check_table,
+    read_hints,
 )
 from train.experiments.identity import (
     INPUTS,
@@ -39,10 +41,12 @@ from train.experiments.identity import (
 )
 from train.experiments.kinds import KINDS, is_complete, read_settings, write_config
 from train.experiments.search import draw_samples
-from train.files import write_json
+from train.files import LOCK, write_json
 from train.runs.folder import CHECKPOINT, CONFIG, RUN
+from train.runs.forms import Final
 from train.schemas import read_as
 from train.settings.checks import check
+from train.settings.self_play import ROLES
 
 EXPERIMENTS = Path(__file__).with_name("files")
 ERROR, PROGRESS, STOPPED = "error.txt", "progress.txt", "stopped_early.json"
@@ -276,7 +280,10 @@ def flat_plain(nested: Mapping[str, Any]) -> dict[str, Any]:
     plain = dict(nested)
     flat = {"variant": None, "kind": None} | plain.pop("task")
     for name in ("hyper", "lessons"):
-        plain |= {k: v for k, v in plain.pop(name, {}).items() if k not in plain}
+        plain |= {k: v for k, v in (plain.pop(name, None) or {}).items() if k not in plain}
+    for role in ROLES:  # self-play by another algorithm than PPO
+        own = plain.pop(f"{role}_hyper", None) or {}
+        plain |= {f"{role}_{name}": value for name, value in own.items()}
     flat |= plain
     return {MEASURED.get(name, name): value for name, value in flat.items()}
 
@@ -316,7 +323,7 @@ def run_name(kind: str, label: Mapping[str, Any], seed: int, print_: str) -> str
     return re.sub(r"[^A-Za-z0-9_.+-]+", "_", text)[:80] + "-" + print_
 
 
-def prepare(sweep: Sweep, out: Path) -> list[tuple[SweepRun, Path]]:
+def prepare(sweep: Sweep, out: Path | str) -> list[tuple[SweepRun, Path]]:
     """Make the folders of all runs, with their `config.json`; those there already are checked.
 
     Returns:
@@ -325,9 +332,10 @@ def prepare(sweep: Sweep, out: Path) -> list[tuple[SweepRun, Path]]:
     Raises:
         ValueError: `out` is something else, or holds a run of other settings or another version.
     """
+    out = Path(out)
     check(not out.is_file(), f"{out}: a file; give a folder")
     there = [path.name for path in out.iterdir()] if out.is_dir() else []
-    if set(there) - {".lock", "exact.md", INPUTS} and "runs" not in there:
+    if set(there) - {LOCK, EXACT, INPUTS} and "runs" not in there:
         raise ValueError(f"{out}: not empty, and no sweep; give a new folder")
     folders = [(run, out / "runs" / run.name) for run in sweep.runs]
     before = {}
@@ -339,16 +347,25 @@ def prepare(sweep: Sweep, out: Path) -> list[tuple[SweepRun, Path]]:
                 run.name.endswith(print_),
                 f"{folder}: holds a run of other settings than its name says; remove that folder",
             )
+    names = [run.name for run in sweep.runs]
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(out / HINTS, {"title": sweep.title, **sweep.report, "runs": names})
     for run, folder in folders:
         folder.mkdir(parents=True, exist_ok=True)
         copies = {name: str(copy_of(given, out)) for name, given in run.inputs.items()}
         settings = with_policies(run.settings, copies)
         if before.get(run.name) != settings:  # new, or the folder of the sweep was moved
-            write_config(run.kind, settings, folder)
+            write_config(run.kind, settings, folder, Final(sweep.episodes))
         write_json(folder / LABEL, {**run.given, **run.label})
-    names = [run.name for run in sweep.runs]
-    write_json(out / HINTS, {"title": sweep.title, **sweep.report, "runs": names})
     return folders
+
+
+def is_folder_of(sweep: Sweep, out: Path) -> bool:
+    """Whether `out` was begun for this sweep or ablation, or for one of the same title."""
+    if not (out / HINTS).exists():  # begun, and interrupted before any run
+        return {path.name for path in out.iterdir()} <= {LOCK, EXACT, INPUTS}
+    hints = read_hints(out)
+    return (hints.title, hints.control) == (sweep.title, sweep.report.get("control"))
 
 
 def status_of(folder: Path) -> str:

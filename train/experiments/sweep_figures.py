@@ -114,14 +114,14 @@ def draw_curves(
             ("scripted_steps", "scripted", "--"),
         ):
             known = [row[column] for row in here if row.get(column) is not None]
-            if known:
+            if known and measure.curve == "mean_steps":
                 axis.axhline(np.mean(known), color="#333333", lw=1.2, ls=style, label=word)
         if measure.logarithmic:
             axis.set_yscale("log")
             axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             short_numbers(axis.yaxis)
             axis.yaxis.set_minor_formatter(NullFormatter())
-        else:
+        elif measure.curve != "mean_return":
             axis.set_ylim(bottom=0)
         if x:
             axis.set_title(f"{x.replace('_', ' ')} {panel}", fontsize=10)

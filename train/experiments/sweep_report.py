@@ -17,7 +17,8 @@ from train.experiments.sweep_figures import draw_curves, draw_final
 from train.experiments.tables import collect
 from train.figures import PALETTE, PLAIN, Look
 from train.files import write_text
-from train.result_table import Column, ResultTable
+from train.result_table import Column, ResultTable, in_markdown
+from train.runs.folder import RUN
 from train.settings.checks import check
 
 REFERENCES = {
@@ -54,7 +55,7 @@ def sweep_report(out: Path, look: Look = PLAIN) -> Path:
     folder.mkdir(exist_ok=True)
     title = hints.title
     figures = []
-    for unit in ("seconds", "frames") if look.x is None else (look.x,):
+    for unit in units_of(rows) if look.x is None else (look.x,):
         name = f"learning_curves_{unit}.png"
         draw_curves(folder / name, rows, by_run, unit, x, colors, title, look)
         figures.append(name)
@@ -68,6 +69,12 @@ def sweep_report(out: Path, look: Look = PLAIN) -> Path:
     return folder
 
 
+def units_of(rows: list[dict[str, Any]]) -> tuple[str, str]:
+    """The units of the learning curves' axes, that of the budget first; seconds if it is mixed."""
+    in_frames = all(row["budget_frames"] is not None for row in rows)
+    return ("frames", "seconds") if in_frames else ("seconds", "frames")
+
+
 def put_groups(rows: list[dict[str, Any]], hints: Hints, columns: Collection[str]) -> str | None:
     """Say in every row which curve it belongs to ("_group"), and where on the axis ("_x").
 
@@ -77,7 +84,8 @@ def put_groups(rows: list[dict[str, Any]], hints: Hints, columns: Collection[str
     x = hints.x if hints.x in columns else None
     group = [name for name in hints.group if name in columns]
     for row in rows:
-        row["_group"] = ", ".join(_word(name, row[name]) for name in group or ["algorithm"])
+        usual = ["algorithm"] if row["kind"] == RUN else ["kind"]
+        row["_group"] = ", ".join(_word(name, row[name]) for name in group or usual)
         row["_x"] = row[x] if x else ""
     return x
 
@@ -175,16 +183,19 @@ def markdown(
     """The report as Markdown."""
     measure = measure_of(rows)
     unit = measure.name
-    lines = [f"# {title}", "", table.markdown()]
+    lines = [f"# {in_markdown(title)}", "", table.markdown()]
     machines = sorted({f"{row['machine']}" for row in rows})
     seeds = sorted({row["seed"] for row in rows})
     lines += [
         "",
-        f"{len(rows)} runs, seeds {', '.join(map(str, seeds))}, on {'; '.join(machines)}.",
+        f"{len(rows)} runs, seeds {', '.join(map(str, seeds))}, "
+        f"on {in_markdown('; '.join(machines))}.",
     ]
+    single = all(row["kind"] == RUN for row in rows)
     lines.append(
         "Intervals: 95 %, Student's, of the mean over seeds. Nothing is tested here: whether "
-        "intervals overlap is no test of a difference (`pursuit ablate` makes one)."
+        "intervals overlap is no test of a difference"
+        + (" (`pursuit ablate` makes one)." if single else ".")
     )
     if measure in (GAP, STEPS):
         kinds = " or ".join(sorted({str(row["evaluate"]) for row in rows}))
@@ -203,9 +214,13 @@ def markdown(
             "The floor of the objective is the gap of the policy that is best by the discounted "
             "rewards: exact, over all starts."
         )
+    other = f"learning_curves_{units_of(rows)[1]}.png"
+    if other in figures:
+        lines.append(f"A curve in {other} ends where the shortest of its runs ends.")
     missing = [row for row in everything if row["status"] != "complete"]
     if missing:
         lines += ["", f"Not complete: {len(missing)} runs.", ""]
-        lines += [f"- {r['run']}: {r['status']} {r['error'] or ''}".rstrip() for r in missing]
+        told = [f"{r['run']}: {r['status']} {r['error'] or ''}" for r in missing]
+        lines += [f"- {in_markdown(line)}" for line in told]
     lines += ["", METHODS_LINE, ""] + [f"![{name}]({name})\n" for name in figures]
     return "\n".join(lines)

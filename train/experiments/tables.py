@@ -62,7 +62,7 @@ class Outcome(msgspec.Struct):
     at_start: dict[str, float | None] = msgspec.field(default_factory=dict)
 
 
-def collect(out: Path) -> tuple[polars.DataFrame, polars.DataFrame]:
+def collect(out: Path | str) -> tuple[polars.DataFrame, polars.DataFrame]:
     """Read every run of a sweep's folder, whatever its state, and write both Parquet files.
 
     Returns:
@@ -75,6 +75,7 @@ def collect(out: Path) -> tuple[polars.DataFrame, polars.DataFrame]:
     Raises:
         ValueError: no sweep in this folder, or a run that another version wrote.
     """
+    out = Path(out)
     import polars
 
     folders = sorted(path.parent for path in out.glob(f"runs/*/{CONFIG}"))

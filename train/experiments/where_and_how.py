@@ -6,6 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from train.result_table import ResultTable, one_line, words
+from train.runs.provenance import Records
+
 
 def where_it_ran(results: Sequence[Mapping[str, Any]]) -> str:
     """One sentence on the versions and the machines in results."""
@@ -33,12 +36,30 @@ def _machine(results: Mapping[str, Any]) -> str:
     return ", ".join(parts)
 
 
+def parts_told(given: Iterable[Records]) -> list[str]:
+    """User-defined parts with the hashes of their source as lines of Markdown, each once."""
+    heads = ("setting", "name", "SHA-256 of the source")
+    rows = dict.fromkeys(
+        (setting, str(part["name"]), part["sha256"] or "no source")
+        for records in given
+        for setting, part in records.items()
+    )
+    if not rows:
+        return []
+    plain = [dict(zip(heads, row, strict=True)) for row in rows]
+    table = ResultTable(plain, [words(head) for head in heads])
+    return ["User-defined parts:", "", table.markdown(), ""]
+
+
 def commands_told(given: Iterable[str]) -> list[str]:
     """Commands as lines of Markdown, each once."""
-    commands = list(dict.fromkeys(_as_typed(command) for command in given if command))
+    commands = list(dict.fromkeys(one_line(_as_typed(command)) for command in given if command))
     if not commands:
         return []
-    return [f"Command{'s' if len(commands) > 1 else ''}:", "", "```", *commands, "```", ""]
+    fence = "```"
+    while fence in "".join(commands):
+        fence += "`"
+    return [f"Command{'s' if len(commands) > 1 else ''}:", "", fence, *commands, fence, ""]
 
 
 def _as_typed(command: str) -> str:

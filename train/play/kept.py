@@ -13,7 +13,7 @@ from pursuit.parts import check_trusted, is_reference
 from pursuit.replay import Episode, Replay, digest_of
 from pursuit.replay_worlds import own_rewards
 from pursuit.suite_files import is_suite
-from train.files import hold, read_json, write_beside, write_json
+from train.files import check_output_folder, hold, read_json, write_beside, write_json
 from train.play.session import Session
 from train.runs.tasks import maze_text_of
 from train.schemas import read_as
@@ -138,18 +138,21 @@ class Keeper:
         settings: of the games.
 
     Raises:
-        ValueError: a name of nothing, a file in the way, a damaged list, or another process that
-            keeps games there.
+        ValueError: a name of nothing, a folder of something else, a damaged list, or another
+            process that keeps games there.
         OSError: the folder cannot be written.
+
+    Attributes:
+        added: games that it has kept.
     """
 
     def __init__(self, folder: Path, name: str, settings: AnyTask) -> None:
         check(bool(name.strip()), f"name={name!r}; give one that a league can print")
-        check(not folder.is_file(), f"{folder}: a file; give a folder")
+        check_output_folder(folder, is_by_hand)
         self.folder, self.name = folder, name
         self._lock = hold(folder, "game by hand", shared=True)
         self.games = load_games(folder) if is_by_hand(folder) else []
-        self.task = plain(settings)
+        self.task, self.added = plain(settings), 0
 
     def keep(self, session: Session) -> None:
         """Write the game that is over, then the list anew.
@@ -173,6 +176,7 @@ class Keeper:
         content = _List("games by hand", FORMAT, [*self.games, game])
         write_json(self.folder / LIST, asdict(content))
         self.games.append(game)
+        self.added += 1
 
 
 def plain(settings: AnyTask) -> dict[str, Any]:

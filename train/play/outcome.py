@@ -14,7 +14,8 @@ class Outcome:
 
     Attributes:
         won: as in evaluations: the chasers caught all, the evader lived to the last step, all goals
-            were collected, the arm reached its target.
+            were collected (by a runner among rivals more than by each other agent), the arm
+            reached its target.
         steps: that the person played.
         reward: what these steps paid.
         least, most: bounds of the optimum from the same start, which are one number where it is

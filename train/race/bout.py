@@ -13,7 +13,7 @@ from typing import Any
 import torch
 
 from train.evaluation.contest import GameContest
-from train.evaluation.scores import Score, optimality_gap
+from train.evaluation.scores import BY_STEPS, Score, optimality_gap
 from train.files import read_json, write_json, write_text
 from train.machine import commit, processor
 from train.race.contestants import Racer, contestant, settings_of
@@ -70,7 +70,7 @@ def world_and_contest(task: TaskSettings, episodes: int) -> tuple[GridWorld, Gam
     assert isinstance(contest, GameContest)
     optimum = contest.optimal()
     check(
-        optimum is not None and contest.less_is_better,
+        optimum is not None and contest.measure == BY_STEPS,
         f"the {world.agent} of {task.task} in {task.maze}: a race needs an exact optimum and few "
         "steps to be good; take a runner of up to 15 goals, or a chaser of one evader",
     )

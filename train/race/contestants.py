@@ -28,6 +28,7 @@ from train.race.plain_ppo import PlainPPO
 from train.race.torchrl_ppo import TorchRLPPO
 from train.runs.parts import parts_of
 from train.runs.single import SingleAgent
+from train.runs.tasks import setting_of
 from train.runs.third_party import StableBaselinesNetwork
 from train.runs.threads import prepare_torch
 from train.runs.worlds import GridWorld
@@ -91,7 +92,7 @@ class Ours:
 
     def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
         prepare_torch(1, seed)
-        name, lessons = lessons_for("ppo", world.setting)
+        name, lessons = lessons_for("ppo", setting_of(world.settings))
         # The budget is the race's: frames only say here that threads are not chosen by the clock.
         whole = TrainSettings(
             world.settings, settings, lessons, "ppo", name, frames=10**12, seed=seed, threads=1
@@ -121,7 +122,7 @@ class Ours:
 
 def our_defaults(world: GridWorld) -> PPOSettings:
     """Our preset of a task."""
-    found = tuned("ppo", world.setting)
+    found = tuned("ppo", setting_of(world.settings))
     assert isinstance(found, PPOSettings)
     return found
 
@@ -130,8 +131,15 @@ def our_defaults(world: GridWorld) -> PPOSettings:
 
 
 def vector_env(world: GridWorld, games: int) -> SingleAgentVectorEnv:
-    """The games as Gymnasium's vector environments are."""
-    return SingleAgentVectorEnv(world.task, world.agent, world.opponents, games, OBSERVATION)
+    """Games as a Gymnasium vector environment; episodes begin in the step that ends the last."""
+    return SingleAgentVectorEnv(
+        world.task,
+        world.agent,
+        world.opponents,
+        games,
+        OBSERVATION,
+        autoreset_mode="SAME_STEP",
+    )
 
 
 class StableBaselines:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from train.experiments.page import page_of
+from train.experiments.power import power_line
 from train.experiments.statistics import distance_interval, improvement, permutation_p
 from train.figures import PLAIN, Look
 from train.files import write_csv, write_text
@@ -28,7 +29,7 @@ from train.race.tables import (
     table_rows,
     trial_rows,
 )
-from train.result_table import Column, ResultTable, Row, words
+from train.result_table import Column, ResultTable, Row, in_markdown, words
 
 CLOCK_WORDS = {"wall": "wall clock", "cpu": "processor time (of the run's own process)"}
 
@@ -87,20 +88,20 @@ def title_of(name: str) -> str:
 def page(race: Race, standing: Standing, rows: list[Row]) -> str:
     """The whole report as Markdown."""
     parts = [
-        f"# {race.title}",
+        f"# {in_markdown(race.title)}",
         how(race, standing),
         "## Who wins what",
         winners(race, standing, rows),
     ]
     parts += ["![All runs: the gap to the optimum over seconds](curves.png)"]
     for on in race.tasks:
-        parts += [f"## {on.name}", times_table(race, standing, on.name, rows)]
+        parts += [f"## {in_markdown(on.name)}", times_table(race, standing, on.name, rows)]
         parts += [ends_table(race, standing, on.name)]
     parts += ["## Settings", settings_words(race), settings_table(race, standing)]
     failed = [" ".join(map(str, key)) for key, found in standing.finals.items() if found is None]
     if failed:
         parts += ["## Failed", "These runs failed, and count as not having reached any target: "]
-        parts += [f"- {each}" for each in failed]
+        parts += [f"- {in_markdown(each)}" for each in failed]
     return "\n\n".join(parts) + "\n"
 
 
@@ -122,7 +123,8 @@ def how(race: Race, standing: Standing) -> str:
         "at the first evaluation whose gap to the exact optimum is no larger; evaluations lie a "
         "twentieth of the budget apart, two more before the first of them. Medians stand only "
         "where more than half of the runs reached the target within the budget.\n\n"
-        f"Processor: {', '.join(kinds['processor'])}. The runs had {core} of their core. "
+        f"Processor: {in_markdown(', '.join(kinds['processor']))}. "
+        f"The runs had {core} of their core. "
         f"Libraries: {', '.join(kinds['library'])}; torch {', '.join(kinds['torch'])}. "
         f"Commit: {', '.join(each[:12] for each in kinds['commit'])}."
     )
@@ -151,10 +153,12 @@ def winners(race: Race, standing: Standing, rows: list[Row]) -> str:
                 told.append(line)
     heads = [words(name) for name in ("task", "policy", "gap")]
     heads += [words("first by seconds", "seconds"), words("first by frames", "frames")]
+    runs = len(race.seeds)
     note = (
         "In brackets: how much longer the second takes, in how many pairs of runs the first is the "
-        "faster one (ties half), and the two-sided p of a permutation test, which with five runs "
-        "each cannot be below 0.008. With so many comparisons some p below 0.05 are chance."
+        "faster one (ties half), and the two-sided p of a permutation test. "
+        f"The power of one comparison, {power_line([(runs, runs)])}. "
+        "With so many comparisons some p below 0.05 are chance."
     )
     return f"{ResultTable(told, heads).markdown()}\n\n{note}"
 

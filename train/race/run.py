@@ -19,6 +19,7 @@ from train.settings.checks import check
 
 TRIALS, FINALS = "trials", "finals"
 """Folders of the two kinds of bouts."""
+RACE = "race.json"
 ANEW = "remove that file; the next `pursuit race` does that bout again"
 
 WAYS_AND_SHARES = ("greedy", "greedy_success", "sampled", "sampled_success")
@@ -81,7 +82,7 @@ def run_race(race: Race, out: Path, told: Told, workers: int = 1) -> Standing:
     """
     check(not out.is_file(), f"{out}: a file; give a folder")
     with only_one(out, "race"):
-        write_json(out / "race.json", plain_race(race))
+        write_json(out / RACE, plain_race(race))
         first = race.trial_bouts()
         do_all((bout for *_, bout in first), out / TRIALS, told, workers, "search")
         more = list(race.trial_bouts(finalists_of(race, scores_of(race, out))))
@@ -91,6 +92,13 @@ def run_race(race: Race, out: Path, told: Told, workers: int = 1) -> Standing:
         finals = list(race.final_bouts(choice))
         do_all((bout for *_, bout in finals), out / FINALS, told, workers, "race")
     return standing_of(race, out)
+
+
+def is_folder_of(race: Race, out: Path) -> bool:
+    """Whether `out` was begun for this race, or for one of the same title."""
+    path = out / RACE
+    kept = read_json(path) if path.exists() else None
+    return isinstance(kept, dict) and kept.get("title") == race.title
 
 
 def plain_race(race: Race) -> Table:

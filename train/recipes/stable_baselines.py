@@ -110,7 +110,12 @@ def run(recipe: Recipe) -> None:
     contest = contest_of(recipe.task, 1000)
     games = 32 if recipe.algorithm == "dqn" else 64
     envs = SingleAgentVectorEnv(
-        contest.task, contest.agent, contest.opponents, games, recipe.observation
+        contest.task,
+        contest.agent,
+        contest.opponents,
+        games,
+        recipe.observation,
+        autoreset_mode="SAME_STEP",
     )
     vec_env = StableBaselinesVecEnv(envs)
     vec_env.seed(recipe.seed)
@@ -120,7 +125,8 @@ def run(recipe: Recipe) -> None:
     policy = load_stable_baselines(recipe.out)
     print(contest.line())
     print(f"Stable-Baselines3 {recipe.algorithm}: {model.num_timesteps:,} frames")
-    print_scores([*contest.baselines(), contest.score("learned", policy)])
+    scores = [*contest.baselines(), contest.score("learned", policy)]
+    print_scores(scores, measure=contest.measure)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

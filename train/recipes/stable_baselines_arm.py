@@ -118,7 +118,8 @@ def run(recipe: Recipe) -> None:
             return bool(recipe.frames) or perf_counter() - self.began < recipe.seconds
 
     task = recipe.task.build()
-    vec_env = StableBaselinesVecEnv(ReacherVectorEnv(task, recipe.games, recipe.observation))
+    envs = ReacherVectorEnv(task, recipe.games, recipe.observation, autoreset_mode="SAME_STEP")
+    vec_env = StableBaselinesVecEnv(envs)
     vec_env.seed(recipe.seed)
     model = make_model(recipe, vec_env)
     model.learn(recipe.frames or 10**12, callback=Budget())

@@ -2,41 +2,57 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from itertools import count
 from pathlib import Path
-from statistics import median
+from statistics import fmean
 
 from train.experiments.page import page_of
-from train.files import write_bytes, write_csv, write_text
-from train.reproduction.exact import states_table, tours_table
-from train.reproduction.plan import SHIPPED, Claim, Replication, Study, Tuning
+from train.experiments.statistics import (
+    difference_interval,
+    distance_interval,
+    least_p,
+    mean_interval,
+)
+from train.files import begins_with, write_bytes, write_csv, write_text
+from train.reproduction.decisions import (
+    DecidedStudy,
+    cells_of_page,
+    claim_rows,
+    corrected,
+    decided,
+    named,
+    value_rows,
+)
+from train.reproduction.plan import SHIPPED, Claim, Replication, Tuning
 from train.reproduction.rules import (
+    COMPARISONS,
     CONFIRMED,
+    LEVEL,
     REFUTED,
     UNDECIDED,
-    Cell,
-    Ran,
-    Verdict,
-    decide,
-    part_of,
-    worse_by,
+    Decision,
+    correct,
+    headline,
 )
 from train.reproduction.run import (
+    RULES_KEPT,
     TUNING,
-    changed_rules,
     complete_runs,
     folder_of,
-    planned_sweep,
     trial_scores,
     tuned_settings,
 )
+from train.result_table import in_markdown
 
 PAGE = "replication.md"
 PICTURES = ("final.png", "learning_curves_frames.png")
 """Of a study's report, the first that there is."""
 PART_WORDS = {"floor": "the objective's floor", "learning": "not learned", "loops": "loops"}
+SIDES = {True: "for", False: "against"}
 REFERENCES = {
     "optimal": "the optimum",
     "scripted": "the scripted reference",
@@ -44,145 +60,111 @@ REFERENCES = {
 }
 
 
-@dataclass(frozen=True)
-class Decided:
-    """A study with what came of it."""
-
-    study: Study
-    runs: list[Ran]
-    planned: int
-    verdicts: list[tuple[Claim, Verdict, list[str]]]
-    warning: str
-
-
 def write_replication(plan: Replication, out: Path) -> Path:
     """Decide every claim by the runs that are complete, and write the page.
 
     Returns:
-        `report/replication.md` in `out`; beside it `replication.html`, `claims.csv` and a figure
-        for each study.
+        `report/replication.md` in `out`; beside it `replication.html`, `claims.csv` (a row for each
+        cell of a claim), `values.csv` (a row for each of its runs) and a figure for each study.
     """
     folder = out / "report"
     folder.mkdir(parents=True, exist_ok=True)
-    studies = [decided(study, plan, out) for study in plan.studies]
+    studies = corrected([decided(study, plan, out) for study in plan.studies])
     for each in studies:
         drawn = [folder_of(each.study, out) / "report" / name for name in PICTURES]
         for picture in [path for path in drawn if path.exists()][:1]:
             write_bytes(folder / f"{each.study.id}.png", picture.read_bytes())
     write_csv(folder / "claims.csv", claim_rows(studies))
+    write_csv(folder / "values.csv", value_rows(studies))
     write_text(folder / PAGE, page(plan, studies, out))
     page_of(folder / PAGE)
     return folder / PAGE
 
 
-def decided(study: Study, plan: Replication, out: Path) -> Decided:
-    """One study."""
-    if study.exact:
-        exact = [
-            (claim, *(states_table() if claim.rule == "states" else tours_table(plan.mazes)))
-            for claim in study.claims
-        ]
-        return Decided(study, [], 0, exact, "")
-    runs = complete_runs(folder_of(study, out), plan.mazes)
-    verdicts = []
-    for claim in study.claims:
-        verdict = decide(claim, runs, study.least_frames)
-        verdicts.append((claim, verdict, evidence(claim, verdict)))
-    planned = len(planned_sweep(study, plan, out).runs)
-    return Decided(study, runs, planned, verdicts, changed_rules(study, out))
-
-
-def claim_rows(studies: Sequence[Decided]) -> list[dict[str, object]]:
-    """A row for each claim."""
-    return [
-        {
-            "study": each.study.id,
-            "claim": claim.text,
-            "rule": claim.rule,
-            "verdict": verdict.verdict,
-            "seeds_that_say_so": sum(verdict.says.values()),
-            "seeds": len(verdict.says),
-            "note": verdict.note,
-        }
-        for each in studies
-        for claim, verdict, _ in each.verdicts
-    ]
+def is_folder_of(plan: Replication, out: Path) -> bool:
+    """Whether `out` was begun for these claims, and has no page of others."""
+    page = out / "report" / PAGE
+    own = not page.exists() or begins_with(page, f"# {in_markdown(plan.title)}\n")
+    return own and (out / RULES_KEPT).exists()
 
 
 # -- words -----------------------------------------------------------------------------------------
 
 
-def named(cell: Cell) -> str:
-    """A cell in words."""
-    counts = {"joints": "joint", "num_goals": "goal"}
-    return ", ".join(
-        f"{value} {counts[name]}{'s' * (value != 1)}"
-        if name in counts and isinstance(value, int)
-        else str(value)
-        if isinstance(value, str)
-        else f"{name} {value}"
-        for name, value in cell.items()
-    )
-
-
 def rule_words(claim: Claim) -> str:
-    """How a seed says so, in a sentence."""
-    others = " and than that of ".join(named(other) for other in claim.than)
+    """What is tested, in a sentence."""
+    others = " and of ".join(named(other) for other in claim.than)
     reference = f"{claim.percent:g} % worse than {REFERENCES[claim.to]}"
+    stuck = "more than half of the starts stay unsolved and nothing falls in the last third of it"
+    part = f"{claim.percent:g} % of the gap is {PART_WORDS[claim.part]}"
+    more = "The claim holds if more than half of all runs"
+    nearer = "The claim holds if the distance to the optimum"
     return {
-        "diverges": "A seed says so where more than half of the starts stay unsolved and nothing "
-        "falls in the last third of the run.",
-        "learns": "A seed says so unless more than half of the starts stay unsolved and nothing "
-        "falls in the last third of the run.",
-        "lower": "A seed says so where its distance to the optimum is smaller than that of "
-        f"{others}.",
-        "higher": "A seed says so where its distance to the optimum is larger than that of "
-        f"{others}.",
-        "within": f"A seed says so where it ends no more than {reference}.",
-        "beyond": f"A seed says so where it ends more than {reference}.",
-        "part_above": f"A seed says so where at least {claim.percent:g} % of its gap is "
-        f"{PART_WORDS[claim.part]}.",
-        "part_below": f"A seed says so where less than {claim.percent:g} % of its gap is "
-        f"{PART_WORDS[claim.part]}.",
+        "diverges": f"{more} diverge. A run diverges where {stuck}.",
+        "learns": f"{more} learn. A run does not learn where {stuck}.",
+        "lower": f"{nearer} is smaller than that of {others}.",
+        "higher": f"{nearer} is larger than that of {others}.",
+        "within": f"{more} end no more than {reference}.",
+        "beyond": f"{more} end more than {reference}.",
+        "part_above": f"{more} end so that at least {part}.",
+        "part_below": f"{more} end so that less than {part}.",
         "states": "Confirmed where all numbers are the same.",
         "tours": "Confirmed where all lie within 5 % (the table's are means over 1000 episodes).",
     }[claim.rule]
 
 
-def evidence(claim: Claim, verdict: Verdict) -> list[str]:
-    """The table of what the verdict rests on: every cell, a number a seed."""
-    runs = [run for _, found in verdict.cells for run in found.values()]
+def evidence(claim: Claim, cells: Sequence[Decision]) -> list[str]:
+    """The table of what the verdicts rest on: a row for each setting of each cell."""
+    runs = [run for cell in cells for group in cell.groups for run in group.runs]
     if not runs:
         return []
-    of_play = runs[0].row.get("optimality_gap") is None
-    what = "NashConv" if of_play else "distance to the optimum, %"
-
-    def value(run: Ran) -> float:
-        if claim.rule in ("diverges", "learns"):
-            return 100.0 * run.number("unsolved_share")
-        if claim.rule in ("part_above", "part_below"):
-            return part_of(run, claim.part)
-        return worse_by(run, claim.to) if claim.rule in ("within", "beyond") else run.distance
-
-    if claim.rule in ("diverges", "learns"):
+    what = "distance to the optimum, %"
+    if claim.rule in COMPARISONS and runs[0].row.get("optimality_gap") is None:
+        what = "NashConv"
+    elif claim.rule in ("diverges", "learns"):
         what = "starts unsolved, %"
     elif claim.rule in ("part_above", "part_below"):
         what = f"share of the gap: {PART_WORDS[claim.part]}, %"
     elif claim.rule in ("within", "beyond"):
         what = f"worse than {REFERENCES[claim.to]} by, %"
-    lines = [f"| runs | {what}, by seed | median | frames, M |", "|---|---|---|---|"]
-    for cell, found in verdict.cells:
-        values = [value(found[seed]) for seed in sorted(found)]
-        frames = [run.row["frames"] / 1e6 for run in found.values()]
-        if values:
+    compared = claim.rule in COMPARISONS
+    interval_of = mean_interval if claim.rule in ("within", "beyond") else distance_interval
+    lines = [
+        f"| setting | {what}, each run | mean [95 %] | "
+        + ("difference [95 %] | " if compared else "meet the rule | ")
+        + "frames, M |",
+        "|---|---|---|---|---|",
+    ]
+    for cell in cells:
+        for number, group in enumerate(cell.groups):
+            values = group.values(claim)
+            if not all(values):
+                continue
+            frames = sorted({f"{run.row['frames'] / 1e6:.2g}" for run in group.runs}, key=float)
+            last = "" if compared else f"{cell.meets} of {len(group.runs)}"
+            if compared and number:
+                ours = cell.groups[0].values(claim)
+                change = fmean(map(fmean, ours)) - fmean(map(fmean, values))
+                last = bounded(change, difference_interval(ours, values))
+            shown = ", ".join(figure(value) for maze in values for value in maze)
+            mean = bounded(fmean(map(fmean, values)), interval_of(values))
             lines.append(
-                f"| {named(cell)} | {', '.join(map(figure, values))} | {figure(median(values))} "
-                f"| {min(frames):.2g} to {max(frames):.2g} |"
+                f"| {in_markdown(named(group.cell))} | {shown} | {mean} | {last} | "
+                f"{' to '.join(dict.fromkeys((frames[0], frames[-1])))} |"
             )
-    if verdict.ps:
-        told = ", ".join(f"{p:.3f}" if p >= 0.001 else "below 0.001" for p in verdict.ps)
-        lines += ["", f"p of the permutation test against each of the others, by Holm: {told}."]
     return lines
+
+
+def bounded(value: float, interval: tuple[float, float]) -> str:
+    """A number with its interval."""
+    return f"{figure(value)} [{figure(interval[0])}, {figure(interval[1])}]"
+
+
+def p_words(p: float) -> str:
+    """A p with two digits."""
+    if math.isnan(p):
+        return "–"
+    return f"{p:.2g}" if p >= 0.001 else "below 0.001"
 
 
 def figure(value: float) -> str:
@@ -192,9 +174,11 @@ def figure(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 99.5 else f"{value:.3g}"
 
 
-def page(plan: Replication, studies: Sequence[Decided], out: Path) -> str:
+def page(plan: Replication, studies: Sequence[DecidedStudy], out: Path) -> str:
     """All of it as Markdown."""
-    parts = [f"# {plan.title}", *head(plan, studies, out), "## Verdicts", *summary(studies)]
+    parts = [f"# {in_markdown(plan.title)}", *head(plan, studies, out)]
+    parts += ["## Verdicts", *summary(studies)]
+    parts += ["## How claims are decided", *how(studies)]
     if plan.tuning is not None:
         parts += ["## Settings", *settings_part(plan, plan.tuning, out)]
     for each in studies:
@@ -202,7 +186,7 @@ def page(plan: Replication, studies: Sequence[Decided], out: Path) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def head(plan: Replication, studies: Sequence[Decided], out: Path) -> list[str]:
+def head(plan: Replication, studies: Sequence[DecidedStudy], out: Path) -> list[str]:
     """What was run, where and for how long."""
     runs = [run for each in studies for run in each.runs] + complete_runs(out / TUNING, {})
     planned = sum(each.planned for each in studies)
@@ -215,17 +199,14 @@ def head(plan: Replication, studies: Sequence[Decided], out: Path) -> list[str]:
     search = " with the search of settings" if plan.tuning is not None else ""
     lines = [
         f"The **{plan.version}** version: {done} of {planned} runs are complete, {hours:.1f} core "
-        f"hours of learning{search}, on {', '.join(machines) or 'no machine'} "
-        f"(commit {', '.join(commits) or 'none'}), on {mazes}. A claim is **confirmed** where at "
-        "least four fifths of its seeds say so (five seeds at least), **refuted** where at most a "
-        "fifth do, else **undecided**; the rules were written down before the runs. Distances are "
-        "those of the greedy policy to the exact optimum. Again: "
+        f"hours of learning{search}, on {in_markdown(', '.join(machines) or 'no machine')} "
+        f"(commit {', '.join(commits) or 'none'}), on {mazes}. Distances are those of the greedy "
+        "policy to the exact optimum. Again: "
         f"`pursuit reproduce all --claims {plan.name} --version {plan.version}`."
     ]
     if plan.left_out:
-        lines.append(
-            f"Part of the other version alone, and not run here: {', '.join(plan.left_out)}."
-        )
+        left_out = in_markdown(", ".join(plan.left_out))
+        lines.append(f"Part of the other version alone, and not run here: {left_out}.")
     if plan.version == "short" and plan.name == "thesis":
         lines.append(
             "Minutes, or seconds, stand here for the half hours of the thesis. A verdict is one "
@@ -235,16 +216,92 @@ def head(plan: Replication, studies: Sequence[Decided], out: Path) -> list[str]:
     return lines
 
 
-def summary(studies: Sequence[Decided]) -> list[str]:
-    """All verdicts in one table."""
-    count = Counter(verdict.verdict for each in studies for _, verdict, _ in each.verdicts)
-    told = ", ".join(f"{count[name]} {name}" for name in (CONFIRMED, REFUTED, UNDECIDED))
-    lines = ["| study | claim | verdict | seeds that say so |", "|---|---|---|---|"]
+def summary(studies: Sequence[DecidedStudy]) -> list[str]:
+    """All verdicts in one table: a row for each cell."""
+    cells = Counter(cell.verdict for cell in cells_of_page(studies))
+    told = ", ".join(f"{cells[name]} {name}" for name in (CONFIRMED, REFUTED, UNDECIDED))
+    lines = [
+        "| study | claim | cell | verdict | side | p | p by Holm |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for each in studies:
-        for claim, verdict, _ in each.verdicts:
-            seeds = f"{sum(verdict.says.values())} of {len(verdict.says)}" if verdict.says else "–"
-            lines.append(f"| {each.study.id} | {claim.text} | **{verdict.verdict}** | {seeds} |")
-    return [f"{told}.", "\n".join(lines)]
+        for found in each.claims:
+            start = f"| {in_markdown(each.study.id)} | {in_markdown(found.claim.text)} |"
+            if not found.cells:
+                lines.append(f"{start} no runs needed | **{found.exact}** | – | – | – |")
+            for cell in found.cells:
+                name = in_markdown(named(cell.groups[0].cell)) if cell.groups else "–"
+                p, by_holm = p_words(cell.test.p), p_words(cell.corrected)
+                side = "–" if math.isnan(cell.test.p) else SIDES[cell.test.supports]
+                lines.append(f"{start} {name} | **{cell.verdict}** | {side} | {p} | {by_holm} |")
+    return [
+        f"Of {cells.total()} cells of claims about runs: {told}. {attainable(studies)}".rstrip(),
+        "\n".join(lines),
+        "Side: whether the runs lie on that of the claim. –: not tested, or not counted by Holm's "
+        "correction because no result could decide the cell.",
+    ]
+
+
+def attainable(studies: Sequence[DecidedStudy]) -> str:
+    """How many cells have too few runs for a verdict, in words."""
+    cells = [cell for cell in cells_of_page(studies) if not math.isnan(cell.test.p)]
+    late = sum(not best < LEVEL for best in at_best(cells))
+    return f"No result of so few runs could have decided {late} of them." if late else ""
+
+
+def at_best(cells: Sequence[Decision]) -> list[float]:
+    """The corrected p of cells if all had their smallest attainable p; nan where not counted."""
+    least = [replace(cell, test=replace(cell.test, p=cell.test.least)) for cell in cells]
+    return [cell.corrected for cell in correct(least)]
+
+
+def how(studies: Sequence[DecidedStudy]) -> list[str]:
+    """The tests, and what they can decide with the runs that there are."""
+    cells = [cell for cell in cells_of_page(studies) if not math.isnan(cell.test.p)]
+    family = sum(cell.test.least < LEVEL for cell in cells)
+    paragraphs = [
+        "Each claim has one verdict for each cell, which is one task in one size. Settings are "
+        "compared by a two-sided permutation test (of Mann and Whitney's U; runs are permuted "
+        "within a maze). A claim about several rivals is confirmed by the largest of their p, and "
+        "refuted by the smallest, times their number. A claim about a threshold is decided by the "
+        "sign test: whether more than half of all runs meet it. All p are corrected together by "
+        f"Holm's method for the {family} cells of this page that some result could decide. "
+        f"**Confirmed** and **refuted** mean a corrected p below {LEVEL:g}; otherwise a cell is "
+        "**undecided**, which does not mean that there is no effect. Intervals are Student's, and "
+        "Welch's of a difference; they cover 95 % each and are not corrected."
+    ]
+    kinds: dict[tuple[bool, float, str], list[float]] = {}
+    for cell, best in zip(cells, at_best(cells), strict=True):
+        compared = len(cell.groups) > 1
+        sizes = dict.fromkeys(str(len(group.runs)) for group in cell.groups)
+        told = " against ".join(sizes if len(sizes) > 1 else [*sizes] * (1 + compared)) + " runs"
+        rivals = len(cell.groups) - 1
+        told += f", {rivals} rival{'s' * (rivals > 1)}" if compared else " against a threshold"
+        kinds.setdefault((compared, cell.test.least, told), []).append(best)
+    if not kinds:
+        return paragraphs
+    lines = [
+        "| runs of a cell | cells | smallest attainable p | by Holm, if all cells had theirs "
+        f"| to decide with all {len(cells)} cells counted |",
+        "|---|---|---|---|---|",
+    ]
+    for (compared, least, told), bests in sorted(kinds.items(), key=lambda item: item[0][1]):
+        by_holm = p_words(max(bests)) if least < LEVEL else "not counted"
+        lines.append(
+            f"| {told} | {len(bests)} | {p_words(least)} | {by_holm} "
+            f"| {runs_needed(compared, len(cells))} |"
+        )
+    return [*paragraphs, "What so many runs can decide:", "\n".join(lines)]
+
+
+def runs_needed(compared: bool, cells: int) -> str:
+    """The fewest runs of a setting whose smallest attainable p is below `LEVEL` when corrected."""
+
+    def least(runs: int) -> float:
+        return least_p([(runs, runs)]) if compared else 2.0 ** (1 - runs)
+
+    enough = next(n for n in count(1) if cells * least(n) < LEVEL)
+    return f"{enough} against {enough} runs" if compared else f"{enough} runs"
 
 
 def settings_part(plan: Replication, tuning: Tuning, out: Path) -> list[str]:
@@ -257,33 +314,51 @@ def settings_part(plan: Replication, tuning: Tuning, out: Path) -> list[str]:
         lines.append(f"| {algorithm} | {own or SHIPPED} | {len(scores.get(algorithm, {}))} |")
     return [
         f"For every algorithm {trials.samples} settings, {trials.seconds:g} s each on each of "
-        f"{', '.join(tuning.mazes)}: those shipped and draws around them; the least mean "
-        "logarithm of the gap was taken. Settings as shipped had been searched before, PPO's for "
-        "longer than the others'.",
+        f"{in_markdown(', '.join(tuning.mazes))}: those shipped and draws around them; the least "
+        "mean logarithm of the gap was taken. Settings as shipped had been searched before, PPO's "
+        "for longer than the others'.",
         "\n".join(lines),
     ]
 
 
-def study_part(each: Decided, out: Path, who: str) -> list[str]:
+def study_part(each: DecidedStudy, out: Path, who: str) -> list[str]:
     """One study, and who claims it."""
     study = each.study
     parts = [
-        f"## {study.id}: {study.title}",
-        f"**{who}**: {study.thesis} **Here**: {study.differs}",
+        f"## {in_markdown(f'{study.id}: {study.title}')}",
+        f"**{who}**: {in_markdown(study.thesis)} **Here**: {in_markdown(study.differs)}",
     ]
     if each.planned and len(each.runs) < each.planned:
         parts.append(f"**{len(each.runs)} of {each.planned} runs are complete.**")
     if each.warning:
-        parts.append(f"**{each.warning}**")
-    for claim, verdict, lines in each.verdicts:
-        said = f", {sum(verdict.says.values())} of {len(verdict.says)}" if verdict.says else ""
-        note = f" ({verdict.note})" if verdict.note else ""
-        parts.append(f"### {claim.text}")
-        parts.append(f"{rule_words(claim)} **{verdict.verdict.capitalize()}{said}**{note}.")
+        parts.append(f"**{in_markdown(each.warning)}**")
+    for found in each.claims:
+        claim, verdicts = found.claim, found.verdicts
+        parts.append(f"### {in_markdown(claim.text)}")
+        notes = dict.fromkeys(note for note in (found.note, *(c.note for c in found.cells)) if note)
+        note = f" ({in_markdown('; '.join(notes))})" if notes else ""
+        parts.append(f"{rule_words(claim)} **{headline(verdicts).capitalize()}**{note}.")
+        tested = [cell for cell in found.cells if not math.isnan(cell.test.p)]
+        lines = found.lines or evidence(claim, found.cells)
         if lines:
             parts.append("\n".join(lines))
-        if verdict.verdict in claim.cause:
-            parts.append(f"Our reading: {claim.cause[verdict.verdict]}")
+        if tested:
+            bullet = "- " if len(tested) > 1 else ""
+            parts.append("\n".join(bullet + cell_words(cell, bool(bullet)) for cell in tested))
+        parts += [
+            f"Our reading: {in_markdown(claim.cause[verdict])}"
+            for verdict in dict.fromkeys(verdicts)
+            if verdict in claim.cause
+        ]
     if (out / "report" / f"{study.id}.png").exists():
-        parts.append(f"![{study.title}: all runs]({study.id}.png)")
+        parts.append(f"![{in_markdown(study.title)}: all runs]({study.id}.png)")
     return parts
+
+
+def cell_words(cell: Decision, several: bool) -> str:
+    """Verdict and p of a cell, in words."""
+    start = f"{in_markdown(named(cell.groups[0].cell))}: **{cell.verdict}**, p" if several else "p"
+    words = f"{start} = {p_words(cell.test.p)}, {SIDES[cell.test.supports]} the claim"
+    if math.isnan(cell.corrected):
+        return f"{words}; so many runs cannot give less than {p_words(cell.test.least)}."
+    return f"{words}; by Holm {p_words(cell.corrected)}.".replace("= below", "below")

@@ -155,7 +155,7 @@ def trial_scores(plan: Replication, out: Path) -> dict[str, dict[str, float]]:
     found: dict[str, dict[str, list[float]]] = {}
     for run in complete_runs(out / TUNING, {}):
         algorithm, _, name = str(run.row["variant"]).partition(", ")
-        gap = max(float(run.row["optimality_gap"]), LEAST_GAP)
+        gap = max(run.distance / 100.0, LEAST_GAP)  # without its sign: an evader's is negative
         found.setdefault(algorithm, {}).setdefault(name, []).append(math.log(gap))
     wanted = len(plan.tuning.mazes)
     return {

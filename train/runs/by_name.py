@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 
 from pursuit.rewards import rewards_text
 from pursuit.sight import chosen_text, kept_chosen, kept_radius, radius_text
-from train.runs.parts import parts_of, setting_of
+from train.runs.parts import parts_of
+from train.runs.tasks import setting_of
 from train.settings.checks import check
 from train.settings.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
 from train.settings.run import TrainSettings
@@ -61,7 +62,7 @@ WORDS = {
     "str": "a text",
 }
 """The types of settings, as messages call them; the first that fits."""
-INNER = frozenset({"task", "hyper", "lessons"})
+INNER = frozenset({"task", "hyper", "lessons", "chaser_hyper", "evader_hyper"})
 
 
 # -- what settings of every kind are read with -----------------------------------------------------

@@ -13,12 +13,11 @@ from typing import Any
 from pursuit.maze import library_names
 from pursuit.parts import check_trusted
 from pursuit.suite_files import is_suite
-from train.files import LOCK, is_leftover, read_json, write_csv, write_json
+from train.files import LOCK, check_utf8, is_leftover, read_json, write_csv, write_json
 from train.runs import forms
 from train.runs.provenance import COMMAND, PARTS, command_line, provenance
 from train.schemas import read_as
 from train.settings.checks import check
-from train.tensors import Misfit, read_tensors, write_tensors
 
 CONFIG, METRICS, RESULTS, CHECKPOINT = (
     "config.json",
@@ -27,6 +26,7 @@ CONFIG, METRICS, RESULTS, CHECKPOINT = (
     "checkpoint.pt",
 )
 CURVE, REPLAY = "learning_curve.png", "replay.gif"
+FINAL = "final"
 REPORT, REPLAYS = "report.html", "replays.json"
 FORMAT = 5
 """Of `config.json` and `checkpoint.pt`; raised whenever older ones can no longer be read."""
@@ -40,6 +40,7 @@ def check_new(path: Path) -> None:
 
     What a process left that ended before it wrote `config.json` is nothing.
     """
+    check_utf8(path)
     if path.is_file():
         raise ValueError(f"{path}: a file; give a new folder")
     if (path / CONFIG).exists():
@@ -57,20 +58,30 @@ def new_folder(path: Path) -> Path:
     return path
 
 
-def save_config(folder: Path, kind: str, settings: Any, maze_text: str | None) -> None:
-    """Write `config.json`: the kind of run, its settings, the maze as text where there is one,
-    users' own parts with the hashes of their source, and the command that runs."""
+def save_config(
+    folder: Path,
+    kind: str,
+    settings: Any,
+    maze_text: str | None,
+    final: forms.Final | None = None,
+) -> None:
+    """Write `config.json`: the kind of run, its settings, the maze as text where there is one, what
+    its final results are made with, users' own parts with the hashes of their source, and the
+    command that runs."""
     plain = {"format": FORMAT, "kind": kind, **asdict(settings), "maze_text": maze_text}
+    if final is not None:
+        plain[FINAL] = {"episodes": final.episodes, "formats": list(final.formats)}
     write_json(folder / CONFIG, {**plain, PARTS: provenance(settings), COMMAND: command_line()})
 
 
-def load_config(folder: Path) -> tuple[str, dict[str, Any]]:
+def load_config(folder: Path | str) -> tuple[str, dict[str, Any]]:
     """The kind of run in a folder, and its settings; a maze that was a file is its text.
 
     Raises:
         ValueError: no run in this folder, a damaged one, or one that names parts which are neither
             ours nor allowed.
     """
+    folder = Path(folder)
     kind, plain = read_config(folder)
     check_trusted(folder / CONFIG, plain)
     return kind, plain
@@ -89,7 +100,7 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
         "version, or a new folder",
     )
     found = read_as(forms.Config, plain, path, forms.RESTORE)
-    for name in ("kind", "maze_text", PARTS, COMMAND):
+    for name in ("kind", "maze_text", FINAL, PARTS, COMMAND):
         plain.pop(name, None)
     maze = found.task.get("maze")
     if found.maze_text is not None and maze not in library_names() and not is_suite(maze):
@@ -97,23 +108,34 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
     return found.kind, plain
 
 
-def load_results(folder: Path) -> dict[str, Any]:
+def load_final(folder: Path) -> forms.Final:
+    """What the final results of a run are made with; the defaults where nothing is recorded."""
+    path = folder / CONFIG
+    return read_as(forms.Config, read_json(path), path, forms.RESTORE).final
+
+
+def load_results(folder: Path | str) -> dict[str, Any]:
     """What `results.json` holds; ValueError where it is missing or damaged."""
-    return forms.read_results(folder / RESULTS, RUN)
+    return forms.read_results(Path(folder) / RESULTS, RUN)
 
 
 def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
     """Write `checkpoint.pt`: tensors and plain values only."""
+    from train.tensors import write_tensors  # torch is slow to import
+
     write_tensors(folder / CHECKPOINT, {"format": FORMAT, **state})
 
 
-def load_checkpoint(folder: Path) -> dict[str, Any]:
+def load_checkpoint(folder: Path | str) -> dict[str, Any]:
     """Read `checkpoint.pt` without running any code that it may hold.
 
     Raises:
         ValueError: missing, damaged, holding more than tensors and plain values, or of another
             version.
     """
+    from train.tensors import read_tensors  # torch is slow to import
+
+    folder = Path(folder)
     path = folder / CHECKPOINT
     if not path.exists():
         raise ValueError(
@@ -128,6 +150,8 @@ def load_checkpoint(folder: Path) -> dict[str, Any]:
 
 def part_of(state: dict[str, Any], *names: str) -> dict[str, Any]:
     """The table of these names in a checkpoint, one within the other; Misfit if there is none."""
+    from train.tensors import Misfit  # torch is slow to import
+
     found: Any = state
     for number, name in enumerate(names, start=1):
         found = found.get(name)
@@ -156,13 +180,14 @@ class MetricsFile:
     Args:
         folder: of the run.
         up_to_frames: rows beyond are dropped (they will be made again); None starts anew.
+            Before every checkpoint there is a row: without the file a run cannot go on.
         column: that every row has, what the run is judged by.
     """
 
     def __init__(self, folder: Path, up_to_frames: int | None = None, column: str = "") -> None:
         self.path = folder / METRICS
         self.rows: list[dict[str, float]] = []
-        if up_to_frames is not None and self.path.exists():
+        if up_to_frames is not None:
             rows = read_metrics(folder, *([column] if column else []))
             self.rows = [row for row in rows if row["frames"] <= up_to_frames]
 
@@ -172,10 +197,11 @@ class MetricsFile:
         write_csv(self.path, self.rows)
 
 
-def read_metrics(folder: Path, *columns: str) -> list[dict[str, float]]:
+def read_metrics(folder: Path | str, *columns: str) -> list[dict[str, float]]:
     """The rows of `metrics.csv`; cells without a number are left out.
 
     Raises:
         ValueError: it cannot be read, or has other columns than "frames", "seconds" and `columns`.
     """
+    folder = Path(folder)
     return forms.read_numbers(folder / METRICS, ("frames", "seconds", *columns))

@@ -19,12 +19,23 @@ RESTORE = "restore it from a copy"
 AGAIN = "delete it and resume the run, which writes it anew"
 
 
+class Final(msgspec.Struct, frozen=True):
+    """What the final results of a run are made with: episodes, and formats of its figure."""
+
+    episodes: int = 1000
+    formats: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check(self.episodes >= 2, f"episodes={self.episodes}; at least 2")
+
+
 class Config(msgspec.Struct, kw_only=True):
     """`config.json`, but for the settings beside the task."""
 
     kind: str
     task: dict[str, Any]
     maze_text: str | None
+    final: Final = Final()
 
 
 class Objective(msgspec.Struct):

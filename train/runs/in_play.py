@@ -58,7 +58,10 @@ def put_games(simulator: Any, saved: Any, where: str) -> None:
     Raises:
         Misfit: it is something else, or a game in it is none that can be played on.
     """
-    check_like(saved, plain_games(simulator), where)
+    fresh = plain_games(simulator)
+    if isinstance(saved, dict) and "collected" in fresh:  # older checkpoints do not hold it
+        saved = {"collected": torch.zeros_like(fresh["collected"]), **saved}
+    check_like(saved, fresh, where)
     arrays = {name: tensor.numpy() for name, tensor in saved.items()}
     form = type(simulator.get_state())
     state = form(**{**arrays, "streams": arrays["streams"].view(np.uint64)})

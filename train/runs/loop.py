@@ -174,6 +174,17 @@ class Run:
             self._saved_frames = trainee.frames
         column = trainee.objective.column
         self.metrics = MetricsFile(folder, None if state is None else trainee.frames, column)
+        self._drop_row_of_interruption()
+
+    def _drop_row_of_interruption(self) -> None:
+        """Forget a last row that only a signal caused: an uninterrupted run has none there."""
+        rows = self.metrics.rows
+        done = [
+            int(EVALUATIONS * self.budget.progress(row["seconds"], int(row["frames"])))
+            for row in [{"seconds": 0.0, "frames": 0.0}, *rows][-2:]
+        ]
+        if rows and rows[-1]["frames"] > 0 and done[0] == done[1]:
+            rows.pop()
 
     @property
     def progress(self) -> float:
@@ -190,14 +201,13 @@ class Run:
             Diverged: there is nothing to be learned any more; the last checkpoint is kept.
         """
         trainee, cores = self.trainee, os.cpu_count() or 1
-        board = TensorboardLogger("tensorboard", str(self.folder))
         # A change of threads changes the last bits, so runs that must repeat exactly keep theirs.
         free = self.budget.free_threads and cores > 1
         choice = ThreadChoice(cores) if free else None
         with (
             Interruption() as interruption,
             contextlib.closing(trainee),
-            contextlib.closing(board.experiment),
+            self._tensorboard() as board,
         ):
             if trainee.evaluates_first and not self.metrics.rows:
                 self._record({}, board, report)
@@ -233,12 +243,30 @@ class Run:
         self._check_learned()
         self.metrics.add(row)
         self.save()
-        try:
+        with self._writes_tensorboard():
             for name, value in row.items():
                 board.log_scalar(name, value, step=frames)
+        report(self, row)
+
+    @contextlib.contextmanager
+    def _tensorboard(self) -> Iterator[Any]:
+        """The logger of TensorBoard, closed at the end."""
+        with self._writes_tensorboard():
+            board = TensorboardLogger("tensorboard", str(self.folder))
+            events = board.experiment
+        try:
+            yield board
+        finally:
+            with self._writes_tensorboard():
+                events.close()
+
+    @contextlib.contextmanager
+    def _writes_tensorboard(self) -> Iterator[None]:
+        """Have errors of the system name the folder of events."""
+        try:
+            yield
         except OSError as error:
             raise cannot_write(self.folder / "tensorboard", error) from None
-        report(self, row)
 
     @contextlib.contextmanager
     def _watched(self) -> Iterator[None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from pursuit.declared import truth
 from pursuit.policy import Policy
 from pursuit.task import Task
 from scripted_agents.environments import (
@@ -32,9 +33,10 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
         greedy: take the most probable action; False draws, as it was learned.
 
     Raises:
-        ValueError: no run, a damaged one, or one without the distribution asked for.
+        ValueError: no run, a damaged one, or one without the distribution asked for; or `greedy`
+            is no truth value.
     """
-    folder = Path(folder)
+    folder, greedy = Path(folder), truth("greedy", greedy)
     settings, state = load_settings(folder), load_checkpoint(folder)
     algorithm = entry(settings.algorithm)
     check(
@@ -49,16 +51,19 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
         raise misfit(folder, error) from None
 
 
-def load_opponent(path: Path, played: str = "sampled") -> Policy:
+def load_opponent(path: Path | str, played: str = "sampled", **trained: Any) -> Policy:
     """A policy from the folder of a run, or from a saved Stable-Baselines3 model.
 
     Args:
         path: of either.
         played: "sampled", as it was learned, where it is a distribution; or "greedy".
+        **trained: task, agent and observation of a model without a description beside it, as
+            `load_stable_baselines` takes them.
 
     Raises:
         ValueError: neither, or damaged.
     """
+    path = Path(path)
     if path.is_dir():
         settings = load_settings(path)
         in_maze(settings.task, str(path))
@@ -68,11 +73,16 @@ def load_opponent(path: Path, played: str = "sampled") -> Policy:
         path.suffix == ".zip",
         f"{path}: no policy; give the folder of a run, or a saved Stable-Baselines3 model (.zip)",
     )
-    return load_stable_baselines(path, None if played == "sampled" else True)
+    return load_stable_baselines(path, None if played == "sampled" else True, **trained)
 
 
 def opponents_of(
-    task: Task, agent: str, opponent: str | None, epsilon: float, played: str = "sampled"
+    task: Task,
+    agent: str,
+    opponent: str | None,
+    epsilon: float,
+    played: str = "sampled",
+    observation: str | None = None,
 ) -> dict[str, Policy]:
     """The policy of every role: scripted, and where there is one, `opponent` for its own.
 
@@ -83,6 +93,7 @@ def opponents_of(
             for A*.
         epsilon: share of random moves of the scripted agents.
         played: how a learned opponent plays, "sampled" or "greedy".
+        observation: what a model observes that has no description beside it.
 
     Raises:
         ValueError: no policy at `opponent`, or one that cannot play against the learner.
@@ -108,9 +119,12 @@ def opponents_of(
         for other in set(task.seat_roles) - {learner} or {learner}:
             policies[other] = own_policy(opponent, task, other)
     elif opponent is not None:
-        policy: Any = load_opponent(Path(opponent), played)
-        role, seat = role_of(policy), task.seat(agent)
+        seat = task.seat(agent)
         others = [r for s, r in enumerate(task.seat_roles) if s != seat]
+        first = next((r for r in others if r != task.seat_roles[seat]), task.seat_roles[seat])
+        trained = {"task": task, "agent": first, "observation": observation}
+        policy: Any = load_opponent(opponent, played, **trained)
+        role = role_of(policy)
         check(
             role in others,
             f"opponent={opponent!r} learned to be {role!r}; the other seats of task "

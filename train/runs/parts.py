@@ -20,7 +20,6 @@ from train.runs.worlds import GridWorld, World, world_of
 from train.settings.algorithms import Hyperparameters, PPOSettings
 from train.settings.checks import check, evaluation_seed
 from train.settings.off_policy import ReplaySettings
-from train.settings.presets import Setting
 from train.settings.run import SHARED_OUT, TrainSettings
 from train.settings.task import AnyTask, in_maze
 from train.teaching.plan import Plan, check_learner, plan_lessons
@@ -145,11 +144,6 @@ def check_algorithm(settings: TrainSettings[Any], algorithm: Algorithm) -> None:
         device=settings.device,
         greedy=settings.evaluate == "greedy",
     )
-
-
-def setting_of(settings: AnyTask) -> Setting:
-    """What the presets go by."""
-    return world_of(settings).setting
 
 
 def suite_contest_of(

@@ -41,8 +41,9 @@ def draw_learning_curve(
     lessons: list[dict[str, Any]] | None = None,
     taught: str = "",
     look: Look = PLAIN,
+    column: str = "mean_steps",
 ) -> None:
-    """Mean steps over frames with the baselines as lines; the gap and the curriculum below.
+    """The measure over frames with the baselines as lines; gap in steps and curriculum below.
 
     Args:
         path: of the figure, written atomically.
@@ -52,12 +53,14 @@ def draw_learning_curve(
         lessons: of `curriculum.csv`; none where there is no curriculum.
         taught: what those lessons are.
         look: how it is drawn; over frames if it does not say.
+        column: of `rows` and `scores`, what the run is judged by.
     """
     unit = look.x or "frames"
     times = np.array([row[unit] for row in rows]) * time_scale(unit)
-    steps = np.array([row["mean_steps"] for row in rows])
+    measured = np.array([row[column] for row in rows])
     by_name = {score["name"]: score for score in scores}
-    has_gap = "optimal" in by_name and any("optimality_gap" in row for row in rows)
+    of_steps = column == "mean_steps"
+    has_gap = of_steps and "optimal" in by_name and any("optimality_gap" in row for row in rows)
     heights = [3.0] + [2.0] * has_gap + [1.3] * bool(lessons)
     figure, axes = pyplot().subplots(
         len(heights),
@@ -69,18 +72,20 @@ def draw_learning_curve(
         layout="constrained",
     )
     upper = axes[0, 0]
-    upper.plot(times, steps, "o-", color=COLORS["learned"], ms=3.5, lw=1.8, label="learned")
+    upper.plot(times, measured, "o-", color=COLORS["learned"], ms=3.5, lw=1.8, label="learned")
     dashes = itertools.cycle(DASHES)
     for name, score in by_name.items():
-        if name.startswith("learned"):
+        if name.startswith("learned") or score.get(column) is None:
             continue
         dash = "--" if name in COLORS else next(dashes)
         color = COLORS.get(name, COLORS["scripted"])
-        label = f"{name}: {score['mean_steps']:.2f}"
-        upper.axhline(score["mean_steps"], color=color, lw=1.4, ls=dash, label=label)
-    upper.set_yscale("log")
-    plain_numbers(upper.yaxis)
-    upper.set_ylabel("mean episode length (steps, log)")
+        label = f"{name}: {score[column]:.2f}"
+        upper.axhline(score[column], color=color, lw=1.4, ls=dash, label=label)
+    if of_steps:
+        upper.set_yscale("log")
+        plain_numbers(upper.yaxis)
+    words = {"mean_steps": "episode length (steps, log)", "mean_goals": "goals collected"}
+    upper.set_ylabel(f"mean {words.get(column, 'return')}")
     upper.set_title(title, fontsize=11, loc="left", wrap=True)
     upper.legend(frameon=False, fontsize=9)
     if has_gap:

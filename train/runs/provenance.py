@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from pursuit.own_observations import OBSERVATIONS
 from pursuit.parts import Registry, is_reference, sha256_of, source_of
@@ -39,7 +39,15 @@ KINDS: dict[str, Registry[Any]] = {
 }
 """Which settings name parts, and of which kind."""
 
-Records = dict[str, dict[str, str | None]]
+
+class Record(TypedDict):
+    """A user's part: `package.module:Name`, or as registered, and the hash of its source."""
+
+    name: str
+    sha256: str | None
+
+
+Records = dict[str, Record]
 
 
 def own_parts(settings: Any) -> Iterator[tuple[str, str, str]]:
@@ -116,11 +124,12 @@ def check_sources(config: Path, settings: Any, resuming: bool = False) -> None:
     """
     recorded = recorded_parts(config)
     for setting, now in provenance(settings).items():
-        before = recorded.get(setting, {})
+        before = recorded.get(setting)
         missing = now["sha256"] is None and not resuming  # nothing that it could be held against
-        same = before.get("name") != now["name"] or before.get("sha256") == now["sha256"]
+        named = before is not None and before["name"] == now["name"]
+        same = before is None or not named or before["sha256"] == now["sha256"]
         if not same and not missing:
-            name = str(now["name"])
+            name = now["name"]
             module = name.partition(":")[0] if is_reference(name) else name
             told = f"{config.parent}: the source of {module} has changed since this run began"
             if resuming:
@@ -130,7 +139,7 @@ def check_sources(config: Path, settings: Any, resuming: bool = False) -> None:
 
 def allow_options(config: Path) -> str:
     """The options that going on with a run needs: " --allow my_parts", or nothing."""
-    names = [str(record["name"]) for record in recorded_parts(config).values()]
+    names = [record["name"] for record in recorded_parts(config).values()]
     tops = dict.fromkeys(
         name.partition(":")[0].split(".")[0] for name in filter(is_reference, names)
     )

@@ -10,6 +10,7 @@ from typing import Any
 from pursuit.task import Task
 from pursuit.viewer.data import Builder, Extras
 from train.evaluation.closeups import Losses, losses_of, recorded, sides_of
+from train.evaluation.hidden_contest import Certificate
 from train.evaluation.scores import Reference
 from train.files import read_json
 from train.pages import PLAYER_ROOM, details, pairs, paragraph, picture, section, table, write_page
@@ -85,8 +86,8 @@ def shown_games(contest: Any, losses: Losses) -> tuple[dict[str, int], list[str]
     notes = []
     for game in games.values():
         told = f"episode {game} of the evaluation"
-        if losses.returns is not None:
-            told += f", reward {losses.returns[game]:.4g}"
+        if losses.values is not None:
+            told += f", {losses.measure.name} {losses.values[game]:.4g}"
         if losses.optimal is not None:
             steps, optimum = losses.lengths[game], losses.optimal[game]
             expected = "" if steps == int(steps) else " expected"
@@ -120,7 +121,14 @@ def loops_told(content: Mapping[str, Any]) -> str:
     """
     solved = {score["name"]: score["success_rate"] for score in content["scores"]}
     greedy, drawn = solved.get("learned"), solved.get("learned, sampled")
-    if content["role"] != "runner" or greedy is None or drawn is None or greedy < LEARNED:
+    alone = content["objective"]["column"] == "mean_steps"
+    if (
+        content["role"] != "runner"
+        or not alone
+        or greedy is None
+        or drawn is None
+        or greedy < LEARNED
+    ):
         return ""
     loops = f"{100 * (drawn - greedy):.1f}"
     if drawn <= greedy or loops == "0.0":
@@ -132,11 +140,24 @@ def loops_told(content: Mapping[str, Any]) -> str:
     )
 
 
+def headline(results: Mapping[str, Any]) -> str:
+    """What a run is judged by beside the best that is known: goals or return, where not steps."""
+    found, column = results["evaluation"], results["objective"]["column"]
+    name = results["objective"]["unit"]
+    told = f"Learned: {name} {found[column]:.3f}"
+    best = found.get(f"optimal_{name}")
+    if best is not None:
+        told += f", the best on the same starts {best:.3f}: {found[f'{name}_regret']:.3f} below it"
+    return told
+
+
 def summary(results: Mapping[str, Any]) -> str:
     """The result in one sentence."""
     found = results["evaluation"]
     told = f"Learned: {found['mean_steps']:.3f} steps"
-    if found["optimality_gap"] is not None:
+    if results["objective"]["column"] != "mean_steps":
+        told = f"{headline(results)}; {found['mean_steps']:.3f} steps"
+    elif found["optimality_gap"] is not None:
         exact = results.get("least", {}).get("share_exact", 1.0) == 1.0
         optimum = "optimum" if exact else "lower bound of the optimum"
         told += (
@@ -149,14 +170,12 @@ def summary(results: Mapping[str, Any]) -> str:
             f"optimum under limited sight, proven: {found['certified_lower']:.4f} to "
             f"{found['certified_upper']:.4f}"
         )
-    if found.get("return_regret") is not None:
-        told += f"; paid {found['mean_return']:.3f}, {found['return_regret']:.3f} below the best"
     held = results.get("reference") or {}
     if held.get("kind") in ("bound", "best known"):
         told += f"; {Reference(**held).line()}"
     floor, paid = found.get("objective_floor"), found.get("return_floor")
     if floor is not None or paid is not None:
-        known = [] if floor is None else [f"{100 * floor:+.2f} %"]
+        known = [] if floor is None or paid is not None else [f"{100 * floor:+.2f} %"]
         known += [] if paid is None else [f"{paid:.4f} paid less"]
         told += f" (floor of the objective: {', '.join(known)})"
     told += f". {results['frames']:,} frames in {results['seconds']:.1f} s"
@@ -167,26 +186,48 @@ def summary(results: Mapping[str, Any]) -> str:
 def score_table(results: Mapping[str, Any]) -> str:
     """The learned policy beside the references."""
     optimum = results["evaluation"]["optimal_steps"]
-    certified = "certified_lower" in results["evaluation"]
+    certificate = certificate_in(results)
+    column = results["objective"]["column"]
+    own = () if column == "mean_steps" else (results["objective"]["unit"],)
     rows = []
     for score in results["scores"]:
         gap = score["mean_steps"] / optimum - 1.0 if optimum else None
+        shown = "" if gap is None or score["name"] == "optimal" else f"{100 * gap:+.2f} %"
         rows.append(
             (
-                score["name"],
+                "optimal steps" if own and score["name"] == "optimal" else score["name"],
+                *(
+                    (f"{score[column]:.3f}" if score.get(column) is not None else "",)
+                    if own
+                    else ()
+                ),
                 score["mean_steps"],
                 "exact" if score["exact"] else f"{score['ci95']:.3f}",
                 f"{100 * score['success_rate']:.1f} %",
-                "" if gap is None or score["name"] == "optimal" else f"{100 * gap:+.2f} %",
-                *([_plain(score["discounted_steps"])] if certified else ()),
+                *([] if own else [shown]),
+                *(() if certificate is None else _certified(certificate, score)),
             )
         )
-    head = ("", "steps", "± 95 %", "success", "gap to optimum")
-    return table((*head, "discounted") if certified else head, rows)
+    gaps = () if own else ("gap to optimum",)
+    more = () if certificate is None else ("discounted", certificate.head)
+    return table(("", *own, "steps", "± 95 %", "success", *gaps, *more), rows)
 
 
-def _plain(number: float | None) -> str:
-    return "" if number is None else f"{number:.3f}"
+def certificate_in(results: Mapping[str, Any]) -> Certificate | None:
+    """What is proven of the optimum; None unless the agent has limited sight."""
+    found = results["evaluation"]
+    if "certified_lower" not in found:
+        return None
+    interval = (found["certified_lower"], found["certified_upper"])
+    return Certificate(results["role"], found["discount"], *interval)
+
+
+def _certified(certificate: Certificate, score: Mapping[str, Any]) -> tuple[str, str]:
+    """The discounted steps of a score, and their gap to the end of the interval."""
+    steps = score["discounted_steps"]
+    if steps is None:
+        return "", ""
+    return f"{steps:.3f}", f"{100 * certificate.gap(steps):+.2f} %"
 
 
 def lost_parts(contest: Any, losses: Losses) -> list[str]:

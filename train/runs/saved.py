@@ -82,12 +82,13 @@ def from_plain(plain: Mapping[str, Any], where: str) -> TrainSettings[Any]:
     return settings
 
 
-def load_settings(folder: Path) -> TrainSettings[Any]:
+def load_settings(folder: Path | str) -> TrainSettings[Any]:
     """The settings of the run of one agent, or of the side of self-play, in a folder.
 
     Raises:
         ValueError: no such run there, or a damaged one.
     """
+    folder = Path(folder)
     kind, plain = load_config(folder)
     check(
         kind in (RUN, SIDE),

@@ -16,9 +16,11 @@ from train.evaluation.hidden_contest import Certificate
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK
 from train.evaluation.scores import (
     BEST_PAID,
+    BY_GOALS,
+    BY_RETURN,
+    Measure,
     Score,
     optimality_gap,
-    return_regret,
 )
 from train.runs.folder import MISFITS, RUN, misfit, part_of
 from train.runs.in_play import begin, state_in_play
@@ -26,6 +28,7 @@ from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.partner import Partner
 from train.runs.parts import Parts, parts_of
 from train.runs.threads import check_device, prepare_torch
+from train.settings.checks import check
 from train.settings.run import TrainSettings
 from train.teaching.log import write_log
 
@@ -74,7 +77,8 @@ class SingleAgent:
             partner.begun(self.learner)
         self.contest = parts.contest(EPISODES)
         self.optimum = self.contest.optimal()
-        self.objective = Objective("mean_steps", "steps", self.contest.less_is_better)
+        measure = self.contest.measure
+        self.objective = Objective(measure.column, measure.name, measure.less_is_better)
 
     @property
     def frames(self) -> int:
@@ -97,9 +101,11 @@ class SingleAgent:
         return {name: 0.5 * (value + others[name]) for name, value in figures.items()}
 
     def evaluate(self) -> dict[str, float]:
-        """Steps, success and gap; and how the training games went since the last evaluation."""
-        score = self.contest.score("learned", self.policy)
+        """What it is judged by, steps, success and gap; and how the training games went since the
+        last evaluation."""
+        score, measure = self.contest.score("learned", self.policy), self.contest.measure
         row = {"mean_steps": score.mean_steps, "success_rate": score.success_rate}
+        row[measure.column] = measured(measure, score)
         gap = optimality_gap(score, self.optimum)
         if gap is not None:
             row["optimality_gap"] = gap
@@ -119,8 +125,12 @@ class SingleAgent:
             parts.append(f"length {row['episode_length']:6.2f}")
         if "lesson" in row:
             parts.append(f"lesson {row['lesson']:5.2f}")
-        parts.append(f"{self.evaluated} {row['mean_steps']:6.2f} steps")
-        if "optimality_gap" in row:
+        name, measure = self.evaluated, self.contest.measure
+        of_steps = measure.name == "steps"
+        if not of_steps:
+            parts.append(f"{name} {measure.name} {row[measure.column]:6.2f}")
+        parts.append(f"{name} {row['mean_steps']:6.2f} steps")
+        if of_steps and "optimality_gap" in row:
             parts.append(f"gap {100 * row['optimality_gap']:+7.2f} %")
         return parts
 
@@ -181,6 +191,13 @@ class SingleAgent:
             self.partner.close()
 
 
+def measured(measure: Measure, score: Score) -> float:
+    """The value of a score that was played; ValueError where it has none."""
+    value = measure.of(score)
+    check(value is not None, f"score {score.name!r} has no {measure.column}; play its games")
+    return float(value or 0.0)
+
+
 def evaluation_of(
     scores: list[Score],
     evaluated: str,
@@ -206,13 +223,18 @@ def evaluation_of(
             "certified_upper": certificate.upper,
             "certified_gap": certificate.gap(learned.discounted_steps),
         }
-    best, returned = by_name.get(BEST_PAID), {}
-    if best is not None:
-        returned = {
-            "mean_return": learned.mean_return,
-            "optimal_return": best.mean_return,
-            "return_regret": return_regret(learned, best),
-        }
+    best = by_name.get(BEST_PAID)
+    others: dict[str, float | None] = {}
+    if contest is not None:
+        others[contest.measure.column] = measured(contest.measure, learned)
+    for by in (BY_GOALS, BY_RETURN):
+        most = by_name.get(by.optimum)
+        if most is not None:
+            others |= {
+                by.column: by.of(learned),
+                f"optimal_{by.name}": by.of(most),
+                f"{by.name}_regret": by.distance(learned, most),
+            }
     held = None if contest is None else contest.reference(scores, learned)
     return {
         "evaluation": {
@@ -228,7 +250,7 @@ def evaluation_of(
             "objective_floor": floor.gap if optimum else None,
             **({"return_floor": floor.paid} if best else {}),
             **certified,
-            **returned,
+            **others,
         },
         "reference": {} if held is None else asdict(held),
         "scores": [asdict(score) for score in scores],

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pursuit.maze import Maze, load_maze
 from pursuit.own_observations import is_ours
 from pursuit.suite_files import PREFIX, is_suite
 from pursuit.task import Task, make_task
-from train.networks.arm_policy import ArmSeat
-from train.networks.policy import Seat
 from train.settings.checks import check
+from train.settings.presets import Setting
 from train.settings.run import TrainSettings
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
-from train.teaching.plan import training_task
+
+if TYPE_CHECKING:
+    from train.networks.arm_policy import ArmSeat
+    from train.networks.policy import Seat
 
 PLANES_AS: dict[str, Literal["planes", "grid", "flat"]] = {
     "auto": "planes",
@@ -97,8 +99,29 @@ def agent_of(settings: TaskSettings, task: Task) -> str:
     return settings.agent
 
 
+def setting_of(settings: AnyTask) -> Setting:
+    """What the presets go by: task, role and size, of an arm the number of joints."""
+    if isinstance(settings, ReacherSettings):
+        return Setting("reacher", "arm", 0, joints=settings.build().joints)
+    task = task_of(settings)
+    return Setting(
+        settings.task,
+        agent_of(settings, task).split("_")[0],
+        task.max_cells,
+        random_start=settings.start == "random",
+        duel=task.is_duel,
+        many_mazes=len(task.mazes) > 1,
+        goals=task.num_goals,
+    )
+
+
 def player_of(settings: TrainSettings[Any]) -> Seat | ArmSeat:
     """Who learns in a run, as its training games have it; ValueError for settings of none."""
+    # torch is slow to import, and no option of the command line needs it.
+    from train.networks.arm_policy import ArmSeat
+    from train.networks.policy import Seat
+    from train.teaching.plan import training_task
+
     given = settings.task
     if isinstance(given, ReacherSettings):
         check(

@@ -1,13 +1,17 @@
 """Policies that others trained: saved Stable-Baselines3 models in any seat.
 
 A model file of Stable-Baselines3 is a zip whose settings are partly pickled, and loading those runs
-code. So the recipes write a description beside the model, and what is loaded here is the weights
-alone (`torch.load(weights_only=True)`), into a policy made from that description.
+code. So what is loaded here is the weights alone (`torch.load(weights_only=True)`), into a policy
+made from a description beside the model, which the recipes write. A model that `model.save()` wrote
+has none: its layers are read from the shapes of the weights, and its task and observation are
+arguments.
 """
 
 from __future__ import annotations
 
 import io
+import json
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -16,8 +20,10 @@ import numpy as np
 import torch
 from gymnasium.spaces import Discrete
 
+from pursuit.declared import truth
 from pursuit.parts import check_trusted
 from pursuit.simulator import Simulator
+from pursuit.task import Task
 from train.files import read_json, write_json
 from train.networks.policy import NetworkPolicy, Seat
 from train.runs.forms import RESTORE, Description
@@ -46,13 +52,13 @@ class StableBaselinesNetwork(torch.nn.Module):
         return logits.reshape(*shape, -1)
 
 
-def description_of(path: Path) -> Path:
+def description_of(path: Path | str) -> Path:
     """Where the description of the model in `path` lies."""
-    return path.with_suffix(".json")
+    return Path(path).with_suffix(".json")
 
 
 def save_stable_baselines(
-    model: Any, path: Path, algorithm: str, task: TaskSettings, encoding: str
+    model: Any, path: Path | str, algorithm: str, task: TaskSettings, encoding: str
 ) -> None:
     """Save a model, and beside it what is needed to load its weights as a policy.
 
@@ -75,18 +81,31 @@ def save_stable_baselines(
     )
 
 
-def load_stable_baselines(path: Path, greedy: bool | None = True) -> NetworkPolicy:
+def load_stable_baselines(
+    path: Path | str,
+    greedy: bool | None = True,
+    task: Task | None = None,
+    agent: str | None = None,
+    observation: str | None = None,
+    mask_bumps: bool = False,
+) -> NetworkPolicy:
     """A saved model as a policy; no code that the file may hold is run.
 
     Args:
-        path: the .zip that `save_stable_baselines` wrote, its description beside it.
+        path: the .zip that `save_stable_baselines` wrote, its description beside it; or, with
+            `task`, `agent` and `observation`, the one that `model.save()` wrote.
         greedy: take the most probable action; False draws (PPO and A2C only); None draws where
             there is a distribution.
+        task, agent, observation, mask_bumps: the game that the model was trained in, its agent or
+            role there, what it observes, and whether moves into walls are forbidden to it. A
+            description beside the model goes first.
 
     Raises:
         ImportError: Stable-Baselines3 is not installed.
-        ValueError: no model, no description, a damaged one, or weights of another network.
+        ValueError: no model, neither description nor arguments, a damaged file, or weights of
+            another network.
     """
+    path = Path(path)
     try:
         from stable_baselines3.common.policies import ActorCriticPolicy
         from stable_baselines3.dqn.policies import DQNPolicy
@@ -95,40 +114,59 @@ def load_stable_baselines(path: Path, greedy: bool | None = True) -> NetworkPoli
             "stable_baselines3 is not installed; pip install 'pursuit[sb3]'"
         ) from None
     check(path.is_file(), f"{path}: no such file; give a saved model (.zip)")
-    check(
-        description_of(path).is_file(),
-        f"{path}: its description {description_of(path).name} is not beside it; save models with "
-        "train.runs.third_party.save_stable_baselines",
-    )
     where = description_of(path)
-    content = read_json(where)
-    check_trusted(where, content)
-    described = read_as(Description, content, where, RESTORE)
-    task = read_as(TaskSettings, described.task, f"{where}: task", RESTORE)
+    if where.is_file():
+        content = read_json(where)
+        check_trusted(where, content)
+        described = read_as(Description, content, where, RESTORE)
+        settings = read_as(TaskSettings, described.task, f"{where}: task", RESTORE)
+        task = task_of(settings)
+        agent, mask_bumps = agent_of(settings, task), settings.mask_bumps
+        weights = _weights_in(path)
+    else:
+        check(
+            task is not None and agent is not None and observation is not None,
+            f"{path}: its description {where.name} is not beside it; give the task and the "
+            "observation that the model was trained with as options, or save it with "
+            "train.runs.third_party.save_stable_baselines",
+        )
+        weights = _weights_in(path)
+        described = _found_in(path, weights, str(observation))
+    assert task is not None and agent is not None
     algorithm, encoding = described.algorithm, described.observation
-    greedy = algorithm == "dqn" if greedy is None else greedy
+    greedy = algorithm == "dqn" if greedy is None else truth("greedy", greedy)
     check(
         greedy or algorithm != "dqn",
         f"{path}: dqn learns no distribution over actions; take the greedy policy",
     )
-    built = task_of(task)
-    space = Simulator(built).encoder(encoding).space
-    weights = _weights_in(path)
+    space = Simulator(task).encoder(encoding).space
     check(
         _least_weights(described, int(np.prod(space.shape))) <= weights_in_all(weights),
-        f"{path}: its weights are not of the network that {where.name} describes; {RESTORE}",
+        f"{path}: its weights are not of the network that {where.name} describes; {RESTORE}"
+        if where.is_file()
+        else f"{path}: its weights are not for observation={encoding!r} of {agent} in task "
+        f"{task.name!r} on maze {task.mazes[0].name}; give those of its training",
     )
     form = DQNPolicy if algorithm == "dqn" else ActorCriticPolicy
     try:
         policy = form(
-            space, Discrete(built.num_actions), lambda _: 0.0, net_arch=described.net_arch
+            space,
+            Discrete(task.num_actions),
+            lambda _: 0.0,
+            net_arch=described.net_arch,
+            activation_fn=_activation_in(path, algorithm),
         )
         check_like(weights, policy.state_dict(), "policy.pth")
     except (Misfit, TypeError) as error:
-        raise ValueError(f"{path}: does not fit {where.name} ({error}); {RESTORE}") from None
+        if where.is_file():
+            raise ValueError(f"{path}: does not fit {where.name} ({error}); {RESTORE}") from None
+        raise ValueError(
+            f"{path}: does not fit observation={encoding!r} of {agent} in task {task.name!r} on "
+            f"maze {task.mazes[0].name} ({error}); give those of its training"
+        ) from None
     policy.load_state_dict(weights)
     policy.set_training_mode(False)
-    seat = Seat(built, agent_of(task, built), encoding, task.mask_bumps)
+    seat = Seat(task, agent, encoding, mask_bumps)
     return seat.policy(StableBaselinesNetwork(policy), greedy)
 
 
@@ -149,6 +187,53 @@ def _weights_in(path: Path) -> dict[str, Any]:
     fits = isinstance(weights, dict) and all(isinstance(w, torch.Tensor) for w in weights.values())
     check(fits, f"{path}: damaged, its weights are no tensors by name; {RESTORE}")
     return dict(weights)
+
+
+def _found_in(path: Path, weights: dict[str, torch.Tensor], observation: str) -> Description:
+    """The description of a model by its weights; ValueError for another kind of network."""
+    layers: dict[str, list[int]] = {"pi": [], "vf": [], "q": []}
+    parts = {"mlp_extractor.policy_net": "pi", "mlp_extractor.value_net": "vf", "q_net.q_net": "q"}
+    for name, tensor in weights.items():
+        part, _, rest = name.partition(".weight")[0].rpartition(".")
+        if name.endswith(".weight") and part in parts and rest.isdigit() and tensor.ndim == 2:
+            layers[parts[part]].append(len(tensor))
+    if layers["q"]:
+        return Description("dqn", {}, observation, layers["q"][:-1])
+    check(
+        "action_net.weight" in weights,
+        f"{path}: no network of PPO, A2C or DQN with an MlpPolicy; other models fill a seat as "
+        "policies of your own",
+    )
+    return Description("ppo", {}, observation, {"pi": layers["pi"], "vf": layers["vf"]})
+
+
+def _activation_in(path: Path, algorithm: str) -> type[torch.nn.Module]:
+    """The activation function that a model was made with, which stands in its zip as text.
+
+    Raises:
+        ValueError: one that is not of torch, or another extractor of features.
+    """
+    try:
+        with zipfile.ZipFile(path) as file:
+            given = json.loads(file.read("data")).get("policy_kwargs", {})
+        text = str(given.get("activation_fn", ""))
+        extractor = str(given.get("features_extractor_class", "FlattenExtractor"))
+    except Exception:  # zipfile and json raise whatever the bytes lead them to
+        raise ValueError(f"{path}: damaged, its settings cannot be read; {RESTORE}") from None
+    check(
+        "FlattenExtractor" in extractor,
+        f"{path}: features_extractor_class={extractor}; only an MlpPolicy without one can be read",
+    )
+    if not text:
+        return torch.nn.ReLU if algorithm == "dqn" else torch.nn.Tanh
+    name = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", text)
+    check(
+        name is not None and hasattr(torch.nn, name[1]),
+        f"{path}: activation_fn={text}; one of torch.nn, such as ReLU or Tanh, can be read",
+    )
+    assert name is not None
+    found: type[torch.nn.Module] = getattr(torch.nn, name[1])
+    return found
 
 
 def weights_in_all(weights: dict[str, torch.Tensor]) -> int:

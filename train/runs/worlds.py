@@ -21,13 +21,13 @@ from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
+from train.evaluation.scores import BY_LONG_LIFE, measure_of
 from train.evaluation.suite_contest import SuiteContest
 from train.networks.arm_policy import ArmSeat
 from train.networks.policy import Seat
 from train.runs.opponents import opponents_of
 from train.runs.tasks import agent_of, task_of
 from train.settings.checks import EVALUATION_SEED
-from train.settings.presets import Setting
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
 from train.teaching.arm_axes import ArmGround
 from train.teaching.axes import Ground
@@ -41,10 +41,6 @@ class World(Protocol):
     @property
     def task(self) -> Any:
         """What is evaluated."""
-
-    @property
-    def setting(self) -> Setting:
-        """What the presets go by."""
 
     @property
     def ground(self) -> Terrain:
@@ -96,22 +92,7 @@ class GridWorld:
         """The policy of every role; ValueError as `opponents_of`."""
         given = self.settings
         how = (given.opponent, given.opponent_epsilon, given.opponent_policy)
-        return opponents_of(self.task, self.agent, *how)
-
-    @property
-    def setting(self) -> Setting:
-        """By task, role and size."""
-        given, task = self.settings, self.task
-        role = self.agent.split("_")[0]
-        return Setting(
-            given.task,
-            role,
-            task.max_cells,
-            random_start=given.start == "random",
-            duel=task.is_duel,
-            many_mazes=len(task.mazes) > 1,
-            goals=task.num_goals,
-        )
+        return opponents_of(self.task, self.agent, *how, given.opponent_observation)
 
     @property
     def ground(self) -> Ground:
@@ -130,11 +111,10 @@ class GridWorld:
     ) -> tuple[SimulatorEnv, Teacher | None]:
         """As `World`."""
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
-        evading = seat.role == "evader" and not seat.task.num_goals
         judge = Judge(
             lambda games: won_by(games, number),
             lambda games: games.returns[:, number],
-            not evading,
+            measure_of(seat.task, seat.role) != BY_LONG_LIFE,
         )
         simulator = Simulator(seat.task, num_games, seed, first_game, auto_restart=False)
         teacher = None if plan is None else Teacher(plan, simulator, judge)
@@ -165,11 +145,6 @@ class ArmWorld:
     def task(self) -> ReacherTask:
         """The task."""
         return self.settings.build()
-
-    @property
-    def setting(self) -> Setting:
-        """By the number of joints."""
-        return Setting("reacher", "arm", 0, joints=self.task.joints)
 
     @property
     def ground(self) -> ArmGround:

@@ -25,9 +25,10 @@ from train.algorithms.registry import entry as algorithm_entry
 from train.evaluation.games import half_width
 from train.evaluation.matchups import can_solve, match, play_pair
 from train.runs.folder import CONFIG, SELF_PLAY, load_config
-from train.runs.opponents import check_fits, load_policy
+from train.runs.opponents import check_fits, load_opponent, load_policy, role_of
 from train.runs.saved import load_settings
 from train.runs.tasks import task_of
+from train.runs.third_party import description_of
 from train.self_play.names import entry_names
 from train.self_play.people import HandResults
 from train.self_play.ratings import (
@@ -79,24 +80,30 @@ def enter(
     greedy: bool = False,
     played: TaskSettings | None = None,
     called: Sequence[str] = (),
+    model_roles: Sequence[str] = (),
+    model_observations: Sequence[str] = (),
 ) -> tuple[Task, list[Entry]]:
     """The task of the league, and whoever takes part.
 
     Args:
-        names: folders of runs, and names of scripted agents and of users' own policies.
+        names: folders of runs, saved Stable-Baselines3 models (.zip), and names of scripted agents
+            and of users' own policies.
         maze: where scripted agents play if there is no run.
         opponent_epsilon: share of random moves of astar.
         greedy: learned policies take their most probable action instead of drawing.
         played: the game of the league if there is no run, instead of a chase in `maze`.
         called: what they are called in tables, one for each; as `entry_names` says if left out.
+        model_roles, model_observations: of the models that have no description beside them: one
+            for all, or one for each in the order of `names`.
 
     Raises:
         ValueError: an entry that is no run, of another game, given twice, or a role without entry.
     """
     title = dict(zip(names, entry_names(names, is_agent, called), strict=True))
     runs: list[tuple[str, Path]] = []
+    models = [name for name in names if is_model(name)]
     for name in names:
-        if is_agent(name):
+        if is_agent(name) or name in models:
             continue
         folder = Path(name)
         check(
@@ -128,6 +135,21 @@ def enter(
         policy: Any = load_policy(folder, greedy=not sampled)
         check_fits(policy, role, task, name)
         entries.append(Entry(title[name], role, policy))
+    bare = [name for name in models if not description_of(name).is_file()]
+    model_roles = _one_each("model_roles", model_roles, bare)
+    model_observations = _one_each("model_observations", model_observations, bare)
+    for name in models:
+        trained: dict[str, Any] = {}
+        if name in bare and model_roles and model_observations:
+            number = bare.index(name)
+            check(
+                model_roles[number] in ROLES,
+                f"model_roles: {model_roles[number]!r}; a league has chasers and evaders",
+            )
+            trained = {"agent": model_roles[number], "observation": model_observations[number]}
+        policy = load_opponent(name, "greedy" if greedy else "sampled", task=task, **trained)
+        check_fits(policy, role_of(policy), task, name)
+        entries.append(Entry(title[name], role_of(policy), policy))
     for name in names:
         if name in AGENTS:
             rest: Any = (opponent_epsilon if name == "astar" else 0.0, task.move_order)
@@ -143,6 +165,21 @@ def enter(
             f"no {role} among the entries; add astar, say, or a run of one",
         )
     return task, entries
+
+
+def _one_each(what: str, given: Sequence[str], models: Sequence[str]) -> list[str]:
+    """One value for each model; a single one is for all."""
+    check(
+        len(given) in (0, 1, len(models)),
+        f"{what}: {len(given)} for {len(models)} models without a description; give one for all, "
+        "or one for each in the order of the entries",
+    )
+    return [*given] * len(models) if len(given) == 1 else [*given]
+
+
+def is_model(name: str) -> bool:
+    """Whether an entry is a saved Stable-Baselines3 model."""
+    return not is_agent(name) and Path(name).suffix == ".zip"
 
 
 def is_agent(name: str) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -22,19 +21,25 @@ from scripted_agents.environments import (
 )
 from train.algorithms.registry import entry
 from train.networks.policy import Seat
-from train.runs.by_name import check_names, picked, typed
+from train.runs.by_name import INNER, check_names, picked, typed
 from train.runs.forms import RESTORE
 from train.runs.opponents import check_fits, load_opponent
-from train.runs.parts import build_of, setting_of
+from train.runs.parts import build_of
 from train.runs.saved import read_own, read_part
 from train.runs.sizes import check_memory
 from train.runs.tasks import check_one_maze, task_of
+from train.self_play.learners import complete, hyper_of
 from train.self_play.side import SideParts
-from train.settings.algorithms import Hyperparameters, PPOSettings
+from train.settings.algorithms import PPOSettings, hyperparameter_form
 from train.settings.checks import check
-from train.settings.presets import hyperparameters
 from train.settings.run import TrainSettings
-from train.settings.self_play import ADDED, ROLES, SelfPlaySettings, self_play_ppo
+from train.settings.self_play import (
+    ADDED,
+    LEARN,
+    ROLES,
+    SelfPlaySettings,
+    self_play_ppo,
+)
 from train.settings.task import TaskSettings
 
 
@@ -66,7 +71,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     task = task_of(settings.task)
     check_one_maze(task, "self-play")
     check_sides(settings, task)
-    discount = settings.hyper.last_gamma
+    discount = settings.discount
     scripted = {
         (name, role): scripted_policy(
             name,
@@ -89,7 +94,9 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     frozen = {
         role: scripted[name, role]
         if (name, role) in scripted
-        else frozen_policy(name, role, task, settings.task.opponent_policy)
+        else frozen_policy(
+            name, role, task, settings.task.opponent_policy, settings.task.opponent_observation
+        )
         for role in ROLES
         if role not in settings.learning
         for name in [str(getattr(settings, role))]
@@ -148,15 +155,7 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
     """The settings of one role's learner, as those of a run of its own."""
     task = replace(settings.task, role=role)
     members = task_of(task).count(role)
-    algorithm = settings.algorithm(role)
-    hyper: Hyperparameters = settings.hyper
-    if algorithm != "ppo":
-        hyper = hyperparameters(algorithm, setting_of(task))
-        same = {name: getattr(settings.hyper, name) for name in ("gamma", "gamma_end", "recurrent")}
-        if "gamma_end" not in {field.name for field in fields(hyper)}:
-            del same["gamma_end"]
-            same["gamma"] = settings.hyper.last_gamma  # that of the exact game
-        hyper = replace(hyper, **same)
+    algorithm, hyper = settings.algorithm(role), hyper_of(settings, role)
     games = max(hyper.num_games // members, 1) * members
     if isinstance(hyper, PPOSettings):
         batch = min(hyper.minibatch_size, games * hyper.rollout_steps)
@@ -181,17 +180,20 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
 
 
-def frozen_policy(name: str, role: str, task: Task, played: str = "sampled") -> Policy:
+def frozen_policy(
+    name: str, role: str, task: Task, played: str = "sampled", observation: str | None = None
+) -> Policy:
     """Who plays a role that does not learn: a user's own, a run by its folder or a model's .zip.
 
-    It is `played` "sampled" or "greedy", as every learned opponent is.
+    It is `played` "sampled" or "greedy", as every learned opponent is. A model without a
+    description beside it has this `observation`.
 
     Raises:
         ValueError: none of them; or it is of another role, or of other games.
     """
     if is_own_policy(name):
         return own_policy(name, task, role)
-    policy = load_opponent(Path(name), played)
+    policy = load_opponent(name, played, task=task, agent=role, observation=observation)
     check_fits(policy, role, task, name)
     return policy
 
@@ -202,29 +204,56 @@ def frozen_policy(name: str, role: str, task: Task, played: str = "sampled") -> 
 def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
     """Settings of self-play by their names on the command line, checked.
 
+    The settings of a role that learns by something else than PPO have the role before their names:
+    `self_play_settings_of(chaser_algorithm="dqn", chaser_batch_size=64, frames=1000)`.
+
     Raises:
         ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
     """
     default = self_play_ppo()
-    check_names(flat, (TaskSettings, default, SelfPlaySettings), set(), " of self-play")
-    own = {k: v for k, v in typed(SelfPlaySettings, flat).items() if k not in ("task", "hyper")}
-    settings = SelfPlaySettings(
-        task=picked(TaskSettings, flat, {"rewards": "zero_sum"}),
-        hyper=picked(PPOSettings, flat, vars(default)),
-        **own,
+    learn = {
+        r: str(flat.get(f"{r}_algorithm", "ppo")) for r in ROLES if flat.get(r, LEARN) == LEARN
+    }
+    others = {r: hyperparameter_form(name) for r, name in learn.items() if name != "ppo"}
+    names = {f"{role}_{f.name}" for role, form in others.items() for f in fields(form)}
+    ppo = [] if learn and len(others) == len(learn) else [PPOSettings]
+    check_names(flat, (TaskSettings, SelfPlaySettings, *ppo), names, " of self-play")
+    own = typed(SelfPlaySettings, {k: v for k, v in flat.items() if k not in INNER})
+    settings = complete(
+        SelfPlaySettings(
+            task=picked(TaskSettings, flat, {"rewards": "zero_sum"}),
+            hyper=picked(PPOSettings, flat, vars(default)),
+            **own,
+        )
     )
+    changed: Any = {}
+    for role, form in others.items():
+        given = {n.removeprefix(f"{role}_"): v for n, v in flat.items() if n in names}
+        before = getattr(settings, f"{role}_hyper")
+        changed[f"{role}_hyper"] = picked(form, given, vars(before))
+    settings = replace(settings, **changed)
     self_play_parts(settings)
     return settings
 
 
 def self_play_from_plain(plain: Mapping[str, Any], where: str) -> SelfPlaySettings:
     """From the plain values of `config.json`; ValueError where those are something else."""
-    own = read_own(SelfPlaySettings, {**ADDED, **plain}, where, {"task", "hyper"})
-    task = read_part(TaskSettings, plain, "task", where)
-    hyper = read_part(PPOSettings, plain, "hyper", where)
+    plain = {**ADDED, **plain}
+    own = read_own(
+        SelfPlaySettings, plain, where, {"task", "hyper", "chaser_hyper", "evader_hyper"}
+    )
+    parts = {"task": read_part(TaskSettings, plain, "task", where)}
+    forms: dict[str, type[Any]] = {"hyper": PPOSettings}
     try:
-        settings = SelfPlaySettings(task=task, hyper=hyper, **msgspec.structs.asdict(own))
-        check_sides(settings, task_of(task))
+        forms |= {f"{r}_hyper": entry(getattr(own, f"{r}_algorithm")).settings for r in ROLES}
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+    for name, form in forms.items():
+        empty = name in plain and plain[name] is None
+        parts[name] = None if empty else read_part(form, plain, name, where)
+    try:
+        settings = SelfPlaySettings(**parts, **msgspec.structs.asdict(own))
+        check_sides(settings, task_of(settings.task))
     except ValueError as error:
         raise ValueError(f"{where}: {error}; {RESTORE}") from None
     return settings

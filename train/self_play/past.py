@@ -37,7 +37,8 @@ from train.tensors import read_tensors
 Column = NDArray[np.float64]
 REMEDY = "this is of self-play of a duel in one maze with full sight, where both sides learned"
 GAMES = 200
-"""Of every comparison, as many as `pursuit league` plays: how firm a rating is."""
+"""Of each two snapshots, as many as `pursuit league` plays by default. Each wins exactly its
+expected share of them; `elo_of` adds half a win each way."""
 APART = (1, 2, 4, 8, 16)
 """Snapshots between two of them: where each group of pairs begins."""
 
@@ -71,8 +72,8 @@ class Standings:
     Attributes:
         role, names: of whom.
         frames: [snapshots] float64, when they were taken.
-        elo: [snapshots] float64, mean 1500: who does better from the same start against the same
-            snapshot of the other side.
+        elo: [snapshots] float64, mean 1500, of `GAMES` games of each two: who does better from the
+            same start against the same snapshot of the other side.
         exploitability: [snapshots] float64 >= 0, in discounted steps.
         steps: [snapshots, snapshots of the other side] float64, expected steps until capture, cut
             at the task's horizon.

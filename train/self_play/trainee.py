@@ -47,7 +47,7 @@ from train.self_play.standing import (
     whole_game,
 )
 from train.settings.checks import evaluation_seed
-from train.settings.self_play import LEARN, ROLES, SelfPlaySettings
+from train.settings.self_play import LEARN, ROLES, SelfPlaySettings, self_play_ppo
 from train.tensors import check_like
 
 MOST_AVERAGED_CELLS = 49
@@ -318,6 +318,9 @@ class SelfPlay:
                 # It plays as it was learned; who responds may do anything, masks or not.
                 task=replace(self.settings.task, opponent_policy="sampled", mask_bumps=False),
                 **who,
+                hyper=self.settings.hyper or replace(self_play_ppo(), gamma=self.parts.discount),
+                chaser_hyper=None,
+                evader_hyper=None,
                 share_networks=False,
                 sampling="latest",
                 members=(),

@@ -4,12 +4,23 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from typing import Any
 
 
 def check(condition: bool, message: str) -> None:
     """Raise ValueError(message) unless `condition`."""
     if not condition:
         raise ValueError(message)
+
+
+def check_default(settings: Any, default: Any, names: Iterable[str], why: str) -> None:
+    """ValueError unless these settings have the values that they have in `default`."""
+    for name in names:
+        value = getattr(settings, name)
+        check(
+            value == getattr(default, name),
+            f"{name}={value!r} has no effect: {why}; leave it out",
+        )
 
 
 def check_choice(what: str, value: object, choices: Iterable[str]) -> None:

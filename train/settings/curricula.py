@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 from curricula import Curriculum, Schedule
@@ -67,7 +68,7 @@ def check_choice(name: str, value: str, choices: Collection[str]) -> None:
 def check_length(length: float, unit: str) -> None:
     """ValueError for a schedule of a negative length, or in an unknown unit."""
     check_choice("schedule_unit", unit, UNITS)
-    check(length >= 0, f"schedule_length={length}; a length is at least 0")
+    check(0 <= length < inf, f"schedule_length={length}; a length is finite and at least 0")
 
 
 def check_unit(name: str, value: float, unit: str) -> None:
@@ -265,7 +266,10 @@ class LearnabilitySettings(LevelReplaySettings):
 
 def check_solved_within(value: float) -> None:
     """ValueError for a factor that no episode can meet."""
-    check(value == 0 or value >= 1, f"solved_within={value}; 0, or at least 1 (the optimum)")
+    check(
+        value == 0 or 1 <= value < inf,
+        f"solved_within={value}; 0, or a finite number from 1 (the optimum) on",
+    )
 
 
 CURRICULA: dict[str, type[CurriculumSettings]] = {

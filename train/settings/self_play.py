@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from pursuit.own_observations import check_observation
 from scripted_agents.environments import AGENTS, is_own_policy
@@ -25,13 +26,17 @@ SAMPLING = ("latest", "window", "uniform", "pfsp", "double-oracle")
 FORMER = {"psro": "double-oracle"}
 """What schemes were called before; the old name is still taken."""
 
-ADDED = {"device": "cpu", "precision": "auto"}
+ADDED = {"device": "cpu", "precision": "auto", "chaser_hyper": None, "evader_hyper": None}
 """Settings that came after folders had been written without them, and what they were there."""
 
 
 def self_play_ppo() -> PPOSettings:
-    """The settings of PPO in self-play: the discount is that of the exact game."""
-    return PPOSettings(num_games=512, learning_rate=3e-3, entropy_coef=0.02, minibatch_size=2048)
+    """The settings of PPO in self-play: the discount is that of the exact game.
+
+    The entropy bonus is annealed to 0. It was chosen with `sampling` on generated mazes; see
+    docs/self_play.md.
+    """
+    return PPOSettings(num_games=512, learning_rate=3e-3, entropy_coef=0.3, minibatch_size=2048)
 
 
 @dataclass(frozen=True)
@@ -39,8 +44,9 @@ class SelfPlaySettings:
     """Self-play, complete."""
 
     task: TaskSettings = field(default_factory=lambda: TaskSettings(rewards="zero_sum"))
-    hyper: PPOSettings = field(default_factory=self_play_ppo)
-    """The settings of PPO, for every role that learns by it."""
+    hyper: PPOSettings | None = field(default_factory=self_play_ppo)
+    """The settings of PPO, for every role that learns by it; None in the settings of a run in which
+    no role does."""
     chaser: str = LEARN
     """learn, or who plays the chasers instead: astar, random, optimal, searching (or sweeping,
     belief), the folder of a run, or package.module:Name of your own."""
@@ -50,9 +56,14 @@ class SelfPlaySettings:
     """What the chasers learn by: ppo, a2c or dqn."""
     evader_algorithm: str = "ppo"
     """What the evaders learn by."""
+    chaser_hyper: Any = None
+    """The settings of the chasers' algorithm where that is not PPO (`Hyperparameters`); None for
+    its tuned ones, which a run fills in."""
+    evader_hyper: Any = None
+    """The settings of the evaders' algorithm; likewise."""
     share_networks: bool = False
     """One network for both roles, with heads of their own."""
-    sampling: str = "uniform"
+    sampling: str = "latest"
     """Who is drawn as the opponent: latest, window (the last snapshots), uniform (over all:
     fictitious self-play), pfsp (those that are hard), or double-oracle (a Nash mixture of all
     snapshots by their discounted payoffs; the learners go on from where they are, while those of
@@ -133,23 +144,65 @@ class SelfPlaySettings:
             check(self.members.count(name) == 1, f"member {name!r} is given twice")
         both = all(self.algorithm(role) == "ppo" and role in self.learning for role in ROLES)
         check(
-            not self.share_networks or (both and not self.hyper.central_critic),
+            not self.share_networks or (both and not self.central_critic),
             "share_networks needs both roles to learn by ppo, without a central critic",
         )
         check(
-            not self.hyper.central_critic or self.observation == "index",
+            not self.central_critic or self.observation == "index",
             f"observation={self.observation!r}; a central critic works on index",
         )
-        last = "gamma" if self.hyper.gamma_end is None else "gamma_end"
+        for role in ROLES:
+            check(
+                getattr(self, f"{role}_hyper") is None or role in self.other_learners,
+                f"{role}_hyper is given, and the {role}s learn by ppo or not at all; leave it out, "
+                f"or give another {role}_algorithm",
+            )
+        discounts = {}
+        for prefix, hyper in self._hypers().items():
+            check(hyper is not None, "hyper=None, and not every side has settings; leave it out")
+            last = "gamma" if getattr(hyper, "gamma_end", None) is None else "gamma_end"
+            discounts[f"{prefix}{last}"] = hyper.last_gamma
+        for name, discount in discounts.items():
+            check(
+                0.0 < discount < 1.0,
+                f"{name}={discount}; in (0, 1): it is the discount of the exact game",
+            )
         check(
-            0.0 < self.hyper.last_gamma < 1.0,
-            f"{last}={self.hyper.last_gamma}; in (0, 1): it is the discount of the exact game",
+            len(set(discounts.values())) == 1,
+            f"{', '.join(f'{name}={value}' for name, value in discounts.items())}; both sides "
+            "learn the same exact game: give them one discount",
         )
 
     @property
     def learning(self) -> tuple[str, ...]:
         """The roles that learn."""
         return tuple(role for role in ROLES if getattr(self, role) == LEARN)
+
+    @property
+    def other_learners(self) -> tuple[str, ...]:
+        """The roles that learn by something else than PPO."""
+        return tuple(role for role in self.learning if self.algorithm(role) != "ppo")
+
+    @property
+    def discount(self) -> float:
+        """The discount of the exact game: the last one that the sides learn with."""
+        return float(next(iter(self._hypers().values())).last_gamma)
+
+    @property
+    def central_critic(self) -> bool:
+        """Whether teams learn with a central critic."""
+        return self.hyper is not None and self.hyper.central_critic
+
+    def _hypers(self) -> dict[str, Any]:
+        """The settings that give the discount of each learning role, by the prefix of their names.
+
+        Where those of another algorithm are left to be filled in, that is `hyper`.
+        """
+        found = {}
+        for role in self.learning:
+            own = getattr(self, f"{role}_hyper")
+            found["" if own is None else f"{role}_"] = self.hyper if own is None else own
+        return found
 
     def algorithm(self, role: str) -> str:
         """What a role learns by."""

@@ -15,8 +15,19 @@ from pursuit.suite_files import PREFIX, is_suite
 from pursuit.task import TASK_NAMES
 from train.settings.checks import check, check_choice
 
+MOST_STEPS = 100_000
+"""Of an episode: evaluations play a thousand and more to their ends, which may be the limit."""
 OPPONENT_POLICIES = ("sampled", "greedy")
 REACHER = "reacher"
+
+
+def check_max_steps(max_steps: int) -> None:
+    """ValueError for episodes so long that no evaluation would end."""
+    check(
+        max_steps <= MOST_STEPS,
+        f"max_steps={max_steps}; at most {MOST_STEPS}: evaluations play every episode to its end, "
+        "and an agent that is never caught reaches the limit; take fewer",
+    )
 
 
 @dataclass(frozen=True)
@@ -43,7 +54,7 @@ class TaskSettings:
     num_goals: int | None = None
     """Goals; likewise."""
     max_steps: int = 200
-    """An episode of this many steps is truncated."""
+    """An episode of this many steps is truncated; 100,000 at most."""
     stay_action: bool = False
     """Whether a fifth action, stay, exists."""
     move_order: str = "simultaneous"
@@ -53,7 +64,7 @@ class TaskSettings:
     rewards: str = "default"
     """goal, completion, distance, zero_sum, or the task's own (default); coefficients, such as
     step=-0.1,capture=2 or chaser.step=-0.1,evader.capture=-2 (of step, capture, goal, distance,
-    on_completion); or package.module:Name of a function of your own."""
+    on_completion, for chasers per_evader); or package.module:Name of a function of your own."""
     view_radius: str | None = None
     """Path steps up to which agents see: a number for all, or by role or agent, such as
     chaser=2,evader_0=3; everything if left out. The scripted astar, random and optimal see
@@ -74,6 +85,9 @@ class TaskSettings:
     opponent_policy: str = "sampled"
     """How a learned opponent plays: sampled (as it was learned, where it is a distribution), or
     greedy (always the most probable action)."""
+    opponent_observation: str | None = None
+    """What a saved Stable-Baselines3 model observes that plays the other side, such as one_hot; of
+    one without a description beside it (as model.save() writes)."""
     start: str = "random"
     """random, or marks: the S and G of the maze (fixed goals)."""
     mask_bumps: bool = False
@@ -81,6 +95,7 @@ class TaskSettings:
     they are the only way to wait, which the best chasers and evaders do."""
 
     def __post_init__(self) -> None:
+        check_max_steps(self.max_steps)
         check(
             0.0 <= self.opponent_epsilon <= 1.0,
             f"opponent_epsilon={self.opponent_epsilon}; a share of random moves lies in [0, 1]",
@@ -142,7 +157,7 @@ class ReacherSettings:
     tolerance: float = 0.2
     """It is in reach within this distance."""
     max_steps: int = 400
-    """An episode of this many steps is truncated."""
+    """An episode of this many steps is truncated; 100,000 at most."""
     max_turn: float = 0.1
     """Radians that a joint turns in a step, at most."""
     effort: float = 0.01
@@ -152,6 +167,7 @@ class ReacherSettings:
 
     def __post_init__(self) -> None:
         check_choice("task", self.task, (REACHER,))
+        check_max_steps(self.max_steps)
         self.build()
 
     @property

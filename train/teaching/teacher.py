@@ -29,12 +29,12 @@ class Judge:
     Attributes:
         won: (simulator) -> [num_games] bool, of games that have just ended.
         returns: (simulator) -> [num_games] of its episodes so far.
-        less_is_better: whether few steps are good.
+        few_steps_are_good: whether they are; not so of an evader that lives on.
     """
 
     won: Callable[[Any], NDArray[np.bool_]]
     returns: Callable[[Any], NDArray[np.float64]]
-    less_is_better: bool = True
+    few_steps_are_good: bool = True
 
 
 class Teacher(EpisodeHook):
@@ -125,7 +125,7 @@ class Teacher(EpisodeHook):
         lessons, won, returns, steps, tickets = map(np.concatenate, zip(*self._ended, strict=True))
         self._ended = []
         lengths, optima = steps.astype(np.int64), self._optima.settle(tickets)
-        if not self.judge.less_is_better:
+        if not self.judge.few_steps_are_good:
             regrets = np.maximum(1.0 - lengths / optima, 0.0)
             near = lengths * self.solved_within >= optima
         else:

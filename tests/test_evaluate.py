@@ -1,0 +1,155 @@
+"""`pursuit.evaluate`: any function from observations to actions, beside the exact optimum."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import pursuit
+import train
+from scripted_agents import (
+    AStarChaser,
+    AStarEvader,
+    NearestGoalRunner,
+    TablePolicy,
+    TourRunner,
+    best_response,
+)
+from scripted_agents.environments import make_env, make_vector_env
+
+CHASE: dict[str, Any] = {"maze": "3x3", "opponent_epsilon": 0.2}
+
+
+@pytest.fixture(scope="module")
+def evader(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The folder of a run of an evader, as a text."""
+    folder = str(tmp_path_factory.mktemp("runs") / "evader")
+    flat = {"role": "evader", "maze": "3x3", "frames": 512, "num_games": 16, "minibatch_size": 64}
+    run = train.start("single", train.settings_of(**flat, threads=1), folder)
+    run.train()
+    run.results()
+    return folder
+
+
+class Learner:
+    """A function of observations; positions are 1 + cell of the chaser and of the evader."""
+
+    def __init__(self, policy: Any) -> None:
+        maze = pursuit.load_maze("3x3")
+        self.table = policy.action_probabilities(maze)
+        self.shapes: set[tuple[int, ...]] = set()
+
+    def __call__(self, seen: NDArray[Any]) -> NDArray[Any]:
+        self.shapes.add(seen.shape)
+        return self.table[seen[:, 0] - 1, np.maximum(seen[:, 1] - 1, 0)].argmax(axis=-1)
+
+
+def test_a_function_is_played_and_compared_with_the_optimum() -> None:
+    maze = pursuit.load_maze("3x3")
+    evader = AStarEvader(0.2).action_probabilities(maze)
+    best = TablePolicy(maze, best_response("chaser", maze, evader, horizon=200).policy)
+    function = Learner(best)
+    found = pursuit.evaluate(function, "chase", "chaser", "positions", episodes=4000, **CHASE)
+    exact = pursuit.evaluate(best, "chase", "chaser", **CHASE)
+    assert function.shapes == {(4000, 3)} and found.episodes == 4000
+    assert exact.gap == pytest.approx(0.0, abs=1e-9) and exact.ci95 == 0.0
+    assert found.gap is not None and found.gap_ci95 is not None
+    assert abs(found.mean_steps - exact.mean_steps) < 2 * found.ci95
+    low, high = found.gap_ci95
+    assert low < found.gap < high and low - 0.01 < 0.0 < high + 0.01
+    worse = pursuit.evaluate(Learner(AStarChaser()), "chase", observation="positions", **CHASE)
+    assert worse.gap is not None and worse.gap > 0.5
+
+
+def test_the_interval_of_the_gap_covers_as_often_as_it_says() -> None:
+    def straight(seen: NDArray[Any]) -> NDArray[Any]:
+        return seen[:, 0] % 4  # a bad policy, whose lengths vary
+
+    game = {**CHASE, "observation": "positions", "max_steps": 30}
+    truth = pursuit.evaluate(straight, "chase", episodes=40_000, seed=1000, **game).gap
+    assert truth is not None
+    inside = 0
+    for seed in range(100):
+        found = pursuit.evaluate(straight, "chase", episodes=200, seed=seed, **game).gap_ci95
+        assert found is not None
+        inside += found[0] <= truth <= found[1]
+    assert 88 <= inside <= 99
+
+
+def test_tours_arms_and_heists() -> None:
+    task = pursuit.make_task("maze", maze="3x3", num_goals=2)
+    tours = pursuit.evaluate(TourRunner(), task, episodes=300)
+    assert tours.gap == 0.0 and tours.gap_ci95 == (0.0, 0.0) and tours.success_rate == 1.0
+    still = pursuit.evaluate(lambda seen: np.zeros((len(seen), 2)), "reacher", episodes=20)
+    assert still.gap is not None and still.gap > 1.0
+    heist = pursuit.evaluate(
+        lambda seen: np.zeros(len(seen), dtype=int), "heist", "evader", maze="3x3", num_goals=1,
+        episodes=20,
+    )  # fmt: skip
+    assert heist.measure == "return" and heist.optimum is not None and heist.mean < heist.optimum
+    race = pursuit.evaluate(NearestGoalRunner(), "race", maze="3x3", num_goals=2, episodes=300)
+    assert race.measure == "goals" and race.optimum is not None
+    assert 0.0 < race.mean <= race.optimum + 0.1
+
+
+def test_what_is_no_action_is_refused() -> None:
+    for function, said in (
+        (lambda seen: np.zeros(3, dtype=int), r"shape \(3,\) and dtype int64"),
+        (lambda seen: np.zeros(len(seen)), "dtype float64; give integers"),
+        (lambda seen: np.full(len(seen), 4), "from 4 to 4; integers from 0 to 3"),
+        (7, "policy=7; give a function"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            pursuit.evaluate(function, "chase", episodes=20, **CHASE)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="maze: the task is made already"):
+        pursuit.evaluate(AStarChaser(), pursuit.make_task("chase"), maze="3x3")
+
+
+def test_torch_is_needed_for_learned_opponents_only(tmp_path: Path) -> None:
+    code = (
+        "import pursuit, sys; sys.modules['torch'] = None\n"
+        "first = lambda seen: seen[:, 0].astype(int) % 4\n"
+        "print(pursuit.evaluate(first, 'chase', maze='3x3', episodes=9).episodes)\n"
+        f"try: pursuit.evaluate(first, 'chase', opponent={str(tmp_path)!r})\n"
+        "except ImportError as error: print(error)"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.startswith("9\ntrain.runs.opponents:opponents_of needs torch, which is not")
+
+
+def test_the_folder_of_a_run_is_an_opponent_in_gymnasium(evader: str) -> None:
+    envs = [
+        gymnasium.make("pursuit/Chaser-v0", maze="3x3", opponent=evader).unwrapped,
+        make_env("chase", "chaser", maze="3x3", opponent=Path(evader)),
+        gymnasium.make_vec("pursuit/Chaser-v0", 4, maze="3x3", opponent=evader),
+        make_vector_env("chase", "chaser", 4, maze="3x3", opponent=Path(evader)),
+    ]
+    for env in envs:
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+        assert env.policies[1].agent == "evader"
+    found = pursuit.evaluate(AStarChaser(), "chase", maze="3x3", opponent=evader)
+    assert found.gap is not None and found.gap > 0.0
+    with pytest.raises(ValueError, match="learned to be 'evader'"):
+        gymnasium.make("pursuit/Evader-v0", maze="3x3", opponent=evader)
+    with pytest.raises(ValueError, match="unknown policy 'runs/none'"):
+        gymnasium.make("pursuit/Chaser-v0", maze="3x3", opponent="runs/none")
+
+
+def test_paths_are_texts_too(evader: str) -> None:
+    from train.experiments.kinds import read_settings
+    from train.experiments.methods import methods
+    from train.runs.folder import load_checkpoint, load_config, read_metrics
+    from train.runs.saved import load_settings
+
+    run = train.open_run(evader)
+    run.results()
+    assert train.load_policy(evader).agent == "evader"
+    for read in (read_settings, load_settings, load_config, load_checkpoint, read_metrics):
+        assert read(evader)
+    assert "evader" in methods([evader])

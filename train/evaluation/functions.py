@@ -1,0 +1,112 @@
+"""Any function from observations to actions as a policy, and how far it is from the optimum."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.evaluation import Evaluation
+from pursuit.reacher.task import ReacherTask, make_reacher_task
+from pursuit.task import Task, checked_task, make_task
+from scripted_agents.environments import chosen_policies
+from train.evaluation.arm_contest import ArmContest
+from train.evaluation.contest import GameContest
+from train.evaluation.games import half_width, is_table_in
+from train.evaluation.joint_contest import MAX_EVALUATED_WORK
+from train.evaluation.scores import BY_GOALS
+from train.settings.checks import check, evaluation_seed
+
+
+class FunctionPolicy:
+    """A function of observations [games, ...] in a seat, or of arms."""
+
+    def __init__(self, function: Callable[[Any], Any], observation: str) -> None:
+        self.function, self.observation = function, observation
+
+    def act(self, view: Any) -> NDArray[Any]:
+        """Its actions as the simulators take them.
+
+        Raises:
+            ValueError: actions of another shape or type, or outside.
+        """
+        task, actions = view.task, np.asarray(self.function(view.observe(self.observation)))
+        arm = isinstance(task, ReacherTask)
+        shape = (view.num_games, task.joints) if arm else (view.num_games,)
+        kinds = "iu" if not arm or task.discrete_actions else "fiu"
+        check(
+            actions.shape == shape and actions.dtype.kind in kinds,
+            f"the policy gave actions of shape {actions.shape} and dtype {actions.dtype}; give "
+            f"{'numbers' if 'f' in kinds else 'integers'} of shape {shape}",
+        )
+        if arm and not task.discrete_actions:
+            return actions.astype(np.float64)
+        count = 3 if arm else task.num_actions
+        check(
+            bool(((actions >= 0) & (actions < count)).all()),
+            f"the policy gave actions from {actions.min()} to {actions.max()}; integers from 0 to "
+            f"{count - 1}",
+        )
+        return actions - 1.0 if arm else actions.astype(np.int32)
+
+
+def evaluate(
+    policy: Any,
+    task: Task | ReacherTask | str,
+    agent: str | None,
+    observation: str | None,
+    episodes: int,
+    seed: int,
+    settings: Mapping[str, Any],
+) -> Evaluation:
+    """`pursuit.evaluate`, where it is described; `settings` are opponents and those of a task."""
+    check(episodes >= 2, f"episodes={episodes}; at least 2")
+    own = {key: value for key, value in settings.items() if not key.startswith("opponent")}
+    check(isinstance(task, str) or not own, f"{', '.join(own)}: the task is made already")
+    if isinstance(task, str):
+        task = make_reacher_task(**own) if task == "reacher" else make_task(task, **own)
+    contest: Any
+    if isinstance(task, ReacherTask):
+        contest = ArmContest(task, episodes, evaluation_seed(seed))
+    else:
+        agent = checked_task(task).agent_names[0] if agent is None else agent
+        task.seat(agent)
+        others = chosen_policies(task, agent, settings["opponent"], settings["opponent_epsilon"])
+        rest = (episodes, evaluation_seed(seed), False, MAX_EVALUATED_WORK)
+        contest = GameContest(task, agent, others, *rest)
+    if not callable(getattr(policy, "act", None)):
+        check(callable(policy), f"policy={policy!r}; give a function of observations, or a Policy")
+        encoding = "positions" if isinstance(task, ReacherTask) else "one_hot"
+        policy = FunctionPolicy(policy, observation or encoding)
+    return _compared(contest, policy)
+
+
+def _compared(contest: Any, policy: Any) -> Evaluation:
+    """The scores of a policy in a contest, beside its optimum."""
+    game = isinstance(contest, GameContest)
+    if game and contest.is_exact and is_table_in(contest.task, policy):
+        score, best = contest.score("policy", policy), contest.optimal()
+        steps = None if best is None else best.mean_steps
+        gap = None if steps is None else score.mean_steps / steps - 1.0
+        both = None if gap is None else (gap, gap)
+        mean = score.mean_steps
+        played = (score.episodes, mean, 0.0, score.success_rate)
+        return Evaluation(*played, steps, gap, both, "steps", mean, steps)
+    lengths, won = contest.play(policy)
+    least = contest.optimal_lengths()
+    mean, optimum, gap, interval = float(lengths.mean()), None, None, None
+    if least is not None:
+        optimum = float(least.mean())
+        gap = mean / optimum - 1.0
+        half = half_width(lengths - (gap + 1.0) * least) / optimum
+        interval = (gap - half, gap + half)
+    measure, value, reached = "steps", mean, optimum
+    if game and contest.measure.name != "steps":
+        measure, value = contest.measure.name, float(contest.values(policy).mean())
+        paid = contest.measure != BY_GOALS
+        best = contest.optimal_return() if paid else contest.optimal_goals()
+        reached = None if best is None else contest.measure.of(best)
+    figures = (half_width(lengths), float(won.mean()), optimum, gap, interval)
+    return Evaluation(len(lengths), mean, *figures, measure, value, reached)

@@ -1,0 +1,65 @@
+"""Settings without effect: what is set beside its default, and nothing of a new run reads."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+from pursuit.rewards import ROLES, is_coefficients, rewards_from_text
+from train.runs.tasks import task_of
+from train.settings.checks import check, check_default
+from train.settings.self_play import SelfPlaySettings, self_play_ppo
+from train.settings.task import AnyTask, ReacherSettings, TaskSettings
+
+SHARED = ("gamma", "gamma_end", "recurrent")
+"""Settings of PPO in self-play that other learners take from there, too."""
+
+
+def check_effects(settings: Any) -> None:
+    """ValueError for a setting of a new run that is not at its default and has no effect there.
+
+    Saved runs are not checked by this: they may hold such settings. Nor are the runs of a sweep,
+    which share settings that only some of them need.
+
+    Args:
+        settings: `TrainSettings` or `SelfPlaySettings`.
+    """
+    check_task_effects(settings.task)
+    if isinstance(settings, SelfPlaySettings):
+        check_self_play_effects(settings)
+
+
+def check_task_effects(settings: AnyTask) -> None:
+    """The same for the settings of a task."""
+    if isinstance(settings, ReacherSettings):
+        return
+    task = task_of(settings)
+    if task.num_agents == 1:
+        only = f"task {settings.task!r} has no other agent"
+        check_default(settings, TaskSettings, ["opponent_epsilon"], only)
+    paid = rewards_from_text(settings.rewards) if is_coefficients(settings.rewards) else {}
+    if len(paid) < len(ROLES):  # coefficients without a role are for all of them
+        for role in paid:
+            check(
+                role in task.seat_roles,
+                f"rewards={settings.rewards!r}: the {role} has no effect, as there is none in task "
+                f"{settings.task!r}; its roles are {', '.join(dict.fromkeys(task.seat_roles))}",
+            )
+
+
+def check_self_play_effects(settings: SelfPlaySettings) -> None:
+    """The same for what only self-play has."""
+    task, hyper, default = task_of(settings.task), settings.hyper, self_play_ppo()
+    for name, scheme in (("window", "window"), ("pfsp_power", "pfsp")):
+        if settings.sampling != scheme:
+            other = f"sampling={settings.sampling!r} does not use it (sampling={scheme!r} does)"
+            check_default(settings, SelfPlaySettings, [name], other)
+    by_ppo = [role for role in settings.learning if settings.algorithm(role) == "ppo"]
+    if hyper is None:
+        return
+    if not by_ppo:
+        names = [field.name for field in fields(hyper) if field.name not in SHARED]
+        check_default(hyper, default, names, "it is a setting of ppo, by which no role learns")
+    if all(task.count(role) == 1 for role in by_ppo):
+        alone = "it is for several agents of one role that learn by ppo"
+        check_default(hyper, default, ["central_critic"], alone)

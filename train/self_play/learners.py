@@ -1,0 +1,35 @@
+"""The settings of every algorithm that learns in self-play; without torch, for the command line."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+from train.runs.tasks import setting_of
+from train.settings.algorithms import Hyperparameters
+from train.settings.presets import hyperparameters
+from train.settings.self_play import SelfPlaySettings
+
+
+def hyper_of(settings: SelfPlaySettings, role: str) -> Hyperparameters:
+    """The settings of the algorithm of a role that learns.
+
+    Those of PPO stand in `hyper`; those of another algorithm in `chaser_hyper` or `evader_hyper`,
+    and where these are None they are its tuned ones, with the discount and the memory of `hyper`.
+    """
+    own = getattr(settings, f"{role}_hyper") if role in settings.other_learners else settings.hyper
+    if own is not None:
+        return own
+    hyper = hyperparameters(settings.algorithm(role), setting_of(replace(settings.task, role=role)))
+    same = {name: getattr(settings.hyper, name) for name in ("gamma", "gamma_end", "recurrent")}
+    if "gamma_end" not in {field.name for field in fields(hyper)}:
+        del same["gamma_end"]
+        same["gamma"] = settings.discount  # that of the exact game
+    return replace(hyper, **same)
+
+
+def complete(settings: SelfPlaySettings) -> SelfPlaySettings:
+    """The same settings with those of every learner, and of no other: what `config.json` holds."""
+    others: Any = {f"{role}_hyper": hyper_of(settings, role) for role in settings.other_learners}
+    ppo = len(others) < len(settings.learning)
+    return replace(settings, hyper=settings.hyper if ppo else None, **others)
