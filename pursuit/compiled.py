@@ -29,7 +29,7 @@ from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
-from pursuit.kernel_cache import KernelCacheFile, cache_of
+from pursuit.kernel_cache import cache_of
 
 HERE = Path(__file__).parent
 
@@ -99,12 +99,6 @@ def allocating(function: Function) -> Function:
     count would hand it uncounted ones, which it would free.
     """
     return _entry(function)
-
-
-def is_new(kernel: Any) -> bool:
-    """Whether a kernel, as it stands, was never compiled on this machine for any arguments."""
-    file = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
-    return isinstance(file, KernelCacheFile) and file.is_empty
 
 
 def _entry(function: Function, **options: Any) -> Function:

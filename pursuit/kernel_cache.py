@@ -17,7 +17,7 @@ import hashlib
 import os
 import pickle
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +25,6 @@ from numba.core.caching import IndexDataCacheFile
 
 with contextlib.suppress(ImportError):  # Windows: what two processes keep at once may be lost, and
     import fcntl  # is compiled again
-
-elsewhere: Callable[[], bool] | None = None
-"""Waits a moment; whether another process still compiles what this one will ask for. See `load`."""
 
 DIGEST = hashlib.sha256().digest_size
 
@@ -39,12 +36,13 @@ class KernelCacheFile(IndexDataCacheFile):
     """The index of one kernel and the files that it names."""
 
     def load(self, key: Any) -> Any:
-        """What was compiled for `key`, or None; where it is being compiled `elsewhere`, then."""
-        found, waiting = self._kept(key), elsewhere is not None
-        while found is None and waiting:
-            waiting = elsewhere is not None and elsewhere()
-            found = self._kept(key)
-        return found
+        """What was compiled for `key`, or None."""
+        try:
+            found = super().load(key)
+        except OSError as error:
+            warn_of(self._cache_path, error)
+            return None
+        return found[1] if found is not None and found[0] == key else None
 
     def save(self, key: Any, data: Any) -> None:
         """Keep what was compiled for `key`, or warn that the disk does not."""
@@ -62,15 +60,6 @@ class KernelCacheFile(IndexDataCacheFile):
                 self._remove_all()
             self._save_data(name, (key, data))
             self._save_index({**kept, key: name})
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether nothing was compiled of the kernel as it stands."""
-        try:
-            return not self._load_index()
-        except OSError as error:
-            warn_of(self._cache_path, error)
-            return True
 
     def _load_index(self) -> dict[Any, str]:
         try:
@@ -93,14 +82,6 @@ class KernelCacheFile(IndexDataCacheFile):
         if hashlib.sha256(content).digest() != digest:
             raise OSError(f"{name}: damaged")  # to `load` it is none then
         return pickle.loads(content)
-
-    def _kept(self, key: Any) -> Any:
-        try:
-            found = super().load(key)
-        except OSError as error:
-            warn_of(self._cache_path, error)
-            return None
-        return found[1] if found is not None and found[0] == key else None
 
     def _remove_all(self) -> None:
         """Remove files that no index names any more."""

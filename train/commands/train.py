@@ -8,7 +8,6 @@ from pathlib import Path
 from time import strftime
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from train.commands.ahead import compile_ahead
 from train.commands.parse import Formats, budget_of, heard, named_task, parse, parse_known
 from train.commands.progress import carry_out, final_of, leave
 from train.commands.scores import (
@@ -90,7 +89,6 @@ def train(arguments: Sequence[str]) -> None:
         check_new(out)
     else:
         check(given.resume.is_dir(), f"{given.resume}: no such folder")
-    compile_ahead(arguments)
     from train.experiments.kinds import resume, start  # torch is slow to import
 
     with heard():
