@@ -5,11 +5,15 @@ import signal
 import stat
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from train.files import only_one, remove_leftovers, write_text
-from train.runs.folder import check_new
+from train.commands.main import main
+from train.experiments.kinds import start
+from train.files import hold, only_one, remove_leftovers, reserved, write_text
+from train.runs.by_name import settings_of
+from train.runs.folder import RUN, check_new
 
 
 def test_a_failing_write_leaves_what_was_there(tmp_path):
@@ -71,3 +75,56 @@ def test_what_a_process_left_that_was_killed_while_it_drew_is_removed(name, tmp_
     check_new(tmp_path)
     remove_leftovers(tmp_path)
     assert os.listdir(tmp_path) == []
+
+
+# -- two processes at a time -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a complete run."""
+    settings = settings_of(maze="2x2", algorithm="q_learning", num_games=16, frames=256, threads=1)
+    made = start(RUN, settings, tmp_path_factory.mktemp("runs") / "run")
+    made.train()
+    made.results(2)
+    return made.folder
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """The error of a command; nothing where it succeeds."""
+    capsys.readouterr()
+    try:
+        main([str(argument) for argument in arguments])
+    except SystemExit as stopped:
+        assert stopped.code == 2
+        return capsys.readouterr().err
+    return ""
+
+
+@pytest.mark.parametrize("command", ["league", "report"])
+def test_one_process_at_a_time_writes_a_folder_of_results(
+    command: str,
+    run: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    entries = ["astar", "--maze", "2x2", "--games", "2"] if command == "league" else [run]
+    given = [command, *entries, "--out", tmp_path / "out"]
+    held = hold(tmp_path / "out", "writer")
+    told = said(capsys, *given)
+    assert f"{tmp_path / 'out'}: another {command} works on this folder" in told
+    held.release()
+    assert said(capsys, *given) == ""
+
+
+def test_one_process_at_a_time_writes_a_new_file(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "found.json"
+    given = ["evaluate", run, "--episodes", "2", "--out", path]
+    with reserved(path):
+        assert f"{path}: another process is to write this file" in said(capsys, *given)
+    assert said(capsys, *given) == ""
+    assert os.listdir(tmp_path) == ["found.json"]
+    assert f"{path}: exists already" in said(capsys, *given)
+    assert "no folder" in said(capsys, *given[:-1], tmp_path / "a" / "b.json")

@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
-import contextlib
-import errno
 import json
 import os
 import random
-import resource
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
-from torch.utils.tensorboard import SummaryWriter
 
-from pursuit import Recorder
-from pursuit.animation import save_animation
-from pursuit.parallel_env import scene_of
 from train.commands import progress
 from train.commands import train as train_command
 from train.commands.main import main
 from train.experiments.identity import fingerprint
 from train.experiments.kinds import open_run, start
 from train.experiments.methods import facts_of
-from train.files import hold, reserved
-from train.runs import loop
+from train.files import hold
 from train.runs.by_name import settings_of
 from train.runs.folder import (
     CONFIG,
@@ -212,7 +203,7 @@ def test_kills_at_random_moments_leave_no_dead_end(command: str, tmp_path: Path)
 HOLD = """
 import sys
 from pathlib import Path
-from train.files import hold, reserved
+from train.files import hold
 lock = hold(Path(sys.argv[1]), "run")
 print("held", flush=True)
 sys.stdin.read()
@@ -245,97 +236,6 @@ def test_a_second_process_is_refused_and_told_why(
 def test_a_process_may_hold_what_it_holds(tmp_path: Path) -> None:
     first, second = (hold(tmp_path, "run", shared=True) for _ in range(2))
     assert first is second
-
-
-@pytest.mark.parametrize("command", ["league", "report"])
-def test_one_process_at_a_time_writes_a_folder_of_results(
-    command: str,
-    finished: tuple[str, Path],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    entries = ["astar", "--maze", "2x2", "--games", "2"] if command == "league" else [finished[1]]
-    given = [command, *entries, "--out", tmp_path / "out"]
-    held = hold(tmp_path / "out", "writer")
-    told = error_of(capsys, *given)
-    assert f"{tmp_path / 'out'}: another {command} works on this folder" in told
-    held.release()
-    assert status_of_command(*given) == 0 and status_of_command(*given) == 0
-
-
-def test_one_process_at_a_time_writes_a_new_file(
-    finished: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    run = finished[1] if finished[0] == "train" else finished[1] / "chaser"
-    path = tmp_path / "found.json"
-    given = ["evaluate", run, "--episodes", "2", "--out", path]
-    with reserved(path):
-        assert f"{path}: another process is to write this file" in error_of(capsys, *given)
-    assert status_of_command(*given) == 0
-    assert os.listdir(tmp_path) == ["found.json"]
-    assert f"{path}: exists already" in error_of(capsys, *given)
-    assert "no folder" in error_of(capsys, *given[:-1], tmp_path / "a" / "b.json")
-
-
-@contextlib.contextmanager
-def limited_files(size: int) -> Iterator[None]:
-    """No file becomes larger, as on a full disk."""
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-
-
-# -- full disks ------------------------------------------------------------------------------------
-
-
-def test_a_checkpoint_that_cannot_be_written_is_one_line_and_the_old_one_stays(
-    finished: tuple[str, Path], tmp_path: Path
-) -> None:
-    folder = copy_of(finished[1], tmp_path / "run")
-    before = (folder / "checkpoint.pt").read_bytes()
-    run = open_run(folder)
-    refused = pytest.raises(OSError, match=r"checkpoint.pt: cannot be written \(File too large\)")
-    with limited_files(4096), refused as e:
-        run.save()
-    told = str(e.value)
-    assert "\n" not in told and ".part" not in told and "Errno" not in told and "make room" in told
-    assert (folder / "checkpoint.pt").read_bytes() == before and not list(folder.rglob("*.part"))
-
-
-@pytest.mark.parametrize("step", ["open", "write", "close"])
-def test_events_that_cannot_be_written_name_their_folder(
-    step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def full(*_: object, **__: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    run = start(RUN, MAKE["train"](), tmp_path / "run")
-    run.lock.release()
-    owner, name = {
-        "open": (loop, "TensorboardLogger"),
-        "write": (loop.TensorboardLogger, "log_scalar"),
-        "close": (SummaryWriter, "close"),
-    }[step]
-    monkeypatch.setattr(owner, name, full)
-    told = error_of(capsys, "train", "--resume", tmp_path / "run")
-    assert f"{tmp_path / 'run' / 'tensorboard'}: cannot be written (No space left" in told
-
-
-@pytest.mark.parametrize("name", ["replay.gif", "replays.json"])
-def test_a_replay_that_cannot_be_written_names_its_file(name: str, tmp_path: Path) -> None:
-    env = gymnasium.make("pursuit/Chaser-v0", maze="2x2")
-    recorder = Recorder(env)
-    env.reset(seed=0)
-    replay = recorder.stop()
-    with limited_files(64), pytest.raises(OSError, match="File too large") as e:
-        if name == "replay.gif":
-            save_animation(tmp_path / name, [scene_of(env.unwrapped.simulator)] * 2)
-        else:
-            replay.save(tmp_path / name)
-    assert e.value.filename == str(tmp_path / name) and not list(tmp_path.iterdir())
 
 
 # -- signals and divergence ------------------------------------------------------------------------

@@ -220,7 +220,7 @@ def markdown(
     missing = [row for row in everything if row["status"] != "complete"]
     if missing:
         lines += ["", f"Not complete: {len(missing)} runs.", ""]
-        told = [f"{r['run']}: {r['status']} {r['error'] or ''}" for r in missing]
-        lines += [f"- {in_markdown(line)}" for line in told]
+        failed = [f"{r['run']}: {r['status']} {r['error'] or ''}" for r in missing]
+        lines += [f"- {in_markdown(line)}" for line in failed]
     lines += ["", METHODS_LINE, ""] + [f"![{name}]({name})\n" for name in figures]
     return "\n".join(lines)
