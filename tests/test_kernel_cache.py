@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from pursuit import kernel_cache
-from pursuit.compiled import compiled, is_new
+from pursuit.compiled import compiled
 from pursuit.kernel_cache import KernelCacheFile
 
 WRITER = """
@@ -87,29 +87,11 @@ def test_what_another_source_was_compiled_to_is_never_given(
     file.save("one", b"old code")
     file.save("two", b"old code")
     changed = KernelCacheFile(str(tmp_path), "kernel", "another stamp")
-    assert changed.is_empty and changed.load("one") is None and not file.is_empty
+    assert changed.load("one") is None and file.load("one") == b"old code"
     changed.save("one", b"new code")
     assert changed.load("one") == b"new code" and changed.load("two") is None
-    assert file.load("one") is None and file.is_empty
+    assert file.load("one") is None and file.load("two") is None
     assert len(files_in(tmp_path)) == 2 + 1  # the old files are gone, the other kernel's is not
-
-
-def test_what_is_compiled_elsewhere_is_waited_for_as_long_as_it_may_come(
-    file: KernelCacheFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked = 0
-
-    def compiled_elsewhere() -> bool:
-        nonlocal asked
-        asked += 1
-        if asked == 3:
-            KernelCacheFile(str(tmp_path), "kernel", "stamp").save("one", b"code")
-        return asked < 10
-
-    monkeypatch.setattr(kernel_cache, "elsewhere", compiled_elsewhere)
-    assert file.load("one") == b"code" and asked == 3
-    assert file.load("one") == b"code" and asked == 3  # what is there is not waited for
-    assert file.load("two") is None and asked == 10
 
 
 @pytest.mark.parametrize("fails", ["open", "replace", "makedirs"])
@@ -168,7 +150,7 @@ def test_an_index_that_cannot_be_read_is_as_none_and_it_is_said(
     index.unlink()
     index.mkdir()
     with pytest.warns(UserWarning, match=r"Is a directory.*NUMBA_CACHE_DIR"):
-        assert file.load("one") is None and file.is_empty
+        assert file.load("one") is None
     file.save("two", b"code of two")
     index.rmdir()
     index.write_bytes(kept)
@@ -192,8 +174,3 @@ def test_a_kernel_is_compiled_though_its_folder_is_gone(
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert doubled(3.0) == 6.0  # type: ignore[arg-type]
-
-
-def test_a_plain_function_is_never_new() -> None:
-    """So it is with NUMBA_DISABLE_JIT=1."""
-    assert not is_new(files_in)
