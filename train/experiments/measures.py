@@ -36,7 +36,6 @@ class Measure:
         return mean_interval([values]) if signed else distance_interval([values])
 
 
-
 GAP = Measure(
     "gap",
     "optimality_gap",
