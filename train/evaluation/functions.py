@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.declared import whole
 from pursuit.evaluation import Evaluation
 from pursuit.reacher.task import ReacherTask, make_reacher_task
 from pursuit.task import Task, checked_task, make_task
@@ -62,7 +63,7 @@ def evaluate(
     settings: Mapping[str, Any],
 ) -> Evaluation:
     """`pursuit.evaluate`, where it is described; `settings` are opponents and those of a task."""
-    check(episodes >= 2, f"episodes={episodes}; at least 2")
+    whole("episodes", episodes, 2)
     own = {key: value for key, value in settings.items() if not key.startswith("opponent")}
     check(isinstance(task, str) or not own, f"{', '.join(own)}: the task is made already")
     if isinstance(task, str):
