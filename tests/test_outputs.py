@@ -107,6 +107,25 @@ def test_a_folder_of_others_is_not_written_into(
     assert contents(tmp_path) == before
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["sweep", "maze_by_size", "--dry-run"],
+        ["ablate", "opponent-epsilon", "--dry-run"],
+        ["race", "ppo", "--dry-run"],
+        ["reproduce", "table-3.1", "--dry-run"],
+    ],
+    ids=" ".join,
+)
+def test_a_dry_run_refuses_the_folder_that_the_command_refuses(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "report.md").write_text("mine")
+    said = refused(capsys, *command, "--out", tmp_path)
+    assert "holds files that this command did not write" in said
+    main([*command, "--out", str(tmp_path), "--overwrite"])
+
+
 def test_a_command_writes_again_into_its_own_folder_and_overwrites_where_it_is_to(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
