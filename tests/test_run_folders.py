@@ -32,6 +32,7 @@ from train.commands.main import main
 from train.experiments.identity import fingerprint
 from train.experiments.kinds import open_run, start
 from train.experiments.methods import facts_of
+from train.experiments.tables import collect
 from train.files import hold, reserved
 from train.runs import loop
 from train.runs.by_name import settings_of
@@ -322,6 +323,15 @@ def test_events_that_cannot_be_written_name_their_folder(
     monkeypatch.setattr(owner, name, full)
     told = error_of(capsys, "train", "--resume", tmp_path / "run")
     assert f"{tmp_path / 'run' / 'tensorboard'}: cannot be written (No space left" in told
+
+
+def test_tables_of_a_sweep_that_cannot_be_written_name_their_file(
+    finished: tuple[str, Path], tmp_path: Path
+) -> None:
+    copy_of(finished[1], tmp_path / "runs" / "run")
+    with limited_files(64), pytest.raises(OSError, match=r"results.parquet: cannot be written"):
+        collect(tmp_path)
+    assert os.listdir(tmp_path) == ["runs"]
 
 
 @pytest.mark.parametrize("name", ["replay.gif", "replays.json"])
