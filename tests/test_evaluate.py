@@ -110,6 +110,24 @@ def test_what_is_no_action_is_refused() -> None:
         pursuit.evaluate(AStarChaser(), pursuit.make_task("chase"), maze="3x3")
 
 
+def test_an_arm_has_no_optimum_where_only_a_bound_is_known() -> None:
+    found = pursuit.evaluate(
+        lambda seen: np.ones((len(seen), 2), dtype=int), "reacher", episodes=20,
+        discrete_actions=True,
+    )  # fmt: skip
+    assert found.optimal_steps is None and found.gap is None and found.optimum is None
+    assert found.mean == found.mean_steps > 1.0
+
+
+@pytest.mark.parametrize(
+    "given", [{"agent": "chaser"}, {"opponent": "astar"}, {"opponent_epsilon": 0.5}]
+)
+def test_settings_of_games_are_refused_for_an_arm(given: dict[str, Any]) -> None:
+    name, value = next(iter(given.items()))
+    with pytest.raises(ValueError, match=f"{name}={value!r}; "):
+        pursuit.evaluate(lambda seen: np.zeros((len(seen), 2)), "reacher", episodes=20, **given)
+
+
 def test_torch_is_needed_for_learned_opponents_only(tmp_path: Path) -> None:
     code = (
         "import pursuit, sys; sys.modules['torch'] = None\n"

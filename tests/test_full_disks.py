@@ -18,6 +18,7 @@ from pursuit.animation import save_animation
 from pursuit.parallel_env import scene_of
 from train.commands.main import main
 from train.experiments.kinds import start
+from train.experiments.tables import collect
 from train.runs import loop
 from train.runs.by_name import settings_of
 from train.runs.folder import RUN
@@ -73,6 +74,15 @@ def test_events_that_cannot_be_written_name_their_folder(
     told = capsys.readouterr().err
     assert stopped.value.code == 2
     assert f"{tmp_path / 'run' / 'tensorboard'}: cannot be written (No space left" in told
+
+
+def test_tables_of_a_sweep_that_cannot_be_written_name_their_file(tmp_path: Path) -> None:
+    run = start(RUN, SETTINGS, tmp_path / "runs" / "run")
+    run.train()
+    run.results(2)
+    with limited_files(64), pytest.raises(OSError, match=r"results.parquet: cannot be written"):
+        collect(tmp_path)
+    assert os.listdir(tmp_path) == ["runs"]
 
 
 @pytest.mark.parametrize("name", ["replay.gif", "replays.json"])

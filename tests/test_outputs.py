@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ import pytest
 from played_by_hand import NORTH
 
 from train.commands import play as play_command
+from train.commands import regret as regret_command
 from train.commands.main import main
 from train.files import check_new_files, check_output_folder
 from train.play.kept import load_games
@@ -105,6 +108,40 @@ def test_a_folder_of_others_is_not_written_into(
     said = refused(capsys, *command, "--out", folder)
     assert f"{folder}: holds files that this command did not write; give a new folder" in said
     assert contents(tmp_path) == before
+
+
+def test_regret_that_could_not_write_its_picture_goes_on_in_its_folder(
+    trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    again = ["regret", str(trained), "--episodes", "10", "--out", str(tmp_path / "regret")]
+    with monkeypatch.context() as patched:
+        patched.setattr(regret_command, "draw_map", full)
+        with pytest.raises(SystemExit):
+            main(again)
+    main(again)
+    assert (tmp_path / "regret" / "map.png").exists()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["sweep", "maze_by_size", "--dry-run"],
+        ["ablate", "opponent-epsilon", "--dry-run"],
+        ["race", "ppo", "--dry-run"],
+        ["reproduce", "table-3.1", "--dry-run"],
+    ],
+    ids=" ".join,
+)
+def test_a_dry_run_refuses_the_folder_that_the_command_refuses(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "report.md").write_text("mine")
+    said = refused(capsys, *command, "--out", tmp_path)
+    assert "holds files that this command did not write" in said
+    main([*command, "--out", str(tmp_path), "--overwrite"])
 
 
 def test_a_command_writes_again_into_its_own_folder_and_overwrites_where_it_is_to(

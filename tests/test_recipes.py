@@ -153,7 +153,7 @@ def test_a_model_without_a_description_is_evaluated_ranked_and_an_opponent(
 @pytest.mark.parametrize(
     ("maze", "changed", "said"),
     [
-        ("3x3", {"observation": None}, "give the task and the observation that the model was"),
+        ("3x3", {"observation": None}, "give the task and what the model observed in training"),
         ("4x4", {}, "its weights are not for observation='one_hot' of chaser in task 'chase'"),
         ("3x3", {"observation": "cells"}, "does not fit observation='cells' of chaser"),
     ],

@@ -473,6 +473,15 @@ def test_settings_of_learners_that_do_not_fit_are_one_line(
     assert stopped.value.code == 2 and message in capsys.readouterr().err
 
 
+def test_the_help_of_self_play_shows_options_that_can_be_given(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["self-play", "--help"])
+    shown = capsys.readouterr().out
+    assert "--chaser-algorithm" in shown and "--others" not in shown
+
+
 def test_a_config_without_settings_of_other_learners_is_read(tmp_path: Path) -> None:
     run = make_run(tmp_path / "run", chaser_algorithm="dqn")
     path = tmp_path / "run" / "config.json"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from train.experiments.measures import measure_of
 from train.experiments.statistics import (
     difference_interval,
     distance_interval,
@@ -66,6 +67,15 @@ def test_the_interval_of_a_distance_stays_on_its_side_and_covers_as_often(sign: 
     inside = (plain * sign >= 0.0).all(axis=1)
     assert np.array_equal(cut[inside], plain[inside])
     assert np.isnan(distance_interval([[1.0]])).all()
+
+
+def test_the_interval_of_returns_goes_beyond_0() -> None:
+    values = [-4.0, -1.0, 0.5]
+    returns = measure_of([{"objective": "mean_return", "unit": "return"}])
+    goals = measure_of([{"objective": "mean_goals", "unit": "goals"}])
+    assert returns.interval(values) == mean_interval([values])
+    assert returns.interval(values)[1] > 0.0
+    assert goals.interval([0.1, 0.2, 1.5])[0] == 0.0
 
 
 def test_three_against_three_is_never_certain() -> None:

@@ -60,10 +60,10 @@ def race(arguments: Sequence[str]) -> None:
 
     plan = load_race(given.file, given.version, given.clock)
     out = given.out or Path("races") / f"{Path(given.file).stem}-{given.version}"
+    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     tell_plan(plan, out, given.workers)
     if given.dry_run:
         return
-    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     try:
         standing = run_race(plan, out, lambda line: print(line, flush=True), given.workers)
     except KeyboardInterrupt:

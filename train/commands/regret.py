@@ -71,15 +71,15 @@ def regret(arguments: Sequence[str]) -> None:
     found = regret_of(contest, policy)
     out.mkdir(parents=True, exist_ok=True)
     table = table_of(found)
-    write_csv(out / "table.csv", table.rows)
-    write_csv(out / "states.csv", state_rows(found))
     maze = contest.task.mazes[0]
     kind = "sampled" if given.sampled else "greedy"
-    draw_map(out / "map.png", maze, found, f"{contest.role}, {kind}", look)
     lines = ["", *told(found, kind), "", table.markdown(), ""]
     lines += [f"The worst states of {len(found.cell)} that are visited:", "", *worst(maze, found)]
     page = [HEAD + in_markdown(contest.line()), *lines, "", "![map.png](map.png)", ""]
-    write_text(out / "regret.md", "\n".join(page))
+    write_text(out / "regret.md", "\n".join(page))  # first: it tells whose folder this is
+    write_csv(out / "table.csv", table.rows)
+    write_csv(out / "states.csv", state_rows(found))
+    draw_map(out / "map.png", maze, found, f"{contest.role}, {kind}", look)
     print("\n".join([contest.line(), *lines]))
     print(f"\ntable.csv, states.csv, regret.md and map.png: {out}")
 

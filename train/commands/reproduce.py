@@ -74,10 +74,10 @@ def reproduce(arguments: Sequence[str]) -> None:
     own = "-own-mazes" if given.mazes else ""
     out = given.out or Path("replications") / f"{plan.name}-{given.version}{own}"
     workers = given.workers or os.cpu_count() or 1
+    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     if given.dry_run:
         tell_plan(plan, out, workers)
         return
-    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     if given.page:
         check(out.is_dir(), f"{out}: no such folder; leave --page out to begin")
         print(f"page: {write_replication(plan, out)}")

@@ -151,7 +151,7 @@ def other_options(others: Mapping[str, Hyperparameters]) -> Any:
             )
             for f in fields(hyper)
         ]
-    return make_dataclass("Others", options, frozen=True)() if options else None
+    return make_dataclass("Others", options, frozen=True)()
 
 
 def show(run: Run, content: dict[str, Any]) -> None:

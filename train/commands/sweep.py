@@ -111,10 +111,10 @@ def carry_out(plan: Sweep, given: SweepCommand, again: str) -> None:
     look = Look(given.format)
     stem = Path(str(given.file)).stem
     out = given.out or Path("sweeps") / (f"{stem}-{given.version}" if given.version else stem)
+    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     if given.dry_run:
         list_runs(plan, out)
         return
-    check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
     out.mkdir(parents=True, exist_ok=True)
     if plan.exact is not None:
         print(write_exact(plan.title, plan.exact, out))

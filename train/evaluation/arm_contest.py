@@ -181,6 +181,11 @@ class ArmContest:
         """The least lengths of these episodes."""
         return bounds_of(self.task, self.episodes, self.seed)
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether the least steps are known from every start: their bounds are equal."""
+        return not self.task.discrete_actions and self.bounds().share_exact == 1.0
+
     def optimal(self) -> Score | None:
         """The least steps from the same starts: of intervals their lower ends.
 
@@ -214,8 +219,7 @@ class ArmContest:
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """As `Contest`: a bound where the least steps are not known exactly from every start."""
         found = reference_of(scores, learned)
-        exact = self.bounds().share_exact == 1.0 and not self.task.discrete_actions
-        if found is None or found.kind != "exact" or exact:
+        if found is None or found.kind != "exact" or self.is_exact:
             return found
         return replace(found, kind="bound")
 

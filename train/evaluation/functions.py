@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.declared import whole
 from pursuit.evaluation import Evaluation
 from pursuit.reacher.task import ReacherTask, make_reacher_task
 from pursuit.task import Task, checked_task, make_task
@@ -62,13 +63,19 @@ def evaluate(
     settings: Mapping[str, Any],
 ) -> Evaluation:
     """`pursuit.evaluate`, where it is described; `settings` are opponents and those of a task."""
-    check(episodes >= 2, f"episodes={episodes}; at least 2")
+    whole("episodes", episodes, 2)
     own = {key: value for key, value in settings.items() if not key.startswith("opponent")}
     check(isinstance(task, str) or not own, f"{', '.join(own)}: the task is made already")
     if isinstance(task, str):
         task = make_reacher_task(**own) if task == "reacher" else make_task(task, **own)
     contest: Any
     if isinstance(task, ReacherTask):
+        check(agent in (None, "arm"), f"agent={agent!r}; in task 'reacher' it is 'arm'")
+        for name, none in (("opponent", None), ("opponent_epsilon", 0.0)):
+            check(
+                settings[name] == none,
+                f"{name}={settings[name]!r}; task 'reacher' has no other agents; leave it out",
+            )
         contest = ArmContest(task, episodes, evaluation_seed(seed))
     else:
         agent = checked_task(task).agent_names[0] if agent is None else agent
@@ -95,7 +102,7 @@ def _compared(contest: Any, policy: Any) -> Evaluation:
         played = (score.episodes, mean, 0.0, score.success_rate)
         return Evaluation(*played, steps, gap, both, "steps", mean, steps)
     lengths, won = contest.play(policy)
-    least = contest.optimal_lengths()
+    least = contest.optimal_lengths() if game or contest.is_exact else None
     mean, optimum, gap, interval = float(lengths.mean()), None, None, None
     if least is not None:
         optimum = float(least.mean())

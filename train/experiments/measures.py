@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+
+from train.experiments.statistics import Interval, distance_interval, mean_interval
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,11 @@ class Measure:
     curve: str
     curve_axis: str
     logarithmic: bool = True
+
+    def interval(self, values: Sequence[float]) -> Interval:
+        """The 95 % interval of the mean over runs; only returns may lie on either side of 0."""
+        signed = self.final == "mean_return"
+        return mean_interval([values]) if signed else distance_interval([values])
 
 
 GAP = Measure(

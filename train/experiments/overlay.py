@@ -174,7 +174,7 @@ def draw_overlay(
             curves.append((times, factor * np.array([e[measure.curve] for e in known])))
         color = PALETTE[number % len(PALETTE)]
         dash = DASHES[number // len(PALETTE) % len(DASHES)]
-        everything.append(draw_group(axis, curves, color, group, look.log, dash).ravel())
+        everything.append(draw_group(axis, curves, color, group, look.log, dash, measure).ravel())
     if measure is GAP_CURVE:
         ends = np.concatenate(everything)
         least, most = float(np.nanmin(ends)), float(np.nanmax(ends))

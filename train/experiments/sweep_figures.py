@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from train.experiments.measures import GAP, measure_of, size_of
-from train.experiments.statistics import distance_interval
+from train.experiments.measures import GAP, STEPS, Measure, measure_of, size_of
 from train.figures import (
     KINK,
     PLAIN,
@@ -55,6 +54,7 @@ def draw_group(
     name: str,
     log: bool = False,
     dash: str = "-",
+    measure: Measure = STEPS,
 ) -> NDArray[Any]:
     """The mean of the runs that belong together, and every run, or from `BAND_FROM` runs on a band.
 
@@ -66,7 +66,7 @@ def draw_group(
     if len(values) < BAND_FROM:
         axis.plot(points, values.T, dash, color=color, lw=0.7, alpha=0.45)
         return values
-    ends = np.array([distance_interval([column]) for column in values.T])
+    ends = np.array([measure.interval(column) for column in values.T])
     axis.fill_between(points, ends[:, 0], ends[:, 1], color=color, alpha=0.18, lw=0)
     return ends
 
@@ -108,7 +108,7 @@ def draw_curves(
                 if row["_group"] == name and row["run"] in by_run
             ]
             if curves:
-                draw_group(axis, curves, color, name, look.log)
+                draw_group(axis, curves, color, name, look.log, measure=measure)
         for column, word, style in (
             ("optimal_steps", "optimal", ":"),
             ("scripted_steps", "scripted", "--"),
@@ -163,7 +163,7 @@ def draw_final(
                 scale * row[column] for row in rows if (row["_x"], row["_group"]) == (value, name)
             ]
             if final:
-                low, high = distance_interval([final])
+                low, high = measure.interval(final)
                 places.append(place + shift)
                 means.append(float(np.mean(final)))
                 lows.append(means[-1] - (means[-1] if np.isnan(low) else low))

@@ -12,7 +12,7 @@ import numpy as np
 from train.experiments.forms import Hints, read_hints
 from train.experiments.measures import GAP, STEPS, measure_of, size_of
 from train.experiments.methods import METHODS_LINE, methods
-from train.experiments.statistics import distance_interval, interquartile_mean
+from train.experiments.statistics import interquartile_mean
 from train.experiments.sweep_figures import draw_curves, draw_final
 from train.experiments.tables import collect
 from train.figures import PALETTE, PLAIN, Look
@@ -118,7 +118,7 @@ def summary(rows: list[dict[str, Any]], x: str | None) -> list[dict[str, Any]]:
             if all(row.get(column) is not None for row in rows):
                 line[word] = mean(column)
         values = [measure.scale * row[measure.final] for row in chosen]
-        low, high = distance_interval([values])
+        low, high = measure.interval(values)
         line[measure.name] = float(np.mean(values))
         line |= {f"{measure.name}_low": low, f"{measure.name}_high": high}
         line[f"{measure.name}_iqm"] = interquartile_mean(values)

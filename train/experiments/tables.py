@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,9 +92,20 @@ def collect(out: Path | str) -> tuple[polars.DataFrame, polars.DataFrame]:
         for row in read_metrics(folder)
     ]
     curves = polars.DataFrame(rows, infer_schema_length=None)
-    write_beside(out / RUNS, runs.write_parquet)
-    write_beside(out / CURVES, curves.write_parquet)
+    write_parquet(out / RUNS, runs)
+    write_parquet(out / CURVES, curves)
     return runs, curves
+
+
+def write_parquet(path: Path, frame: polars.DataFrame) -> None:
+    """`frame` as a Parquet file, atomically; OSError naming `path` where it cannot be written."""
+    data = io.BytesIO()  # given a path, polars raises an error of its own on a full disk
+    frame.write_parquet(data)
+
+    def write(beside: Path) -> None:
+        beside.write_bytes(data.getvalue())
+
+    write_beside(path, write)
 
 
 def row_of(folder: Path) -> dict[str, Any]:

@@ -126,9 +126,10 @@ def load_stable_baselines(
     else:
         check(
             task is not None and agent is not None and observation is not None,
-            f"{path}: its description {where.name} is not beside it; give the task and the "
-            "observation that the model was trained with as options, or save it with "
-            "train.runs.third_party.save_stable_baselines",
+            f"{path}: its description {where.name} is not beside it; give the task and "
+            "what the model observed in training (--observation of pursuit evaluate, "
+            "--model-observations of league, --opponent-observation of an opponent), or save it "
+            "with train.runs.third_party.save_stable_baselines",
         )
         weights = _weights_in(path)
         described = _found_in(path, weights, str(observation))
