@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from curricula.protocol import Change, Outcomes, check_count, check_state
+from curricula.protocol import Change, Outcomes, Resumable, check_count, check_shares
 from curricula.schedules import Progress
 
 SCORES = ("regret", "value_loss", "learnability")
@@ -16,21 +16,43 @@ MAX_SEED = 2**53
 """Seeds of levels lie below: a float64 holds them exactly."""
 
 
-def rank_probabilities(
-    scores: NDArray[np.float64], ages: NDArray[np.float64], temperature: float, staleness: float
-) -> NDArray[np.float64]:
-    """[levels], the chances with which prioritised level replay draws them (Jiang et al., 2021).
+class Ranked(Resumable):
+    """Levels replayed with the chances of prioritised level replay (Jiang et al., 2021).
+
+    P = (1 - staleness) * P_score + staleness * P_stale, P_score proportional to
+    (1 / rank)^(1 / temperature) of the scores, rank 1 the highest, and P_stale to the ages.
 
     Args:
-        scores: [levels]; (1 / rank)^(1 / temperature) counts of them, rank 1 the highest.
-        ages: [levels], at least 0; their share counts with a weight of `staleness`.
-        temperature, staleness: as in `LevelReplay`.
+        replay_share: share of games that replay.
+        temperature: above 0; the lower, the more only the highest scores count.
+        staleness: in [0, 1].
+
+    Raises:
+        ValueError: a value that is not allowed.
     """
-    by_score = np.empty(len(scores))
-    by_score[np.argsort(-scores, kind="stable")] = _rank_weights(len(scores), temperature)
-    by_age = ages if ages.sum() > 0 else np.ones(len(ages))
-    mixed = (1.0 - staleness) * by_score / by_score.sum()
-    return mixed + staleness * by_age / by_age.sum()
+
+    def __init__(self, replay_share: float, temperature: float, staleness: float) -> None:
+        if not 0.0 < temperature < np.inf:
+            raise ValueError(f"temperature={temperature}; it is above 0")
+        check_shares(replay_share=replay_share, staleness=staleness)
+        self.replay_share, self.temperature, self.staleness = replay_share, temperature, staleness
+        self.told = -1
+
+    def chances(self, scores: NDArray[np.float64], ages: NDArray[np.int64]) -> NDArray[np.float64]:
+        """[levels], the chances of levels with these scores, and ages of at least 0."""
+        by_score = np.empty(len(scores))
+        by_score[np.argsort(-scores, kind="stable")] = _rank_weights(len(scores), self.temperature)
+        by_age = ages.astype(np.float64) if ages.sum() > 0 else np.ones(len(ages))
+        mixed = (1.0 - self.staleness) * by_score / by_score.sum()
+        return mixed + self.staleness * by_age / by_age.sum()
+
+    def _logged(self, mark: int, scores: NDArray[np.float64], what: str) -> list[Change]:
+        """The change to log where `mark` is another one than at the last log."""
+        if mark == self.told or not len(scores):
+            return []
+        self.told = mark
+        mean, low, high = float(scores.mean()), float(scores.min()), float(scores.max())
+        return [Change(mean, low, high, what.format(count=len(scores), mean=mean))]
 
 
 @lru_cache(maxsize=8)
@@ -47,14 +69,12 @@ def least(values: NDArray[np.float64], count: int) -> NDArray[np.intp]:
     return near[np.argsort(values[near], kind="stable")][:count]
 
 
-class LevelReplay:
+class LevelReplay(Ranked):
     """Prioritised level replay (Jiang et al., 2021) over seeds of levels.
 
     A share of the games plays levels of a buffer again, the others new ones. A level of the buffer
-    is drawn by the rank of its score, mixed with how long ago it was last played:
-    P = (1 - staleness) * P_score + staleness * P_stale, P_score proportional to
-    (1 / rank)^(1 / temperature), P_stale to the updates since. A new level replaces the one that is
-    least likely, if its score is higher.
+    is drawn by the rank of its score, mixed with how long ago it was last played, in updates (see
+    `Ranked`). A new level replaces the one that is least likely, if its score is higher.
 
     Args:
         score: "regret" (how far the last episode fell short of the exact optimum), "value_loss"
@@ -70,6 +90,10 @@ class LevelReplay:
         ValueError: a value that is not allowed.
     """
 
+    KIND = "level replay"
+    GROWING = ("seeds", "scores", "played", "counts", "cumulative")
+    STATE = (*GROWING, "updates", "told")
+
     def __init__(
         self,
         score: str = "regret",
@@ -81,20 +105,14 @@ class LevelReplay:
         if score not in SCORES:
             raise ValueError(f"unknown level score {score!r}; one of {', '.join(SCORES)}")
         check_count("capacity", capacity, 2, "levels")
-        if not 0.0 < temperature < np.inf:
-            raise ValueError(f"temperature={temperature}; it is above 0")
-        for name, share in (("replay_share", replay_share), ("staleness", staleness)):
-            if not 0.0 <= share <= 1.0:
-                raise ValueError(f"{name}={share}; a share lies in [0, 1]")
-        self.score, self.capacity, self.replay_share = score, capacity, replay_share
-        self.temperature, self.staleness = temperature, staleness
+        super().__init__(replay_share, temperature, staleness)
+        self.score, self.capacity = score, capacity
         self.seeds = np.zeros(0)
         self.scores = np.zeros(0)
         self.played = np.zeros(0, dtype=np.int64)
         self.counts = np.zeros((2, 0), dtype=np.int64)
         self.updates = 0
-        self._cumulative = np.zeros(0)
-        self._told = -1
+        self.cumulative = np.zeros(0)
 
     @property
     def replays(self) -> bool:
@@ -103,8 +121,7 @@ class LevelReplay:
 
     def probabilities(self) -> NDArray[np.float64]:
         """[levels] of the buffer being drawn for a game that replays."""
-        ages = (self.updates - self.played).astype(np.float64)
-        return rank_probabilities(self.scores, ages, self.temperature, self.staleness)
+        return self.chances(self.scores, self.updates - self.played)
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """Score the levels that were played, and keep the better ones."""
@@ -112,15 +129,10 @@ class LevelReplay:
         if len(outcomes):
             self._note(outcomes)
         if len(self.seeds):
-            self._cumulative = self.probabilities().cumsum()
-        mark = int(self.replays) + int(20 * progress.share)
-        if mark == self._told or not len(self.seeds):
-            return []
-        self._told = mark
-        mean = float(self.scores.mean())
-        what = f"{len(self.seeds)} levels, mean {self.score} {mean:.4g}"
-        low, high = float(self.scores.min()), float(self.scores.max())
-        return [Change(mean, low, high, what + ("" if self.replays else ", no replay yet"))]
+            self.cumulative = self.probabilities().cumsum()
+        what = f"{{count}} levels, mean {self.score} {{mean:.4g}}"
+        what += "" if self.replays else ", no replay yet"
+        return self._logged(int(self.replays) + int(20 * progress.share), self.scores, what)
 
     def _note(self, outcomes: Outcomes) -> None:
         seeds = outcomes.lessons
@@ -194,13 +206,11 @@ class LevelReplay:
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Seeds of levels: some of the buffer, the others new."""
-        # A float64 has 53 random bits, so these are whole, and every seed is as likely. They are
-        # those of `rng.integers(0, MAX_SEED, num_games)`, without what that makes sure of.
-        seeds = rng.random(num_games) * MAX_SEED
-        if self.replays and len(self._cumulative):
+        seeds = rng.integers(0, MAX_SEED, num_games).astype(np.float64)
+        if self.replays and len(self.cumulative):
             again = (rng.random(num_games) < self.replay_share).nonzero()[0]
-            draws = rng.random(len(again)) * self._cumulative[-1]
-            chosen = self._cumulative.searchsorted(draws, side="right")
+            draws = rng.random(len(again)) * self.cumulative[-1]
+            chosen = self.cumulative.searchsorted(draws, side="right")
             seeds[again] = self.seeds[np.minimum(chosen, len(self.seeds) - 1)]
         return seeds
 
@@ -212,33 +222,15 @@ class LevelReplay:
             (int(self.seeds[i]), float(self.scores[i]), int(wins[i]), int(plays[i])) for i in order
         ]
 
-    def state_dict(self) -> dict[str, Any]:
-        """The buffer."""
-        return {
-            "seeds": self.seeds,
-            "scores": self.scores,
-            "played": self.played,
-            "counts": self.counts,
-            "updates": self.updates,
-            "cumulative": self._cumulative,
-            "told": self._told,
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take it back; ValueError where it is that of something else."""
-        check_state("level replay", state, set(self.state_dict()))
-        rows = {np.shape(state[name])[-1] for name in ("seeds", "scores", "played", "counts")}
-        seeds, cumulative = np.asarray(state["seeds"]), np.asarray(state["cumulative"])
+    def _check_loaded(self, state: dict[str, Any]) -> None:
+        rows = {state[name].shape[-1] for name in ("seeds", "scores", "played", "counts")}
+        seeds = state["seeds"]
         if (
             len(rows) > 1
-            or len(cumulative) > len(seeds)
+            or len(state["cumulative"]) > len(seeds)
             or not ((seeds >= 0) & (seeds < MAX_SEED) & (seeds % 1 == 0)).all()
         ):
             raise ValueError(
                 "the levels of the checkpoint have not one seed, score and count each; restore it "
                 "from a copy"
             )
-        self.seeds, self.scores = np.array(state["seeds"]), np.array(state["scores"])
-        self.played, self.counts = np.array(state["played"]), np.array(state["counts"])
-        self._cumulative = np.array(state["cumulative"])
-        self.updates, self._told = state["updates"], state["told"]

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from curricula.levels import rank_probabilities
-from curricula.protocol import Change, Outcomes, check_count, check_state
+from curricula.levels import Ranked
+from curricula.protocol import Change, Outcomes, check_count, check_shares
 from curricula.schedules import Progress
 
 BASE, UNKNOWN = -1, -1.0
 """The parent of a level that is no edit of another; the score of one that was never judged."""
 
 
-class PoolReplay:
+class PoolReplay(Ranked):
     """Prioritised replay of a pool of levels, and of edits of them that are harder.
 
     A share of the games plays levels that were judged, drawn by the rank of their scores mixed with
@@ -48,6 +48,9 @@ class PoolReplay:
         kept: [levels] bool, whether it may be replayed.
     """
 
+    KIND = "this pool"
+    STATE = ("scores", "judged_at", "kept", "rounds", "accepted", "told")
+
     def __init__(
         self,
         parents: Sequence[int],
@@ -65,22 +68,17 @@ class PoolReplay:
                 f"parents={parents!r}; of each level the number of one before it, or {BASE}"
             )
         check_count("judged", judged, 1, "level")
-        if not 0.0 < temperature < np.inf:
-            raise ValueError(f"temperature={temperature}; it is above 0")
-        shares = {"replay_share": replay_share, "staleness": staleness, "edit_share": edit_share}
-        for name, share in shares.items():
-            if not 0.0 <= share <= 1.0:
-                raise ValueError(f"{name}={share}; a share lies in [0, 1]")
+        super().__init__(replay_share, temperature, staleness)
+        check_shares(edit_share=edit_share)
         self.base = np.flatnonzero(self.parents == BASE)
         if capacity is not None:
             check_count("capacity", capacity, 1, "level")
         self.capacity = len(self.base) if capacity is None else capacity
-        self.judged, self.replay_share, self.edit_share = judged, replay_share, edit_share
-        self.temperature, self.staleness = temperature, staleness
+        self.judged, self.edit_share = judged, edit_share
         self.scores = np.full(levels, UNKNOWN)
         self.judged_at = np.zeros(levels, dtype=np.int64)
         self.kept = np.zeros(levels, dtype=bool)
-        self.rounds, self.accepted, self._told = 0, 0, -1
+        self.rounds, self.accepted = 0, 0
 
     @property
     def replayed(self) -> NDArray[np.intp]:
@@ -90,8 +88,7 @@ class PoolReplay:
     def probabilities(self) -> NDArray[np.float64]:
         """[replayed] of being drawn for a game that replays."""
         chosen = self.replayed
-        ages = (self.rounds - self.judged_at[chosen]).astype(np.float64)
-        return rank_probabilities(self.scores[chosen], ages, self.temperature, self.staleness)
+        return self.chances(self.scores[chosen], self.rounds - self.judged_at[chosen])
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """[num_games] float64, numbers of levels."""
@@ -153,43 +150,14 @@ class PoolReplay:
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """Nothing is learned from episodes; what is replayed is logged twenty times a run."""
-        mark = int(20 * progress.share)
-        if mark == self._told or not self.kept.any():
-            return []
-        self._told = mark
-        scores = self.scores[self.replayed]
-        mean, low, high = (float(of(scores)) for of in (np.mean, np.min, np.max))
-        edits = int((self.parents[self.replayed] != BASE).sum())
-        what = f"{len(scores)} levels replayed, mean score {mean:.4g}"
+        what = "{count} levels replayed, mean score {mean:.4g}"
         if (self.parents != BASE).any():
+            edits = int((self.parents[self.replayed] != BASE).sum())
             what += f", {edits} of them edits, {self.accepted} accepted so far"
-        return [Change(mean, low, high, what)]
+        return self._logged(int(20 * progress.share), self.scores[self.replayed], what)
 
-    def state_dict(self) -> dict[str, Any]:
-        """Scores and what is kept."""
-        return {
-            "scores": self.scores,
-            "judged_at": self.judged_at,
-            "kept": self.kept,
-            "rounds": self.rounds,
-            "accepted": self.accepted,
-            "told": self._told,
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take it back; ValueError where it is that of something else."""
-        check_state("replay of a pool", state, set(self.state_dict()))
-        arrays = {name: np.array(state[name]) for name in ("scores", "judged_at", "kept")}
-        for name, array in arrays.items():
-            if array.shape != self.scores.shape:
-                raise ValueError(
-                    f"the checkpoint has {name} of {array.size} levels, and this pool has "
-                    f"{len(self.scores)}; resume with the settings that it was made with"
-                )
-        if (arrays["scores"][arrays["kept"]] < 0).any():
+    def _check_loaded(self, state: dict[str, Any]) -> None:
+        if (state["scores"][state["kept"]] < 0).any():
             raise ValueError(
                 "the checkpoint replays levels without a score; restore it from a copy"
             )
-        self.scores, self.judged_at, self.kept = arrays.values()
-        self.rounds, self.accepted = state["rounds"], state["accepted"]
-        self._told = state["told"]

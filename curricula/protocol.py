@@ -6,6 +6,7 @@ number of a maze), or the seed of a level. What it means to the world is not kno
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -86,10 +87,52 @@ def check_count(name: str, value: Any, least: int, what: str) -> None:
         raise ValueError(f"{name}={value!r}; a whole number, at least {least} {what}")
 
 
-def check_state(name: str, state: dict[str, Any], wanted: set[str]) -> None:
-    """ValueError unless `state` has exactly the wanted names."""
-    if set(state) != wanted:
-        raise ValueError(
-            f"the checkpoint is of another curriculum than {name}: it holds {sorted(state)}, and "
-            f"{sorted(wanted)} are needed; resume with the curriculum that it was made with"
-        )
+def check_shares(**shares: float) -> None:
+    """ValueError unless all lie in [0, 1]."""
+    for name, share in shares.items():
+        if not 0.0 <= share <= 1.0:
+            raise ValueError(f"{name}={share}; a share lies in [0, 1]")
+
+
+class Resumable:
+    """`state_dict` and `load_state_dict` of a curriculum: attributes, saved under their names.
+
+    Arrays keep their length, unless they are in `GROWING`.
+    """
+
+    KIND = "this"
+    """What messages call it."""
+    STATE: tuple[str, ...] = ()
+    """The attributes that are its state."""
+    GROWING: tuple[str, ...] = ()
+
+    def state_dict(self) -> dict[str, Any]:
+        """Plain values and arrays: whatever it needs to go on exactly."""
+        return {name: copy(getattr(self, name)) for name in self.STATE}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from what `state_dict` gave; ValueError for the state of another curriculum."""
+        if set(state) != set(self.STATE):
+            raise ValueError(
+                f"the checkpoint is of another curriculum than {self.KIND}: it holds "
+                f"{sorted(state)}, and {sorted(self.STATE)} are needed; resume with the curriculum "
+                "that it was made with"
+            )
+        loaded = {
+            name: np.array(value) if isinstance(getattr(self, name), np.ndarray) else copy(value)
+            for name, value in state.items()
+        }
+        for name, value in loaded.items():
+            own = getattr(self, name)
+            fixed = isinstance(own, np.ndarray) and name not in self.GROWING
+            if fixed and value.shape != own.shape:
+                raise ValueError(
+                    f"the checkpoint has {name} of {value.size} levels, and {self.KIND} has "
+                    f"{own.size}; resume with the settings that it was made with"
+                )
+        self._check_loaded(loaded)
+        for name, value in loaded.items():
+            setattr(self, name, value)
+
+    def _check_loaded(self, state: dict[str, Any]) -> None:
+        """ValueError for values that cannot be."""

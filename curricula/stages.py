@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from curricula.protocol import Change, Outcomes, check_count, check_state
+from curricula.protocol import Change, Outcomes, Resumable, check_count, check_shares
 from curricula.schedules import Progress, Schedule
 
 
@@ -47,7 +47,7 @@ def stage_numbers(stages: NDArray[np.float64], lessons: NDArray[np.float64]) -> 
     return numbers
 
 
-class Scheduled:
+class Scheduled(Resumable):
     """Every game gets the value of a schedule.
 
     Args:
@@ -55,10 +55,12 @@ class Scheduled:
         whole: round to whole numbers.
     """
 
+    KIND, STATE = "a schedule", ("value", "logged")
+
     def __init__(self, schedule: Schedule, whole: bool = False) -> None:
         self.schedule, self.whole = schedule, whole
         self.value = self._at(Progress())
-        self._logged: float | None = None
+        self.logged: float | None = None
 
     def _at(self, progress: Progress) -> float:
         value = self.schedule(progress)
@@ -69,12 +71,12 @@ class Scheduled:
         self.value = self._at(progress)
         schedule = self.schedule
         fine = 0.0 if self.whole else 0.005 * abs(schedule.end - schedule.start)
-        before, at_end = self._logged, self.value == schedule.end
+        before, at_end = self.logged, self.value == schedule.end
         if before is not None and (
             self.value == before or (abs(self.value - before) < fine and not at_end)
         ):
             return []
-        self._logged = self.value
+        self.logged = self.value
         now = getattr(progress, schedule.unit)
         reason = f"{schedule.shape} schedule at {now:.6g} {schedule.unit}"
         return [Change(self.value, self.value, self.value, reason)]
@@ -83,52 +85,35 @@ class Scheduled:
         """The same for all."""
         return np.full(num_games, self.value)
 
-    def state_dict(self) -> dict[str, Any]:
-        """The value."""
-        return {"value": self.value, "logged": self._logged}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take it back."""
-        check_state("a schedule", state, {"value", "logged"})
-        self.value, self._logged = state["value"], state["logged"]
-
-
-class Uniform:
+class Uniform(Resumable):
     """A control: all difficulties at once, from beginning to end.
 
     Args:
         stages: the values, each as likely.
     """
 
+    KIND, STATE = "uniform", ("told",)
+
     def __init__(self, stages: Sequence[float]) -> None:
         self.stages = checked_stages(stages)
-        self._told = False
+        self.told = False
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """Nothing ever changes."""
         stage_numbers(self.stages, outcomes.lessons)
-        if self._told:
+        if self.told:
             return []
-        self._told = True
+        self.told = True
         mean, low, high = self.stages.mean(), self.stages.min(), self.stages.max()
         return [Change(float(mean), float(low), float(high), "uniform over all stages")]
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Any."""
-        # What `rng.choice` draws, without what it makes sure of at every call.
-        return self.stages[rng.integers(0, len(self.stages), num_games)]
-
-    def state_dict(self) -> dict[str, Any]:
-        """Whether it is in the log."""
-        return {"uniform": self._told}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take it back."""
-        check_state("uniform", state, {"uniform"})
-        self._told = state["uniform"]
+        return rng.choice(self.stages, num_games)
 
 
-class Shuffled:
+class Shuffled(Resumable):
     """A control: the stages one after the other in a random order, then the last one.
 
     Args:
@@ -138,47 +123,40 @@ class Shuffled:
         seed: of the order.
     """
 
+    KIND, STATE = "shuffled", ("turn", "told")
+
     def __init__(
         self, stages: Sequence[float], length: float, unit: str = "share", seed: int = 0
     ) -> None:
         self.stages = checked_stages(stages)
         self.order = np.random.default_rng(seed).permutation(len(self.stages))
-        self.turn = Schedule("linear", 0.0, float(len(self.stages)), unit, length)
-        self.number = 0
-        self._told: int | None = None
+        self._turns = Schedule("linear", 0.0, float(len(self.stages)), unit, length)
+        self.turn = 0
+        self.told: int | None = None
 
     @property
     def value(self) -> float:
         """What is played."""
-        last = self.number >= len(self.order)
-        return float(self.stages[-1] if last else self.stages[self.order[self.number]])
+        last = self.turn >= len(self.order)
+        return float(self.stages[-1] if last else self.stages[self.order[self.turn]])
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """The next stage when its time has come."""
         stage_numbers(self.stages, outcomes.lessons)
-        self.number = int(self.turn(progress))
-        if self.number == self._told:
+        self.turn = int(self._turns(progress))
+        if self.turn == self.told:
             return []
-        self._told = self.number
-        over = self.number >= len(self.order)
-        reason = "shuffled stages are over" if over else f"shuffled, turn {self.number + 1}"
+        self.told = self.turn
+        over = self.turn >= len(self.order)
+        reason = "shuffled stages are over" if over else f"shuffled, turn {self.turn + 1}"
         return [Change(self.value, self.value, self.value, reason)]
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """The same for all."""
         return np.full(num_games, self.value)
 
-    def state_dict(self) -> dict[str, Any]:
-        """The turn."""
-        return {"turn": self.number, "told": self._told}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take it back."""
-        check_state("shuffled", state, {"turn", "told"})
-        self.number, self._told = state["turn"], state["told"]
-
-
-class SuccessGated:
+class SuccessGated(Resumable):
     """One stage for all games; up when it is mastered and, if wanted, down when it is not.
 
     Whoever fails by running out of time ends late, so the first episodes to end are nearly all
@@ -195,6 +173,8 @@ class SuccessGated:
         ValueError: shares outside [0, 1], `demote_at` not below `promote_at`, or an empty window.
     """
 
+    KIND = "success-gated"
+    STATE = ("stage", "counts", "stages", "told")
     RUNNING_SHARE = 20
     """Counting begins anew when this many times more episodes have ended than still run."""
 
@@ -205,7 +185,7 @@ class SuccessGated:
         demote_at: float = 0.0,
         window: int = 1024,
     ) -> None:
-        self.stages = checked_stages(stages)
+        self.stages: list[float] = checked_stages(stages).tolist()
         if not 0.0 <= demote_at < promote_at <= 1.0:
             raise ValueError(
                 f"promote_at={promote_at}, demote_at={demote_at}; both lie in [0, 1], and "
@@ -213,59 +193,49 @@ class SuccessGated:
             )
         check_count("window", window, 1, "episode")
         self.promote_at, self.demote_at, self.window = promote_at, demote_at, window
-        self.number = self.begun = self.ended = self.won = 0
-        self._told = False
+        self.stage = 0
+        self.counts = [0, 0, 0]  # episodes of this stage that have begun, have ended, were won
+        self.told = False
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """Count the episodes of this stage; those of stages before are over with."""
-        own = stage_numbers(self.stages, outcomes.lessons) == self.number
-        self.ended += int(own.sum())
-        self.won += int(outcomes.successes[own].sum())
-        running = max(self.begun - self.ended, 0)
-        reason = "" if self._told else "first stage"
-        self._told = True
-        if self.ended >= self.window:
-            low, high = (n / (self.ended + running) for n in (self.won, self.won + running))
-            if low >= self.promote_at and self.number < len(self.stages) - 1:
+        own = stage_numbers(np.array(self.stages), outcomes.lessons) == self.stage
+        begun, ended, won = self.counts
+        ended += int(own.sum())
+        won += int(outcomes.successes[own].sum())
+        running = max(begun - ended, 0)
+        reason = "" if self.told else "first stage"
+        self.told = True
+        move = 0
+        if ended >= self.window:
+            low, high = won / (ended + running), (won + running) / (ended + running)
+            if low >= self.promote_at and self.stage < len(self.stages) - 1:
                 reason = f"{100 * low:.1f} % success reached {100 * self.promote_at:.0f} %"
-                self.number += 1
-                self.begun = self.ended = self.won = 0
-            elif self.demote_at > 0 and high <= self.demote_at and self.number > 0:
+                move = 1
+            elif self.demote_at > 0 and high <= self.demote_at and self.stage > 0:
                 reason = f"{100 * high:.1f} % success fell to {100 * self.demote_at:.0f} %"
-                self.number -= 1
-                self.begun = self.ended = self.won = 0
-            elif self.ended >= self.RUNNING_SHARE * running:
-                self.begun, self.ended, self.won = running, 0, 0
-        value = float(self.stages[self.number])
+                move = -1
+            elif ended >= self.RUNNING_SHARE * running:
+                begun, ended, won = running, 0, 0
+        self.stage += move
+        self.counts = [0, 0, 0] if move else [begun, ended, won]
+        value = self.stages[self.stage]
         return [Change(value, value, value, reason)] if reason else []
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """The stage, for all."""
-        self.begun += num_games
-        return np.full(num_games, self.stages[self.number])
+        self.counts[0] += num_games
+        return np.full(num_games, self.stages[self.stage])
 
-    def state_dict(self) -> dict[str, Any]:
-        """The stage, its episodes, and the stages there are."""
-        return {
-            "stage": self.number,
-            "counts": [self.begun, self.ended, self.won],
-            "stages": self.stages.tolist(),
-            "told": self._told,
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take them back."""
-        check_state("success-gated", state, {"stage", "counts", "stages", "told"})
-        if not np.array_equal(state["stages"], self.stages):
+    def _check_loaded(self, state: dict[str, Any]) -> None:
+        if state["stages"] != self.stages:
             raise ValueError(
                 f"the checkpoint has the stages {state['stages']}, and these are "
-                f"{self.stages.tolist()}; resume with the settings that it was made with"
+                f"{self.stages}; resume with the settings that it was made with"
             )
-        self.number, self._told = state["stage"], state["told"]
-        self.begun, self.ended, self.won = state["counts"]
 
 
-class LearningProgress:
+class LearningProgress(Resumable):
     """A bandit over stages: those where the return changes most, up or down, are played most.
 
     Absolute learning progress (Portelas et al., 2019; Matiisen et al., 2017): the distance of two
@@ -280,6 +250,8 @@ class LearningProgress:
         ValueError: shares that are not allowed.
     """
 
+    KIND, STATE = "learning-progress", ("fast", "slow", "probabilities", "top")
+
     def __init__(
         self,
         stages: Sequence[float],
@@ -290,14 +262,12 @@ class LearningProgress:
         self.stages = checked_stages(stages)
         if not 0.0 < slow < fast <= 1.0:
             raise ValueError(f"fast={fast}, slow={slow}; 0 < slow < fast <= 1")
-        if not 0.0 <= explore_share <= 1.0:
-            raise ValueError(f"explore_share={explore_share}; a share lies in [0, 1]")
+        check_shares(explore_share=explore_share)
         self.fast_rate, self.slow_rate, self.explore_share = fast, slow, explore_share
         count = len(self.stages)
         self.fast, self.slow = np.full(count, np.nan), np.full(count, np.nan)
         self.probabilities = np.full(count, 1.0 / count)
-        self._sums, self._summed_of = np.zeros(0), np.zeros(0)
-        self._top = -1
+        self.top = -1
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
         """Move the averages of the stages that were played, and weigh the stages anew."""
@@ -318,39 +288,13 @@ class LearningProgress:
         mixed = self.explore_share / count + (1.0 - self.explore_share) * share
         self.probabilities = mixed / mixed.sum()
         top = int(self.probabilities.argmax())
-        if top == self._top:
+        if top == self.top:
             return []
-        self._top = top
+        self.top = top
         mean = float(self.probabilities @ self.stages)
         reason = f"stage {self.stages[top]:g} changes most: {change[top]:.4g} of return"
         return [Change(mean, float(self.stages.min()), float(self.stages.max()), reason)]
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Stages by their probabilities."""
-        # What `rng.choice` draws of them, without what it makes sure of at every call.
-        draws = rng.random(num_games)
-        return self.stages[self._cumulative().searchsorted(draws, side="right")]
-
-    def _cumulative(self) -> NDArray[np.float64]:
-        """[stages], the chances of each stage or one before it."""
-        if self._summed_of is not self.probabilities:
-            sums = self.probabilities.cumsum()
-            self._sums, self._summed_of = sums / sums[-1], self.probabilities
-        return self._sums
-
-    def state_dict(self) -> dict[str, Any]:
-        """The averages."""
-        names = ("fast", "slow", "probabilities")
-        return {name: getattr(self, name).copy() for name in names} | {"top": self._top}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take them back."""
-        check_state("learning-progress", state, {"fast", "slow", "probabilities", "top"})
-        for name in ("fast", "slow", "probabilities"):
-            array = np.asarray(state[name], dtype=np.float64)
-            if array.shape != self.stages.shape:
-                raise ValueError(
-                    f"the checkpoint has {len(array)} stages, this curriculum {len(self.stages)}"
-                )
-            setattr(self, name, array.copy())
-        self._top = state["top"]
+        return rng.choice(self.stages, num_games, p=self.probabilities)

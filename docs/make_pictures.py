@@ -11,10 +11,10 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 import pursuit
-from pursuit.animation import save_animation
-from pursuit.parallel_env import scene_of
-from pursuit.policy import Policy
+from pursuit.environments.parallel import scene_of
 from pursuit.reacher.rendering import scene_of as scene_of_arm
+from pursuit.rendering.animation import save_animation
+from pursuit.simulator.policy import Policy
 from scripted_agents import (
     AStarChaser,
     AStarEvader,

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from pursuit.parts import from_train
-from pursuit.policy import Policy
+from pursuit.plugins import from_train
 from pursuit.reacher.task import ReacherTask
-from pursuit.task import Task
+from pursuit.simulator.policy import Policy
+from pursuit.tasks.task import Task
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ num_evaders, num_runners, num_goals, max_steps (or max_cycles), stay_action, mov
 min_start_distance, rewards, view_radius, line_of_sight, unknown_maze.
 """
 
-from pursuit.parallel_env import environment_makers
+from pursuit.environments.parallel import environment_makers
 
 parallel_env, raw_env, env = environment_makers("race")
 __all__ = ["env", "parallel_env", "raw_env"]

@@ -12,9 +12,9 @@ from typing import Any
 from pettingzoo import AECEnv
 from pettingzoo.utils import wrappers
 
+from pursuit.environments.turn_based import turn_based
 from pursuit.reacher.parallel_env import ReacherParallelEnv
 from pursuit.reacher.task import make_reacher_task
-from pursuit.turn_based import turn_based
 
 __all__ = ["env", "parallel_env", "raw_env"]
 

@@ -1,174 +1,91 @@
-"""Whoever plays without learning: heuristics and exact solvers."""
+"""Agents without learning: heuristics and exact solvers.
 
-from scripted_agents.action_values import ActionValues, action_values
-from scripted_agents.arm import (
-    IK_METHODS,
-    InverseKinematics,
-    LeastStepsPolicy,
-    RandomArm,
-    ThesisInverseKinematics,
-)
-from scripted_agents.astar import shortest_path
-from scripted_agents.beliefs import BeliefChaser, BeliefFilter, why_no_belief
-from scripted_agents.best_response import (
-    BestResponse,
-    PairValues,
-    best_response,
-    evaluate_exactly,
-    mean_over_starts,
-)
-from scripted_agents.chaser import AStarChaser
-from scripted_agents.cops_and_robbers import TurnBasedSolution, cop_number, solve_in_turns
-from scripted_agents.difficulty import Difficulty, maze_difficulty
-from scripted_agents.duel_wins import duel_wins
-from scripted_agents.equilibrium import (
-    ChaseSolution,
-    MatrixGame,
-    solve_chase,
-    solve_matrix_game,
-)
-from scripted_agents.evader import AStarEvader
-from scripted_agents.hidden_chase import HiddenChaseSolution, solve_hidden_chase
-from scripted_agents.hidden_game import HiddenCell
-from scripted_agents.hidden_policy import BeliefOptimalChaser, BeliefOptimalEvader
-from scripted_agents.hidden_search import HiddenSearch
-from scripted_agents.independent import IndependentTeam, independent_team
-from scripted_agents.joint import (
-    JointResponse,
-    JointValues,
-    evaluate_joint,
-    solve_joint,
-)
-from scripted_agents.joint_game import JointGame, solve_joint_game
-from scripted_agents.joint_nash import JointNashConv, joint_nash_conv
-from scripted_agents.joint_opponents import why_no_distribution
-from scripted_agents.joint_policy import JointPlan, JointTable
-from scripted_agents.joint_states import JointStates, check_joint_states, count_joint_states
-from scripted_agents.least_steps import least_steps, least_steps_of
-from scripted_agents.optimal import (
-    BestResponder,
-    OptimalChaser,
-    OptimalEvader,
-    check_optimal,
-    table_of,
-    why_not_optimal,
-)
-from scripted_agents.regret import DuelRegret, duel_regret
-from scripted_agents.runner import NearestGoalRunner, TourRunner
-from scripted_agents.scripted import RandomAgent
-from scripted_agents.searchers import (
-    SearchingChaser,
-    SearchingRunner,
-    SweepingChaser,
-    WaryEvader,
-)
-from scripted_agents.table_policy import TablePolicy
-from scripted_agents.teams import (
-    TeamResponse,
-    best_team_response,
-    evaluate_team,
-    has_distributions,
-    mean_over_team_starts,
-    team_survival,
-    why_not_team_chase,
-    work_of,
-)
-from scripted_agents.tour import (
-    Estimate,
-    Tour,
-    expected_tour_length,
-    num_states,
-    shortest_tour,
-    tour_length,
-    tour_lengths,
-)
-from scripted_agents.worst_case import SearchPlan, fewest_searchers, fewest_steps_to_find
+A name that is imported as itself is public.
+"""
 
-__all__ = [
-    "IK_METHODS",
-    "AStarChaser",
-    "AStarEvader",
-    "ActionValues",
-    "BeliefChaser",
-    "BeliefFilter",
-    "BeliefOptimalChaser",
-    "BeliefOptimalEvader",
-    "BestResponder",
-    "BestResponse",
-    "ChaseSolution",
-    "Difficulty",
-    "DuelRegret",
-    "Estimate",
-    "HiddenCell",
-    "HiddenChaseSolution",
-    "HiddenSearch",
-    "IndependentTeam",
-    "InverseKinematics",
-    "JointGame",
-    "JointNashConv",
-    "JointPlan",
-    "JointResponse",
-    "JointStates",
-    "JointTable",
-    "JointValues",
-    "LeastStepsPolicy",
-    "MatrixGame",
-    "NearestGoalRunner",
-    "OptimalChaser",
-    "OptimalEvader",
-    "PairValues",
-    "RandomAgent",
-    "RandomArm",
-    "SearchPlan",
-    "SearchingChaser",
-    "SearchingRunner",
-    "SweepingChaser",
-    "TablePolicy",
-    "TeamResponse",
-    "ThesisInverseKinematics",
-    "Tour",
-    "TourRunner",
-    "TurnBasedSolution",
-    "WaryEvader",
-    "action_values",
-    "best_response",
-    "best_team_response",
-    "check_joint_states",
-    "check_optimal",
-    "cop_number",
-    "count_joint_states",
-    "duel_regret",
-    "duel_wins",
-    "evaluate_exactly",
-    "evaluate_joint",
-    "evaluate_team",
-    "expected_tour_length",
-    "fewest_searchers",
-    "fewest_steps_to_find",
-    "has_distributions",
-    "independent_team",
-    "joint_nash_conv",
-    "least_steps",
-    "least_steps_of",
-    "maze_difficulty",
-    "mean_over_starts",
-    "mean_over_team_starts",
-    "num_states",
-    "shortest_path",
-    "shortest_tour",
-    "solve_chase",
-    "solve_hidden_chase",
-    "solve_in_turns",
-    "solve_joint",
-    "solve_joint_game",
-    "solve_matrix_game",
-    "table_of",
-    "team_survival",
-    "tour_length",
-    "tour_lengths",
-    "why_no_belief",
-    "why_no_distribution",
-    "why_not_optimal",
-    "why_not_team_chase",
-    "work_of",
-]
+from scripted_agents.agents.runner import NearestGoalRunner as NearestGoalRunner
+from scripted_agents.agents.runner import TourRunner as TourRunner
+from scripted_agents.agents.scripted import AStarChaser as AStarChaser
+from scripted_agents.agents.scripted import AStarEvader as AStarEvader
+from scripted_agents.agents.scripted import RandomAgent as RandomAgent
+from scripted_agents.agents.searchers import SearchingChaser as SearchingChaser
+from scripted_agents.agents.searchers import SearchingRunner as SearchingRunner
+from scripted_agents.agents.searchers import SweepingChaser as SweepingChaser
+from scripted_agents.agents.searchers import WaryEvader as WaryEvader
+from scripted_agents.agents.table_policy import TablePolicy as TablePolicy
+from scripted_agents.arm.agents import IK_METHODS as IK_METHODS
+from scripted_agents.arm.agents import InverseKinematics as InverseKinematics
+from scripted_agents.arm.agents import LeastStepsPolicy as LeastStepsPolicy
+from scripted_agents.arm.agents import RandomArm as RandomArm
+from scripted_agents.arm.agents import ThesisInverseKinematics as ThesisInverseKinematics
+from scripted_agents.arm.least_steps import least_steps as least_steps
+from scripted_agents.arm.least_steps import least_steps_of as least_steps_of
+from scripted_agents.duel.action_values import ActionValues as ActionValues
+from scripted_agents.duel.action_values import action_values as action_values
+from scripted_agents.duel.best_response import BestResponse as BestResponse
+from scripted_agents.duel.best_response import PairValues as PairValues
+from scripted_agents.duel.best_response import best_response as best_response
+from scripted_agents.duel.best_response import evaluate_exactly as evaluate_exactly
+from scripted_agents.duel.best_response import mean_over_starts as mean_over_starts
+from scripted_agents.duel.regret import DuelRegret as DuelRegret
+from scripted_agents.duel.regret import duel_regret as duel_regret
+from scripted_agents.duel.wins import duel_wins as duel_wins
+from scripted_agents.graphs.cops_and_robbers import TurnBasedSolution as TurnBasedSolution
+from scripted_agents.graphs.cops_and_robbers import cop_number as cop_number
+from scripted_agents.graphs.cops_and_robbers import solve_in_turns as solve_in_turns
+from scripted_agents.graphs.difficulty import Difficulty as Difficulty
+from scripted_agents.graphs.difficulty import maze_difficulty as maze_difficulty
+from scripted_agents.graphs.worst_case import SearchPlan as SearchPlan
+from scripted_agents.graphs.worst_case import fewest_searchers as fewest_searchers
+from scripted_agents.graphs.worst_case import fewest_steps_to_find as fewest_steps_to_find
+from scripted_agents.hidden.beliefs import BeliefChaser as BeliefChaser
+from scripted_agents.hidden.beliefs import BeliefFilter as BeliefFilter
+from scripted_agents.hidden.beliefs import why_no_belief as why_no_belief
+from scripted_agents.hidden.chase import BeliefOptimalChaser as BeliefOptimalChaser
+from scripted_agents.hidden.chase import BeliefOptimalEvader as BeliefOptimalEvader
+from scripted_agents.hidden.chase import HiddenChaseSolution as HiddenChaseSolution
+from scripted_agents.hidden.chase import solve_hidden_chase as solve_hidden_chase
+from scripted_agents.hidden.game import HiddenCell as HiddenCell
+from scripted_agents.hidden.search import HiddenSearch as HiddenSearch
+from scripted_agents.joint.equilibrium import ChaseSolution as ChaseSolution
+from scripted_agents.joint.equilibrium import MatrixGame as MatrixGame
+from scripted_agents.joint.equilibrium import solve_chase as solve_chase
+from scripted_agents.joint.equilibrium import solve_matrix_game as solve_matrix_game
+from scripted_agents.joint.game import JointGame as JointGame
+from scripted_agents.joint.game import solve_joint_game as solve_joint_game
+from scripted_agents.joint.independent import IndependentTeam as IndependentTeam
+from scripted_agents.joint.independent import independent_team as independent_team
+from scripted_agents.joint.nash_conv import JointNashConv as JointNashConv
+from scripted_agents.joint.nash_conv import joint_nash_conv as joint_nash_conv
+from scripted_agents.joint.opponents import why_no_distribution as why_no_distribution
+from scripted_agents.joint.optimal import BestResponder as BestResponder
+from scripted_agents.joint.optimal import OptimalChaser as OptimalChaser
+from scripted_agents.joint.optimal import OptimalEvader as OptimalEvader
+from scripted_agents.joint.optimal import check_optimal as check_optimal
+from scripted_agents.joint.optimal import table_of as table_of
+from scripted_agents.joint.optimal import why_not_optimal as why_not_optimal
+from scripted_agents.joint.policy import JointPlan as JointPlan
+from scripted_agents.joint.policy import JointTable as JointTable
+from scripted_agents.joint.solver import JointResponse as JointResponse
+from scripted_agents.joint.solver import JointValues as JointValues
+from scripted_agents.joint.solver import evaluate_joint as evaluate_joint
+from scripted_agents.joint.solver import solve_joint as solve_joint
+from scripted_agents.joint.states import JointStates as JointStates
+from scripted_agents.joint.states import check_joint_states as check_joint_states
+from scripted_agents.joint.states import count_joint_states as count_joint_states
+from scripted_agents.joint.teams import TeamResponse as TeamResponse
+from scripted_agents.joint.teams import best_team_response as best_team_response
+from scripted_agents.joint.teams import evaluate_team as evaluate_team
+from scripted_agents.joint.teams import has_distributions as has_distributions
+from scripted_agents.joint.teams import mean_over_team_starts as mean_over_team_starts
+from scripted_agents.joint.teams import team_survival as team_survival
+from scripted_agents.joint.teams import why_not_team_chase as why_not_team_chase
+from scripted_agents.joint.teams import work_of as work_of
+from scripted_agents.tours.tour import Estimate as Estimate
+from scripted_agents.tours.tour import Tour as Tour
+from scripted_agents.tours.tour import expected_tour_length as expected_tour_length
+from scripted_agents.tours.tour import num_states as num_states
+from scripted_agents.tours.tour import shortest_path as shortest_path
+from scripted_agents.tours.tour import shortest_tour as shortest_tour
+from scripted_agents.tours.tour import tour_length as tour_length
+from scripted_agents.tours.tour import tour_lengths as tour_lengths

@@ -8,25 +8,23 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
-from pursuit.declared import one_of
-from pursuit.parts import Registry, from_train, is_reference
-from pursuit.policy import Policy
-from pursuit.single_agent import SingleAgentEnv, SingleAgentVectorEnv
-from pursuit.task import ROLES, Task, make_task
-from pursuit.vector_env import limited
-from scripted_agents.beliefs import BeliefChaser, check_duel
-from scripted_agents.best_response import MoveOrder
-from scripted_agents.chaser import AStarChaser
-from scripted_agents.evader import AStarEvader
-from scripted_agents.optimal import OptimalChaser, OptimalEvader, check_optimal
-from scripted_agents.runner import NearestGoalRunner, TourRunner
-from scripted_agents.scripted import RandomAgent, Scripted
-from scripted_agents.searchers import (
+from pursuit.environments.single_agent import SingleAgentEnv, SingleAgentVectorEnv
+from pursuit.environments.vector import limited
+from pursuit.plugins import Registry, from_train, is_reference
+from pursuit.simulator.policy import Policy
+from pursuit.tasks.task import ROLES, Task, make_task
+from pursuit.validation import one_of
+from scripted_agents.agents.runner import NearestGoalRunner, TourRunner
+from scripted_agents.agents.scripted import AStarChaser, AStarEvader, RandomAgent, Scripted
+from scripted_agents.agents.searchers import (
     SearchingChaser,
     SearchingRunner,
     SweepingChaser,
     WaryEvader,
 )
+from scripted_agents.duel.best_response import MoveOrder
+from scripted_agents.hidden.beliefs import BeliefChaser, check_duel
+from scripted_agents.joint.optimal import OptimalChaser, OptimalEvader, check_optimal
 
 DEFAULTS: dict[str, type[Scripted]] = {
     "chaser": AStarChaser,
@@ -68,6 +66,14 @@ def own_roles(name: str, task: Task) -> tuple[str, ...]:
     """The roles of a task that a user's own policy plays; ValueError for no such policy."""
     plays = getattr(POLICIES.get(name), "roles", task.seat_roles)
     return tuple(role for role in dict.fromkeys(task.seat_roles) if role in plays)
+
+
+def roles_of_agent(name: str, task: Task) -> tuple[str, ...]:
+    """The roles of a task that a scripted agent or a user's own policy plays."""
+    if name not in AGENTS:
+        return own_roles(name, task)
+    plays = SEARCHERS.get(name, DEFAULTS)
+    return tuple(role for role in DEFAULTS if role in plays and role in task.seat_roles)
 
 
 def own_policy(name: str, task: Task, role: str) -> Policy:
@@ -135,6 +141,26 @@ def check_agent(name: str, task: Task, role: str) -> None:
         check_duel(task, "belief")
 
 
+def is_agent(name: str) -> bool:
+    """Whether a name is that of a scripted agent or of a user's own policy."""
+    return name in AGENTS or is_own_policy(name)
+
+
+def named_policy(
+    name: str, task: Task, role: str, epsilon: float = 0.0, discount: float = 0.95
+) -> Policy:
+    """A scripted agent or a user's own policy in one role of a task.
+
+    Raises:
+        ValueError: none of this name, or one that does not play this role of this task.
+    """
+    if name not in AGENTS:
+        return own_policy(name, task, role)
+    check_agent(name, task, role)
+    order: Any = task.move_order
+    return scripted_policy(name, role, epsilon, order, discount)
+
+
 def default_policies(
     task: Task, epsilon: float = 0.0, opponent: Policy | None = None, own: str | None = None
 ) -> dict[str, Policy]:
@@ -170,25 +196,21 @@ def chosen_policies(
     if not isinstance(opponent, str | Path):
         return default_policies(task, epsilon, opponent, agent)
     name = str(opponent)
-    if name not in AGENTS and not is_own_policy(name) and _is_saved(name):
+    if not is_agent(name) and (Path(name).is_dir() or Path(name).suffix == ".zip"):
         saved: dict[str, Policy] = from_train("train.runs.opponents:opponents_of")(
             task, agent, name, epsilon
         )
         return saved
-    policies = default_policies(task, epsilon, own=agent)
-    for role in set(task.seat_roles) - {agent.split("_")[0]}:
-        order: Any = task.move_order
-        policies[role] = (
-            scripted_policy(name, role, epsilon, order)
-            if name in AGENTS
-            else own_policy(name, task, role)
+    own_role = agent.split("_")[0]
+    roles = set(task.seat_roles) - {own_role}
+    if not roles and (name in AGENTS or task.num_agents == 1):
+        raise ValueError(
+            f"opponent={name!r}, but task {task.name!r} has nobody of another role; leave it out"
         )
+    policies = default_policies(task, epsilon, own=agent)
+    for role in roles or {own_role}:
+        policies[role] = named_policy(name, task, role, epsilon)
     return policies
-
-
-def _is_saved(name: str) -> bool:
-    """Whether a name is the path of a run folder or of a saved model."""
-    return Path(name).is_dir() or Path(name).suffix == ".zip"
 
 
 def single_agent_arguments(
@@ -230,7 +252,7 @@ def make_env(
     Args:
         task: "chase", "maze", "race" or "heist".
         agent: your agent, by name or role.
-        observation: one of `pursuit.observations.ENCODINGS`.
+        observation: one of `pursuit.observations.observations.ENCODINGS`.
         render_mode: None, "ansi", "rgb_array" or "human".
         mask_bumps: infos hold an "action_mask" that forbids moves into walls.
         mask_in_observation: observations are {"observation", "action_mask"}.

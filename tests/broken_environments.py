@@ -9,8 +9,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from pursuit.parallel_env import PursuitParallelEnv
-from pursuit.task import make_task
+from pursuit.environments.parallel import PursuitParallelEnv
+from pursuit.tasks.task import make_task
 
 
 class Broken(PursuitParallelEnv):

@@ -10,10 +10,12 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from pursuit import maze as maze_module
-from pursuit import maze_arrays, placements
-from pursuit.maze_arrays import lay_out
-from scripted_agents import scripted, tour
+from pursuit.mazes import maze as maze_module
+from pursuit.mazes import maze_arrays
+from pursuit.mazes.maze_arrays import lay_out
+from pursuit.tasks import placements
+from scripted_agents.agents import scripted
+from scripted_agents.tours import tour
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 # One thread each: small networks gain nothing from more, and lose much where cores are shared.

@@ -19,13 +19,13 @@ import docstring_parser
 import gymnasium
 
 import pursuit
-from pursuit.observations import ENCODINGS, Encoder
-from pursuit.parallel_env import PursuitParallelEnv
+from pursuit.environments.parallel import PursuitParallelEnv
+from pursuit.environments.single_agent import SingleAgentVectorEnv
+from pursuit.observations.observations import ENCODINGS, Encoder
 from pursuit.reacher import observations as arm_observations
 from pursuit.reacher import single_agent as arm_single
 from pursuit.reacher.parallel_env import ReacherParallelEnv
-from pursuit.rewards import REWARD_SCHEMES, Rewards
-from pursuit.single_agent import SingleAgentVectorEnv
+from pursuit.tasks.rewards import REWARD_SCHEMES, Rewards
 from scripted_agents import environments
 
 ROOT = Path(__file__).parents[1]

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.simulator import Simulator, SimulatorState
+from pursuit.simulator.simulator import Simulator, SimulatorState
 
 
 def rows_of(games: Simulator | SimulatorState) -> NDArray[np.int32]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from pursuit.maze import Maze
+from pursuit.mazes.maze import Maze
 
 Numbers = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from pursuit.rules import STAY
-from pursuit.simulator import Simulator
-from pursuit.task import make_task
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import make_task
 from scripted_agents.environments import default_policies
 from train.environments.simulator_env import SimulatorEnv
 from train.environments.team_env import TeamEnv

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit import Maze, Policy, ReacherSimulator, ReacherTask, Simulator, Task, make_task
-from pursuit.masks import bump_masks
-from pursuit.parallel_env import scene_of
+from pursuit.environments.parallel import scene_of
+from pursuit.observations.masks import bump_masks
 from pursuit.reacher import rendering as arm_rendering
-from pursuit.rendering import scene_to_text
+from pursuit.rendering.rendering import scene_to_text
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, TourRunner
 
 FOLDER = Path(__file__).with_name("playthroughs")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import strategies as st
 
-from pursuit.maze import Maze
+from pursuit.mazes.maze import Maze
 
 
 def random_maze(seed: int, height: int, width: int, open_share: float, blocked: float) -> Maze:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.maze import Maze
-from pursuit.observations import PLANES
+from pursuit.mazes.maze import Maze
+from pursuit.observations.observations import PLANES
 from pursuit.rules import COLLECTED
-from pursuit.simulator import Simulator
+from pursuit.simulator.simulator import Simulator
 
 
 def cells_seen(maze: Maze, own: int, radius: int | None, in_line: bool) -> set[int]:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
-from pursuit.maze import Maze
-from pursuit.task import Rewards
+from pursuit.mazes.maze import Maze
+from pursuit.tasks.task import Rewards
 
 Place = tuple[int, int]
 DIRECTIONS: tuple[Place, ...] = ((-1, 0), (1, 0), (0, 1), (0, -1), (0, 0))

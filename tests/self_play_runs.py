@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.policy import GameView
+from pursuit.simulator.policy import GameView
 from train.experiments.kinds import resume, start
 from train.runs.folder import SELF_PLAY, new_folder
 from train.runs.loop import Run

@@ -8,10 +8,10 @@ import numpy as np
 from game_rows import rows_of
 from numpy.typing import NDArray
 
-from pursuit.maze import Maze
-from pursuit.policy import Policy
-from pursuit.simulator import Simulator
-from pursuit.task import Task, make_task
+from pursuit.mazes.maze import Maze
+from pursuit.simulator.policy import Policy
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task, make_task
 from scripted_agents import (
     AStarChaser,
     AStarEvader,

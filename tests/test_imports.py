@@ -16,9 +16,9 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ["pursuit", "scripted_agents", "curricula", "train"]
 """Whose imports all stand at the top of their files."""
 OPTIONAL = {"pygame", "imageio", "imageio_ffmpeg", "ray", "stable_baselines3", "supersuit"}
-SLOW = {"matplotlib", "polars", "openskill", "networkx", "tyro"}
+SLOW = {"matplotlib", "polars", "networkx", "tyro"}
 """Needed by few, and a wait for everybody: may be imported where they are used."""
-WITH_THEM = {"pursuit.stable_baselines"}
+WITH_THEM = {"pursuit.environments.stable_baselines"}
 """Our own files that import such a one at their top."""
 TORCH = ("torch", "torchrl", "tensordict")
 """Slow as well: in `train` our own files that import it, by others or not, count as slow."""
@@ -127,7 +127,7 @@ import importlib, pkgutil, sys
 import pursuit, scripted_agents, curricula
 for package in (pursuit, scripted_agents, curricula):
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
-        if module.name != "pursuit.stable_baselines":  # Stable-Baselines3 itself is torch
+        if module.name != "pursuit.environments.stable_baselines":  # imports SB3
             importlib.import_module(module.name)
 import gymnasium
 gymnasium.make("pursuit/Chaser-v0").reset()
@@ -162,7 +162,6 @@ REFUSED = [
     ["view", "no/such/folder"],
     ["render", "no/such/folder"],
     ["league", "--games", "1"],
-    ["snapshots"],
     ["reproduce", "--workers", "-1"],
     ["sweep"],
     ["sweep", "maze_by_size", "--executor", "bogus"],

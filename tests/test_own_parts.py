@@ -13,22 +13,24 @@ import pytest
 import torch
 
 import pursuit
-from pursuit import Rewards, Simulator, chase_v0, make_task, parts
-from pursuit.conformance import check_parallel_env
-from pursuit.observations import Encoder
-from pursuit.parts import Registry, sha256_of
-from pursuit.rewards import REWARDS, rewards_from_text, rewards_text
+from pursuit import Rewards, Simulator, chase_v0, make_task
+from pursuit import plugins as parts
+from pursuit.environments.conformance import check_parallel_env
+from pursuit.observations.observations import Encoder
+from pursuit.plugins import Registry, sha256_of
+from pursuit.tasks.rewards import REWARDS, rewards_from_text, rewards_text
 from scripted_agents.environments import make_env, make_vector_env
+from train.commands.main import main
 from train.environments.simulator_env import SimulatorEnv
 from train.experiments.kinds import resume, start
 from train.experiments.methods import methods
 from train.networks.policy import Seat, sees_cells_only
-from train.runs.by_name import settings_of
-from train.runs.folder import RUN, load_checkpoint
-from train.runs.parts import contest_of, parts_of
+from train.runs.folder import RUN, SELF_PLAY, load_checkpoint
+from train.runs.parts import contest_of, parts_of, settings_of
 from train.runs.single import SingleAgent
 from train.self_play.league import enter, play_league
 from train.self_play.parts import self_play_parts, self_play_settings_of
+from train.self_play.pool import weights
 from train.settings.task import TaskSettings
 
 OWN = Path(__file__).with_name("own_parts")
@@ -133,7 +135,7 @@ def test_the_functions_payment_reaches_every_environment() -> None:
 
 def test_stable_baselines_sees_it_as_well() -> None:
     pytest.importorskip("stable_baselines3")
-    from pursuit.stable_baselines import StableBaselinesVecEnv
+    from pursuit.environments.stable_baselines import StableBaselinesVecEnv
 
     inner = make_vector_env("chase", "chaser", 4, maze="3x3", rewards="my_parts:tired")
     envs = StableBaselinesVecEnv(inner)
@@ -256,6 +258,66 @@ def test_networks_learn_from_it(observation: str, algorithm: str) -> None:
     trainee.close()
 
 
+NETWORK_RUNS: dict[str, tuple[str, dict[str, Any]]] = {
+    "ppo": ("my_parts:picture", {"observation": "planes", "minibatch_size": 64}),
+    "dqn": ("my_parts:Words", {"learning_starts": 64, "batch_size": 64}),
+    "a2c": ("my_parts:picture", {"observation": "window:2", "recurrent": "gru"}),
+    "cross_entropy": ("my_parts:picture", {"observation": "my_parts:Map", "population": 16}),
+    "sac": ("my_parts:straight", {"task": "reacher", "learning_starts": 64, "batch_size": 64}),
+}
+
+
+@pytest.mark.parametrize("algorithm", NETWORK_RUNS)
+def test_an_own_network_is_one_file(
+    algorithm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It learns, its checkpoint goes on and is evaluated; its file is trusted by name only."""
+    network, more = NETWORK_RUNS[algorithm]
+    flat = {"algorithm": algorithm, "network": network, "num_games": 32, "frames": 1500, "width": 8}
+    flat |= {"max_steps": 20, **({} if "task" in more else {"maze": "3x3"}), **more}
+    if algorithm in ("ppo", "a2c", "dqn", "sac"):
+        flat["rollout_steps"] = 8
+    run = start(RUN, settings_of(**flat), tmp_path / "run")
+    run.train()
+    learner = SingleAgent(parts_of(settings_of(**flat)), "greedy").learner
+    before = learner.network.state_dict()
+    after = load_checkpoint(tmp_path / "run")["trainee"]["learner"]["network"]
+    assert before.keys() == after.keys() and any(".first.network." in name for name in after)
+    main(["evaluate", str(tmp_path / "run"), "--episodes", "20"])
+    assert more.get("task", "chase") in capsys.readouterr().out
+    parts._resolved.clear()
+    with pytest.raises(ValueError, match="add --allow my_parts"):
+        resume(tmp_path / "run", RUN)
+
+
+def test_networks_that_are_none_are_refused() -> None:
+    flat: dict[str, Any] = {"maze": "3x3", "frames": 1000}
+    with pytest.raises(ValueError, match=r"unknown network 'mpl'.*did you mean 'mlp'"):
+        settings_of(**flat, network="mpl")
+    for name, told in {
+        "my_parts:shaped": "takes|missing|made",
+        "my_parts:too_wide": r"made \(2, 9\) of 2 observations; .*\(2, 8\)",
+        "my_parts:no_module": "made no torch.nn.Module",
+    }.items():
+        with pytest.raises((ValueError, TypeError), match=told):
+            SingleAgent(parts_of(settings_of(**flat, network=name, width=8)), "greedy")
+    with pytest.raises(ValueError, match="q_learning has a table over states, and no network"):
+        settings_of(**flat, algorithm="q_learning", network="my_parts:picture")
+
+
+def test_the_network_called_recurrent_has_a_memory() -> None:
+    flat: dict[str, Any] = {"maze": "3x3", "frames": 1000}
+    assert settings_of(**flat, network="recurrent") == settings_of(**flat, recurrent="gru")
+    assert settings_of(**flat, network="recurrent", recurrent="lstm").hyper.recurrent == "lstm"
+    assert self_play_settings_of(**flat, network="recurrent").hyper.recurrent == "gru"
+
+
+def test_self_play_takes_an_own_network() -> None:
+    settings = self_play_settings_of(maze="3x3", frames=1000, network="my_parts:Words")
+    sides = self_play_parts(settings).sides
+    assert {sides[role].seat.features.network for role in sides} == {"my_parts:Words"}
+
+
 def test_what_sees_the_time_is_no_table() -> None:
     """Exact values are of policies that are functions of the cells."""
     task = make_task("chase", maze="3x3")
@@ -263,8 +325,8 @@ def test_what_sees_the_time_is_no_table() -> None:
     network: Any = SimpleNamespace()
     for name, table in (("my_parts:Compass", True), ("my_parts:Clock", False)):
         policy = Seat(task, "chaser", name).policy(network)
-        assert isinstance(policy, pursuit.policy.TabularPolicy) == table
-        assert isinstance(policy, pursuit.policy.DistributionPolicy) == table
+        assert isinstance(policy, pursuit.simulator.policy.TabularPolicy) == table
+        assert isinstance(policy, pursuit.simulator.policy.DistributionPolicy) == table
     team = make_task("chase", maze="3x3", num_chasers=2)
     assert sees_cells_only(team, "my_parts:Compass") and not sees_cells_only(team, "my_parts:Clock")
 
@@ -351,8 +413,7 @@ def test_a_run_of_own_parts_alone_ends_where_one_that_was_resumed_does(tmp_path:
     assert whole.results(10)["algorithm"] == "my_parts:SARSA"
     text = methods([tmp_path / "whole"])
     assert f"| algorithm | my_parts:SARSA | {sha256_of('my_parts')} |" in text
-    known, own = text.split("Settings of user-defined parts in the run:")
-    assert "epsilon_start" not in known and "| epsilon_start | 0.1 |" in own  # its default is 0.1
+    assert "| epsilon_start | 0.1 | – |" in text  # defaults of user-defined parts are not known
     assert {row["reason"] for row in whole.trainee.teacher.rows} >= {"turn after 2 updates"}
     half = start(RUN, settings, tmp_path / "half")
     half.train(lambda run, row: setattr(run, "stopped", run.progress >= 0.5))
@@ -369,6 +430,40 @@ def test_an_axis_of_ones_own_is_a_schedule_too() -> None:
     assert settings.lessons.schedule == "cosine"
     with pytest.raises(ValueError, match=r"unknown setting 'periode'.*did you mean 'period'"):
         settings_of(**{**OWN_RUN, "periode": 3})
+
+
+def test_opponents_are_drawn_by_a_rule_of_ones_own(tmp_path: Path) -> None:
+    flat: dict[str, Any] = {"maze": "2x2", "num_games": 16, "rollout_steps": 4, "width": 8}
+    flat |= {"minibatch_size": 64, "snapshots": 3, "frames": 640}
+    settings = self_play_settings_of(**flat, sampling="my_parts:the_oldest")
+    run = start(SELF_PLAY, settings, tmp_path / "pair")
+    run.train()
+    pool = run.trainee.pools["evader"]
+    found = weights(pool, "my_parts:the_oldest")
+    assert len(pool.members) >= 3 and found.tolist() == [0.5, 0.5] + [0.0] * (len(found) - 2)
+    run.lock.release()
+    with pytest.raises(ValueError, match=r"gave array\(\[-1\.0?\]\); give every member"):
+        pool.members = pool.members[:1]
+        weights(pool, "my_parts:negative")
+    with pytest.raises(ValueError, match=r"unknown sampling 'oldest'; one of latest, window"):
+        self_play_settings_of(**flat, sampling="oldest")
+
+
+# -- a command -------------------------------------------------------------------------------------
+
+
+def test_a_command_of_ones_own_is_called_by_its_name(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["my_parts:greet", "all", "--in", "here"])
+    assert capsys.readouterr().out == "greetings to all --in here\n"
+    points = {"pursuit.commands": {"greet": "my_parts:greet"}}
+    monkeypatch.setattr(parts, "installed", lambda group: points.get(group, {}))
+    main(["greet"])
+    assert capsys.readouterr().out == "greetings to\n"
+    with pytest.raises(SystemExit):
+        main(["my_parts:greetings"])
+    assert "no 'greetings'; did you mean 'greet'?" in capsys.readouterr().err
 
 
 # -- the registry ----------------------------------------------------------------------------------

@@ -2,5 +2,5 @@
 
 from .experiments.kinds import open_run as open_run
 from .experiments.kinds import start as start
-from .runs.by_name import settings_of as settings_of
 from .runs.opponents import load_policy as load_policy
+from .runs.parts import settings_of as settings_of

@@ -62,6 +62,12 @@ def cannot_write(path: Path, error: Exception) -> CannotWrite:
     )
 
 
+def check_folder(path: Path) -> None:
+    """ValueError unless there is such a folder."""
+    if not path.is_dir():
+        raise ValueError(f"{path}: no such folder")
+
+
 def check_new_files(paths: Iterable[Path | None], overwrite: bool = False) -> None:
     """ValueError unless a command may write each of these files.
 

@@ -46,7 +46,7 @@ def read_as(form: type[Form], content: Any, where: object, remedy: str) -> Form:
     try:
         made: Form = msgspec.convert(content, form)
     except msgspec.ValidationError as error:
-        raise ValueError(f"{where}: {_in_words(str(error))}; {remedy}") from None
+        raise ValueError(f"{where}: {_in_words(str(error), form)}; {remedy}") from None
     if is_dataclass(form) and isinstance(content, dict):
         known = [field.name for field in fields(form)]
         for name in content:
@@ -61,7 +61,7 @@ def unknown(name: object, known: list[str]) -> str:
     return f"unknown field {name!r}" + (f", did you mean {close[0]!r}?" if close else "")
 
 
-def _in_words(message: str) -> str:
+def _in_words(message: str, form: Any) -> str:
     """msgspec's message without Python's types and with the field before it."""
     place = _PLACE.search(message)
     text = message[: place.start()] if place else message
@@ -71,8 +71,17 @@ def _in_words(message: str) -> str:
         wanted = " or ".join(_word(part) for part in mismatch["wanted"].split(" | "))
         text = f"{wanted} expected, {_word(mismatch['got'])} found"
     text = re.sub(r"^Object missing required field `(.*)`$", r"field '\1' is missing", text)
-    text = re.sub(r"^Object contains unknown field `(.*)`$", r"unknown field '\1'", text)
+    if name := re.match(r"^Object contains unknown field `(.*)`$", text):
+        text = unknown(name[1], _names_in(msgspec.inspect.type_info(form)))
     return f"field {field}: {text}" if field else text
+
+
+def _names_in(form: Any) -> list[str]:
+    """The names of all fields of a form, and of those inside it."""
+    own = getattr(form, "fields", ())
+    inner = [field.type for field in own] + list(getattr(form, "types", ()))
+    inner += [getattr(form, n) for n in ("item_type", "value_type") if hasattr(form, n)]
+    return [field.encode_name for field in own] + [n for each in inner for n in _names_in(each)]
 
 
 def _word(kind: str) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.keys import Keys
+from pursuit.environments.keys import Keys
 from pursuit.reacher.task import ReacherTask
 
 FORTH, BACK = "qwertyui", "asdfghjk"

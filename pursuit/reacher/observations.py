@@ -9,10 +9,10 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.declared import one_of
 from pursuit.reacher import rules
 from pursuit.reacher.rules import Arms
 from pursuit.reacher.task import ReacherTask
+from pursuit.validation import one_of
 
 ENCODINGS = ("positions", "positions_angles")
 

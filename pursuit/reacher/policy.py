@@ -39,44 +39,37 @@ class ArmView:
     @property
     def angles(self) -> NDArray[np.float64]:
         """[num_games, joints] float64, radians in [-pi, pi), each from the link before."""
-        angles: NDArray[np.float64] = self.arms.angles
-        return angles
+        return self.arms.angles
 
     @property
     def targets(self) -> NDArray[np.float64]:
         """[num_games, 2] float64."""
-        target: NDArray[np.float64] = self.arms.target
-        return target
+        return self.arms.target
 
     @property
     def ends(self) -> NDArray[np.float64]:
         """[num_games, joints, 2] float64, where every link ends; the last one is the tip."""
-        ends: NDArray[np.float64] = self.arms.ends
-        return ends
+        return self.arms.ends
 
     @property
     def tolerance(self) -> NDArray[np.float64]:
         """[num_games] float64, how near the tip must come."""
-        tolerance: NDArray[np.float64] = self.arms.tolerance
-        return tolerance
+        return self.arms.tolerance
 
     @property
     def free_joints(self) -> NDArray[np.int32]:
         """[num_games] int32, joints that turn; those after them are locked straight."""
-        free: NDArray[np.int32] = self.arms.free_joints
-        return free
+        return self.arms.free_joints
 
     @property
     def steps(self) -> NDArray[np.int32]:
         """[num_games] int32, steps taken in the episode."""
-        steps: NDArray[np.int32] = self.arms.steps
-        return steps
+        return self.arms.steps
 
     @property
     def held(self) -> NDArray[np.int32]:
         """[num_games] int32, steps that the tip has been in reach without a break."""
-        held: NDArray[np.int32] = self.arms.held
-        return held
+        return self.arms.held
 
     def uniform(self) -> NDArray[np.float64]:
         """[num_games] float64 in [0, 1), from the policy's own random stream, which moves on."""

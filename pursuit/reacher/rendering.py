@@ -13,7 +13,16 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from pursuit.reacher.simulator import ReacherSimulator
-from pursuit.rendering import BLOCKED, HATCH, MARGIN, ROLE_COLORS, WALL, WHITE, Color, draw_footer
+from pursuit.rendering.rendering import (
+    BLOCKED,
+    HATCH,
+    MARGIN,
+    ROLE_COLORS,
+    WALL,
+    WHITE,
+    Color,
+    draw_footer,
+)
 
 Point = tuple[float, float]
 
@@ -77,6 +86,10 @@ class ArmScene:
     def draw(self, size: int = 480) -> NDArray[np.uint8]:
         """The picture that `draw_arm` makes."""
         return draw_arm(self, size)
+
+    def text(self) -> str:
+        """The text that `scene_to_text` makes."""
+        return scene_to_text(self)
 
 
 def scene_of(

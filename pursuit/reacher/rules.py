@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pursuit.compiled import compiled, inlined
+from pursuit.compilation.compiled import compiled, inlined
 from pursuit.rules.randomness import GOLDEN, mix, next_uniform
 
 STARTS_STREAM, POLICY_STREAM, NUM_STREAMS = 0, 1, 2

@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.declared import as_array, truth, whole
 from pursuit.memory import check_memory
-from pursuit.next_episode import slots
 from pursuit.reacher import rules
 from pursuit.reacher.observations import encode
 from pursuit.reacher.policy import ArmView
 from pursuit.reacher.rules import Arms, Coming, Outcome
 from pursuit.reacher.state import ArmState, check_fits
 from pursuit.reacher.task import LEAST_TOLERANCE, ReacherTask
+from pursuit.simulator.next_episode import slots
+from pursuit.validation import as_array, truth, whole
 
 
 class ReacherSimulator:

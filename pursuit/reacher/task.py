@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pursuit.declared import (
+from pursuit.validation import (
     check_fields,
     choice,
     count,

@@ -5,11 +5,13 @@ randomness    streams of random numbers
 distances     tables and searches
 lookups       what an agent does about the nearest of some cells, by tables
 starts        where an episode begins
+captures      when a chaser captures an evader
 step          one step of one game: the rules themselves
 batches       the compiled entries over thousands of games
 """
 
 from pursuit.rules.batches import place_games, start_games, step_games_of
+from pursuit.rules.captures import captured
 from pursuit.rules.distances import (
     all_distances,
     breadth_first,
@@ -51,6 +53,7 @@ __all__ = [
     "Games",
     "all_distances",
     "breadth_first",
+    "captured",
     "count_partners",
     "draw_uniform",
     "longest_distance",

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.compiled import compiled, inlined, subroutine
+from pursuit.compilation.compiled import compiled, inlined, subroutine
 from pursuit.rules.layout import (
     AGENT_LAYERS,
     BAD_ACTION,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.compiled import allocating, compiled, inlined, subroutine
+from pursuit.compilation.compiled import allocating, compiled, inlined, subroutine
 from pursuit.rules.layout import UNREACHABLE, Search, World, world_of
 
 NO_PATH = 65535
@@ -163,9 +163,18 @@ def searched_distance(world: World, search: Search, maze: int, a: int, b: int, l
 
 
 @inlined
+def place_of(first_cell: int, cell: int) -> Any:
+    """Where the arrays of the world have a cell of the maze that begins at `first_cell`.
+
+    Unsigned: every use of a signed index is first asked whether it is negative.
+    """
+    return np.uint64(first_cell + cell)
+
+
+@inlined
 def manhattan(world: World, first_cell: int, a: int, b: int) -> int:
     """Rows plus columns between cells of the maze that begins at `first_cell`, walls ignored."""
-    a, b = np.uint64(first_cell + a), np.uint64(first_cell + b)
+    a, b = place_of(first_cell, a), place_of(first_cell, b)
     return abs(world.row[a] - world.row[b]) + abs(world.column[a] - world.column[b])
 
 

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pursuit.compiled import inlined
+from pursuit.compilation.compiled import inlined
 
 NORTH, SOUTH, EAST, WEST, STAY = range(5)
 UNREACHABLE = 2**31 - 1
@@ -34,7 +34,7 @@ COLLECTED, CAPTURED, WAS_CAPTURED = 1, 2, 4
 GOING_ON, TERMINATED, TRUNCATED = range(3)
 OK, BAD_ACTION, NO_PLACEMENT = range(3)
 UNPLACED = -1
-"""The cell of who waits for `pursuit.placements` to choose a start."""
+"""The cell of who waits for `pursuit.tasks.placements` to choose a start."""
 UNCHANGED = -1.0  # the next episode's epsilon where none waits: the present one stays
 
 # The stacked layers of the flat arrays.
@@ -45,31 +45,8 @@ EPSILON, NEXT_EPSILON, RETURNS, COLLECTED_GOALS, EPISODE_RETURNS, REAL_LAYERS = 
 ENDED_BY_RULE, ENDED_BY_TIME, FLAG_LAYERS = range(3)
 SCRATCH_DISTANCE, SCRATCH_QUEUE, SCRATCH_AFTER = range(3)
 SCRATCH_CAPTORS, SCRATCH_TAKERS, SCRATCH_CAPTURED, SCRATCH_LAYERS = range(3, 7)
-(
-    NEXT_MAZE,
-    NEXT_NUM_GOALS,
-    NEXT_GOAL_RADIUS,
-    NEXT_GOALS_AROUND_MARKS,
-    NEXT_MIN_START_DISTANCE,
-    NEXT_MAX_START_DISTANCE,
-    NEXT_LAYERS,
-) = range(7)
 FIRST_CELL, NUM_CELLS, TABLE, START_MARK, NUM_GOAL_MARKS, GOAL_MARKS = range(6)
 ROW, COLUMN, MARK_DISTANCE, MOVES, FACT_LAYERS = range(5)
-(
-    NUM_CHASERS,
-    NUM_EVADERS,
-    NUM_RUNNERS,
-    NUM_GOALS,
-    MAX_STEPS,
-    NUM_ACTIONS,
-    CHASERS_FIRST,
-    START_AT_MARKS,
-    NUM_RULES,
-) = range(9)
-PAY_STEP, PAY_CAPTURE, PAY_GOAL, PAY_DISTANCE, PAY_ON_COMPLETION, PAY_PER_EVADER, NUM_PAYS = range(
-    7
-)
 
 
 class Teams(NamedTuple):
@@ -82,7 +59,7 @@ class Teams(NamedTuple):
 
 
 class Pay(NamedTuple):
-    """What one role is paid; see `pursuit.task.Rewards`."""
+    """What one role is paid; see `pursuit.tasks.rewards.Rewards`."""
 
     step: float
     capture: float
@@ -215,7 +192,7 @@ class Memory(NamedTuple):
     agents: [games, AGENT_LAYERS, agents] int32.
     goals: [games, GOAL_LAYERS, goals] int32.
     clocks: [games, CLOCK_LAYERS] int32.
-    coming: [NEXT_LAYERS, games] int32.
+    coming: [fields of NextEpisode but epsilon, games] int32.
     reals: [games, REAL_LAYERS, agents] float64.
     flags: [FLAG_LAYERS, games] bool.
     rewards: [games, agents] float32.
@@ -240,17 +217,25 @@ def allocate(num_games: int, num_agents: int, num_goals: int) -> Memory:
         agents=np.zeros((num_games, AGENT_LAYERS, num_agents), dtype=np.int32),
         goals=np.zeros((num_games, GOAL_LAYERS, num_goals), dtype=np.int32),
         clocks=np.zeros((num_games, CLOCK_LAYERS), dtype=np.int32),
-        coming=np.full((NEXT_LAYERS, num_games), -1, dtype=np.int32),
+        coming=np.full((len(NextEpisode._fields) - 1, num_games), -1, dtype=np.int32),
         reals=reals,
         flags=np.zeros((FLAG_LAYERS, num_games), dtype=bool),
         rewards=np.zeros((num_games, num_agents), dtype=np.float32),
-        streams=np.zeros((num_games, num_streams(num_agents)), dtype=np.uint64),
+        streams=np.zeros((num_games, 1 + num_agents + 1), dtype=np.uint64),
     )
 
 
 def empty_games(num_games: int, num_agents: int, num_goals: int) -> Games:
     """Games in which nobody is active and every array is 0."""
     return named(games_of, allocate(num_games, num_agents, num_goals))
+
+
+def numbers_of(
+    teams: Teams, max_steps: int, num_actions: int, chasers_first: bool, start_at_marks: bool
+) -> Any:
+    """[8] int64: the teams and the first rules, as kernels take them and `rules_of` names them."""
+    rest = (max_steps, num_actions, chasers_first, start_at_marks)
+    return np.array([*teams, *rest], dtype=np.int64)
 
 
 def scratch_for(num_cells: int, num_agents: int, num_goals: int) -> Any:
@@ -293,11 +278,9 @@ def outcome_of(memory: Memory) -> Outcome:
 @inlined
 def next_episode_of(memory: Memory) -> NextEpisode:
     """The settings of the next episode."""
-    coming = memory.coming
+    coming, epsilon = memory.coming, memory.reals[:, NEXT_EPSILON]
     return NextEpisode(
-        coming[NEXT_MAZE], coming[NEXT_NUM_GOALS], coming[NEXT_GOAL_RADIUS],
-        coming[NEXT_GOALS_AROUND_MARKS], coming[NEXT_MIN_START_DISTANCE],
-        coming[NEXT_MAX_START_DISTANCE], memory.reals[:, NEXT_EPSILON],
+        coming[0], coming[1], coming[2], coming[3], coming[4], coming[5], epsilon
     )  # fmt: skip
 
 
@@ -313,28 +296,22 @@ def world_of(mazes: Any, neighbors: Any, facts: Any, tables: Any) -> World:
 
 @inlined
 def teams_of(numbers: Any) -> Teams:
-    """How many of each the task has: [NUM_RULES] int64."""
-    return Teams(
-        numbers[NUM_CHASERS], numbers[NUM_EVADERS], numbers[NUM_RUNNERS], numbers[NUM_GOALS]
-    )
+    """How many of each the task has, of the numbers of `numbers_of`."""
+    return Teams(numbers[0], numbers[1], numbers[2], numbers[3])
 
 
 @inlined
 def pay_of(paid: Any) -> Pay:
-    """What a role is paid: [NUM_PAYS] float64."""
-    return Pay(
-        paid[PAY_STEP], paid[PAY_CAPTURE], paid[PAY_GOAL], paid[PAY_DISTANCE],
-        paid[PAY_ON_COMPLETION], paid[PAY_PER_EVADER],
-    )  # fmt: skip
+    """What a role is paid: float64, in the order of the fields of `Pay`."""
+    return Pay(paid[0], paid[1], paid[2], paid[3], paid[4], paid[5])
 
 
 @inlined
 def rules_of(teams: Teams, numbers: Any, pay: Any) -> Rules:
-    """The rules for these teams: [NUM_RULES] int64, and [roles, NUM_PAYS] float64."""
+    """The rules for these teams: numbers as of `numbers_of`, and [roles, fields of Pay] float64."""
     return Rules(
-        teams, numbers[MAX_STEPS], numbers[NUM_ACTIONS], numbers[CHASERS_FIRST] != 0,
-        numbers[START_AT_MARKS] != 0, pay_of(pay[CHASER]), pay_of(pay[EVADER]),
-        pay_of(pay[RUNNER]),
+        teams, numbers[4], numbers[5], numbers[6] != 0, numbers[7] != 0,
+        pay_of(pay[CHASER]), pay_of(pay[EVADER]), pay_of(pay[RUNNER]),
     )  # fmt: skip
 
 
@@ -397,7 +374,8 @@ def bit_of(number: int) -> Any:
 
 
 STARTS_STREAM = 0
-"""The random stream of starts; then come one for each seat, and one for teams."""
+"""The random stream of starts; then come one for each seat, and one for the agents of a team that
+draw together."""
 
 
 @inlined
@@ -406,15 +384,7 @@ def stream_of(seat: int) -> int:
     return STARTS_STREAM + 1 + seat
 
 
-def num_streams(num_agents: int) -> int:
-    """Random streams of a game: starts, seats, teams."""
-    return 1 + num_agents + 1
-
-
 @inlined
 def team_stream(streams: Any) -> int:
-    """The stream, of those of a game, that agents who draw together look at.
-
-    It moves on as an episode begins, and by nothing else.
-    """
+    """The stream of a team, of those of a game; it moves on as an episode begins, and only then."""
     return streams.shape[0] - 1

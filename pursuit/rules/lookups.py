@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.compiled import inlined
+from pursuit.compilation.compiled import inlined
 from pursuit.rules.distances import FAR, pair_index
 from pursuit.rules.layout import World, stream_of
 from pursuit.rules.randomness import draw_action

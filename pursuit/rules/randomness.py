@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.compiled import compiled, inlined
+from pursuit.compilation.compiled import compiled, inlined
 from pursuit.rules.layout import STARTS_STREAM, STAY
 
 GOLDEN = 0x9E3779B97F4A7C15

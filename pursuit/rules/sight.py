@@ -1,8 +1,8 @@
 """What one agent sees of a game, and by which numbers it is told: codes and planes.
 
-Kernels are given a task's sight as two arrays (`pursuit.sight.Sight` makes them), or as None and
-None where nobody's sight is limited: then the compiler drops every question, and full sight costs
-nothing.
+Kernels are given a task's sight as two arrays (`pursuit.tasks.sight.Sight` makes them), or as None
+and None where nobody's sight is limited: then the compiler drops every question, and full sight
+costs nothing.
 
     table    bool, for every pair (own cell, other cell) whether the other is seen, row by row, maze
              after maze, one such part for every kind of sight
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.compiled import inlined
+from pursuit.compilation.compiled import inlined
 from pursuit.rules.layout import COLLECTED, Games
 
 SEES_ALL = -1
@@ -85,9 +85,3 @@ def goal_rank(games: Games, table: Any, view: int, game: int, goal: int) -> int:
 def has_collected(games: Games, game: int, agent: int | np.uintp) -> bool:
     """Whether an agent collected a goal in the last step."""
     return (games.event[game, agent] & COLLECTED) != 0
-
-
-@inlined
-def code_of(entity: int, team_size: int) -> int:
-    """What an agent is to the observer, whose own team comes first in the order of entities."""
-    return SELF if entity == 0 else TEAM if entity < team_size else OTHER

@@ -2,8 +2,8 @@
 
 Agents are placed first, whole placements until the settings hold, so that starts are uniform over
 all placements that are allowed; then the goals, one by one. Where allowed placements are so rare
-that none of MAX_PLACEMENT_TRIES is one, `pursuit.placements` counts them and chooses, from the same
-distribution.
+that none of MAX_PLACEMENT_TRIES is one, `pursuit.tasks.placements` counts them and chooses, from
+the same distribution.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.compiled import inlined, subroutine
+from pursuit.compilation.compiled import inlined, subroutine
 from pursuit.rules.distances import (
     distance_within,
     forget,

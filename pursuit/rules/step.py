@@ -1,10 +1,9 @@
 """One step of one game, in six verbs: legal moves, step, ended, rewards (start: `starts`; observe:
-`pursuit.observations`).
+`pursuit.observations.observations`).
 
 Everything is decided from what stood before the step; what follows is written last, and of what was
 written only events and rewards are read again. Loops run over `chasers_of(teams)` and the like:
-where a kernel is made for a task whose teams the compiler knows, they dissolve. Where it does not
-know them, numbers are made unsigned: a signed index is asked at every use whether it is negative.
+where a kernel is made for a task whose teams the compiler knows, they dissolve.
 
                   before            decided                       written
     position      games.position    plan.after                    games.position
@@ -18,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.compiled import inlined
-from pursuit.rules.distances import manhattan
+from pursuit.compilation.compiled import inlined
+from pursuit.rules.captures import captures
+from pursuit.rules.distances import manhattan, place_of
 from pursuit.rules.layout import (
     CAPTURED,
     COLLECTED,
@@ -48,7 +48,7 @@ from pursuit.rules.layout import (
 @inlined
 def legal_moves(world: World, maze: int, cell: int) -> int:
     """The bit mask of the moves that change the cell."""
-    return np.int64(world.moves[np.uint64(world.first_cell[np.uint64(maze)] + cell)])
+    return np.int64(world.moves[place_of(world.first_cell[maze], cell)])
 
 
 @inlined
@@ -56,40 +56,37 @@ def step(
     games: Games, game: int, actions: Any, rules: Rules, world: World, plan: Plan, outcome: Outcome
 ) -> int:
     """Move one game by one step; GOING_ON, TERMINATED or TRUNCATED."""
-    teams, first_cell = rules.teams, world.first_cell[np.uint64(games.maze[game])]
+    teams, first_cell = rules.teams, world.first_cell[games.maze[game]]
     steps = games.steps[game] + 1
-    for number in chasers_of(teams):
-        chaser = np.uint64(number)
+    for chaser in chasers_of(teams):
         plan.after[chaser] = destination(
             games, game, chaser, actions[game, chaser], world, first_cell
         )
-    for number in evaders_of(teams):
-        evader = np.uint64(number)
-        # A captured one stays: without a branch, as nobody can guess who is captured.
+    for evader in evaders_of(teams):
+        # A captured one stays; without a branch, which the processor could not predict.
         action = STAY + (np.int64(actions[game, evader]) - STAY) * is_free(games, game, evader)
         plan.after[evader] = destination(games, game, evader, action, world, first_cell)
     for runner in runners_of(teams):
         plan.after[runner] = destination(
             games, game, runner, actions[game, runner], world, first_cell
         )
-    captures = decide_captures(games, game, rules, plan)
+    num_captured = decide_captures(games, game, rules, plan)
     collected, goals_left = decide_goals(games, game, teams, plan)
     all_collected = collected > 0 and goals_left == 0
-    end = ended(games, game, rules, captures, all_collected, steps)
+    end = ended(games, game, rules, num_captured, all_collected, steps)
 
     pay_ordinary_steps(games, game, rules, world, first_cell, plan, outcome)
-    if captures > 0 or collected > 0:
-        pay_events(games, game, rules, plan, outcome, captures, collected, end)
+    if num_captured > 0 or collected > 0:
+        pay_events(games, game, rules, plan, outcome, num_captured, collected, end)
     if rules.chaser.per_evader != 0.0:
         pay_per_evader(games, game, rules, plan, outcome)
     if collected > 0:
         count_goals(games, game, teams, plan, outcome)
-    for number in agents_of(teams):
-        agent = np.uint64(number)
+    for agent in agents_of(teams):
         games.position[game, agent] = plan.after[agent]
         outcome.returns[game, agent] += outcome.rewards[game, agent]
-    for i in range(captures):
-        games.active[game, np.uint64(plan.captured[i])] = 0
+    for i in range(num_captured):
+        games.active[game, plan.captured[i]] = 0
     if collected > 0:
         for goal in goals_of(teams):
             if plan.takers[goal] > 0:
@@ -106,57 +103,43 @@ def destination(
     games: Games, game: int, agent: int, action: int, world: World, first_cell: int
 ) -> int:
     """The cell that an agent's action leads to."""
-    # Unsigned indices: a signed one, loaded from memory, is first asked whether it is negative.
-    cell = np.uint64(first_cell + games.position[game, agent])
-    return world.neighbors[cell, np.uint64(action)]
+    return world.neighbors[place_of(first_cell, games.position[game, agent]), np.uint64(action)]
 
 
 @inlined
 def meet(games: Games, game: int, chaser: int, evader: int, rules: Rules, plan: Plan) -> bool:
-    """Whether a chaser captures an evader: they end in one cell, or moved at once and swapped."""
-    before, after = games.position[game, chaser], plan.after[chaser]
-    other_before, other_after = games.position[game, evader], plan.after[evader]
-    swapped = (after == other_before) & (before == other_after)
-    return (after == other_after) | (swapped & (not rules.chasers_first))
+    """Whether a chaser captures an evader."""
+    cells, after = games.position[game], plan.after
+    return captures(rules.chasers_first, cells[chaser], after[chaser], cells[evader], after[evader])
 
 
 @inlined
 def decide_captures(games: Games, game: int, rules: Rules, plan: Plan) -> int:
-    """Count the captors of every evader and list who is captured; how many are.
+    """Count the captors of every evader and list those that are captured; how many are.
 
-    Where the chasers move first, whoever they reach moves no more. Whether an evader may meet
-    anybody is told by the bits of cells; those are listed, and only for them is every chaser asked.
+    Where the chasers move first, an evader that one of them reaches moves no more. Only
+    evaders that the bits of cells show to be near a chaser are looked at one by one.
     """
-    came_from, came_to = np.uint64(0), np.uint64(0)
-    for number in chasers_of(rules.teams):
-        chaser = np.uint64(number)
-        came_from |= bit_of(games.position[game, chaser])
-        came_to |= bit_of(plan.after[chaser])
-    asked = captures = 0
-    for number in evaders_of(rules.teams):
-        evader = np.uint64(number)
-        before, after = games.position[game, evader], plan.after[evader]
-        passed = came_to & bit_of(before)
-        if not rules.chasers_first:
-            passed = np.uint64(0) if came_from & bit_of(after) == 0 else passed
-        near = (passed | (came_to & bit_of(after))) != 0
+    reached = np.uint64(0)
+    for chaser in chasers_of(rules.teams):
+        reached |= bit_of(plan.after[chaser])
+    asked = num_captured = 0
+    for evader in evaders_of(rules.teams):
+        near = reached & (bit_of(games.position[game, evader]) | bit_of(plan.after[evader]))
         plan.captors[evader] = 0
         plan.captured[asked] = evader
-        asked += near * is_free(games, game, evader)
+        asked += (near != 0) * is_free(games, game, evader)
     for i in range(asked):
-        evader = np.uint64(plan.captured[i])
-        captors, before = 0, games.position[game, evader]
-        if rules.chasers_first:
-            for number in chasers_of(rules.teams):
-                chaser = np.uint64(number)
-                if plan.after[chaser] == before:
-                    plan.after[evader] = before
-        for number in chasers_of(rules.teams):
-            captors += meet(games, game, np.uint64(number), evader, rules, plan)
+        evader, captors = plan.captured[i], 0
+        for chaser in chasers_of(rules.teams):
+            if rules.chasers_first and plan.after[chaser] == games.position[game, evader]:
+                plan.after[evader] = games.position[game, evader]
+        for chaser in chasers_of(rules.teams):
+            captors += meet(games, game, chaser, evader, rules, plan)
         plan.captors[evader] = captors
-        plan.captured[captures] = evader
-        captures += captors > 0
-    return captures
+        plan.captured[num_captured] = evader
+        num_captured += captors > 0
+    return num_captured
 
 
 @inlined
@@ -184,12 +167,12 @@ def may_collect(games: Games, game: int, agent: int, teams: Teams, plan: Plan) -
 
 @inlined
 def ended(
-    games: Games, game: int, rules: Rules, captures: int, all_collected: bool, steps: int
+    games: Games, game: int, rules: Rules, num_captured: int, all_collected: bool, steps: int
 ) -> int:
     """TERMINATED when no evader is left, or no goal; else TRUNCATED when time is up."""
-    free = -captures
+    free = -num_captured
     for evader in evaders_of(rules.teams):
-        free += is_free(games, game, np.uint64(evader))
+        free += is_free(games, game, evader)
     if all_collected or (rules.teams.evaders > 0 and free == 0):
         return TERMINATED
     return TRUNCATED if steps >= rules.max_steps else GOING_ON
@@ -226,16 +209,14 @@ def pay_ordinary_steps(
 ) -> None:
     """Pay everybody as if nothing had happened: the step reward, and nothing to the captured."""
     teams = rules.teams
-    for number in chasers_of(teams):
-        chaser = np.uint64(number)
+    for chaser in chasers_of(teams):
         earned = np.float32(rules.chaser.step)
         if rules.chaser.distance != 0.0:
             away = nearest_evader(games, game, chaser, teams, world, first_cell, plan)
             earned = np.float32(rules.chaser.step + rules.chaser.distance * away)
         games.event[game, chaser] = 0
         outcome.rewards[game, chaser] = earned
-    for number in evaders_of(teams):
-        evader = np.uint64(number)
+    for evader in evaders_of(teams):
         earned = np.float32(rules.evader.step)
         if rules.evader.distance != 0.0:
             away = nearest_chaser(evader, teams, world, first_cell, plan)
@@ -259,17 +240,16 @@ def pay_events(
     rules: Rules,
     plan: Plan,
     outcome: Outcome,
-    captures: int,
+    num_captured: int,
     collected: int,
     end: int,
 ) -> None:
     """Pay those to whom something happened, in place of the step reward."""
     teams = rules.teams
-    if captures > 0:
-        pay_captures(games, game, rules, plan, outcome, captures, end)
+    if num_captured > 0:
+        pay_captures(games, game, rules, plan, outcome, num_captured, end)
     if collected > 0:
-        for number in evaders_of(teams):
-            evader = np.uint64(number)
+        for evader in evaders_of(teams):
             if games.active[game, evader] != 0 and plan.captors[evader] == 0:
                 event, earned = goals_taken_by(games, game, evader, teams, rules.evader, plan)
                 games.event[game, evader] = event
@@ -290,15 +270,14 @@ def pays_step(pay: Pay, event: int, end: int) -> bool:
 
 @inlined
 def pay_captures(
-    games: Games, game: int, rules: Rules, plan: Plan, outcome: Outcome, captures: int, end: int
+    games: Games, game: int, rules: Rules, plan: Plan, outcome: Outcome, num_captured: int, end: int
 ) -> None:
     """The events and the rewards of captures: captors of one evader share it equally."""
     paid = not pays_step(rules.chaser, CAPTURED, end)
-    for i in range(captures):
-        evader = np.uint64(plan.captured[i])
+    for i in range(num_captured):
+        evader = plan.captured[i]
         share = rules.chaser.capture / plan.captors[evader]
-        for number in chasers_of(rules.teams):
-            chaser = np.uint64(number)
+        for chaser in chasers_of(rules.teams):
             met = meet(games, game, chaser, evader, rules, plan)
             event, earned = games.event[game, chaser], outcome.rewards[game, chaser]
             more = np.float32(share + (earned if event != 0 else np.float32(0.0)))
@@ -312,8 +291,7 @@ def pay_captures(
 def pay_per_evader(games: Games, game: int, rules: Rules, plan: Plan, outcome: Outcome) -> None:
     """Pay every chaser the sum over the evaders that were free before the step, whoever it met."""
     teams, pay, total = rules.teams, rules.chaser, np.float32(0.0)
-    for number in evaders_of(teams):
-        evader = np.uint64(number)
+    for evader in evaders_of(teams):
         if is_free(games, game, evader) != 0:
             if plan.captors[evader] > 0:
                 earned = np.float32(pay.capture)
@@ -321,8 +299,8 @@ def pay_per_evader(games: Games, game: int, rules: Rules, plan: Plan, outcome: O
                 event, earned = goals_taken_by(games, game, evader, teams, pay, plan)
                 earned = earned if event != 0 else np.float32(pay.step)
             total = np.float32(total + earned)
-    for number in chasers_of(teams):
-        outcome.rewards[game, np.uint64(number)] = total
+    for chaser in chasers_of(teams):
+        outcome.rewards[game, chaser] = total
 
 
 @inlined

@@ -14,7 +14,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from train.runs.by_name import settings_of
+from train.runs.parts import settings_of
 from train.runs.single import make_run
 
 CASES: dict[str, dict[str, Any]] = {

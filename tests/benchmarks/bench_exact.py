@@ -9,11 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.maze import Maze
-from pursuit.maze_generation import generate_maze
-from scripted_agents.astar import shortest_path
-from scripted_agents.best_response import best_response, evaluate_exactly
-from scripted_agents.tour import expected_tour_length, shortest_tour, tour_lengths
+from pursuit.mazes.generation import generate_maze
+from pursuit.mazes.maze import Maze
+from scripted_agents.duel.best_response import best_response, evaluate_exactly
+from scripted_agents.tours.tour import (
+    expected_tour_length,
+    shortest_path,
+    shortest_tour,
+    tour_lengths,
+)
 
 
 def greedy_table(maze: Maze, epsilon: float, flees: bool) -> NDArray[np.float64]:

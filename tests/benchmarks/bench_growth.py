@@ -15,12 +15,12 @@ from time import perf_counter
 
 import numpy as np
 
-from pursuit.maze import Maze
-from pursuit.maze_generation import generate_maze
-from pursuit.simulator import Simulator
-from pursuit.task import Task
+from pursuit.mazes.generation import generate_maze
+from pursuit.mazes.maze import Maze
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task
 from scripted_agents import AStarChaser, AStarEvader
-from train.figures import pyplot, save
+from train.reports.figures import pyplot, save
 
 Row = tuple[str, int, int, int, float, float, float]
 """What grows, cells, agents, games, agent steps a second: random, scripted evaders, scripted."""

@@ -23,8 +23,8 @@ from typing import Any
 import torch
 from in_turns import add_options, compare
 
-from pursuit.simulator import Simulator
-from pursuit.task import make_task
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import make_task
 from scripted_agents.environments import make_vector_env
 from train.evaluation.contest import GameContest
 from train.evaluation.scores import optimality_gap
@@ -33,9 +33,9 @@ from train.machine import has_fast_bfloat16
 from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
 from train.networks.policy import Seat
-from train.runs.by_name import settings_of
 from train.runs.folder import RUN
 from train.runs.loop import Run
+from train.runs.parts import settings_of
 from train.runs.tasks import setting_of
 from train.settings.algorithms import DQNSettings, PPOSettings
 from train.settings.presets import tuned
@@ -80,7 +80,7 @@ def sb3_model(settings: PPOSettings, seed: int = 0) -> object:
     """Stable-Baselines3's PPO with these settings, over our Simulator."""
     from stable_baselines3 import PPO
 
-    from pursuit.stable_baselines import StableBaselinesVecEnv
+    from pursuit.environments.stable_baselines import StableBaselinesVecEnv
 
     game = {"maze": "5x5", "num_goals": 3, "seed": seed, "autoreset_mode": "SAME_STEP"}
     env = make_vector_env("maze", "runner", settings.num_games, **game)
@@ -293,7 +293,7 @@ from pathlib import Path
 from time import process_time
 import torch
 from train.experiments.kinds import start
-from train.runs.by_name import settings_of
+from train.runs.parts import settings_of
 from train.runs.folder import RUN
 warnings.simplefilter("ignore")
 torch.set_num_threads(1)

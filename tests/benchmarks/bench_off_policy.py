@@ -17,10 +17,10 @@ from typing import Any
 import stable_baselines3
 import torch
 
+from pursuit.environments.stable_baselines import StableBaselinesVecEnv
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.single_agent import ReacherVectorEnv
 from pursuit.reacher.task import ReacherTask
-from pursuit.stable_baselines import StableBaselinesVecEnv
 from train.algorithms.learner import Build
 from train.algorithms.registry import entry
 from train.environments.arm_env import ArmEnv

@@ -10,9 +10,9 @@ import time
 
 import numpy as np
 
-from pursuit.policy import Policy
-from pursuit.simulator import Simulator
-from pursuit.task import Task, make_task
+from pursuit.simulator.policy import Policy
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task, make_task
 from scripted_agents import (
     AStarChaser,
     AStarEvader,

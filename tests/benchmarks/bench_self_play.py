@@ -19,9 +19,9 @@ from typing import Any
 import torch
 from in_turns import add_options, compare
 
-from pursuit.maze import load_maze
+from pursuit.mazes.maze import load_maze
 from scripted_agents import cop_number, solve_chase, solve_in_turns
-from scripted_agents.equilibrium import _solve
+from scripted_agents.joint import equilibrium
 from train.evaluation.exploitability import exploitability
 from train.experiments.kinds import start
 from train.runs.folder import SELF_PLAY
@@ -42,7 +42,7 @@ def exact_game() -> None:
     solve_chase(load_maze("2x2"))
     for name in ("5x5", "7x7", "9x9", "9x9-tree", "15x15", "15x15-tree"):
         maze = load_maze(name)
-        _solve.cache_clear()
+        equilibrium._kept.clear()
         print(f"solve_chase {name}, discount 0.95: {seconds(lambda m=maze: solve_chase(m)):.2f} s")
     maze = load_maze("5x5")
     print(f"solve_chase 5x5, 2 chasers: {seconds(lambda: solve_chase(maze, num_chasers=2)):.2f} s")
@@ -66,7 +66,7 @@ def exploitabilities(folder: Path) -> None:
             ]  # type: ignore[attr-defined]
             exploitability(maze, tables[0], tables[1])
 
-        _solve.cache_clear()
+        equilibrium._kept.clear()
         first = seconds(whole)
         print(
             f"exploitability {name}: {first:.2f} s; the game solved before, {seconds(whole):.2f} s"

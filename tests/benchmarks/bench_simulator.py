@@ -19,9 +19,9 @@ import gymnasium
 import numpy as np
 from in_turns import add_options, compare
 
-from pursuit.maze_generation import generate_maze
-from pursuit.simulator import Simulator
-from pursuit.task import Task, make_task
+from pursuit.mazes.generation import generate_maze
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task, make_task
 from train.commands.bench import parallel_env_rate, rate, simulator_rate
 
 
@@ -131,7 +131,7 @@ import json, sys
 from time import perf_counter
 import numpy as np
 from pursuit import Simulator, Task, chase_v0, make_task
-from pursuit.maze_generation import generate_maze
+from pursuit.mazes.generation import generate_maze
 from scripted_agents.environments import default_policies
 
 def nanoseconds(call, per_call, seconds):

@@ -8,7 +8,7 @@ from random import Random
 import numpy as np
 
 import pursuit
-from pursuit.maze import library_names
+from pursuit.mazes.maze import library_names
 
 CASES = 2000
 ALPHABET = " #SG+-|x.0\t\n\r\x00é𝄞￿"

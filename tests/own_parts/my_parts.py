@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,18 +11,22 @@ import numba
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import nn
 
 from curricula import Change, Curriculum, Outcomes, Progress
 from pursuit import GameView, Rewards, Simulator, Task
-from pursuit.moments import After, Before
 from pursuit.rules import CHASER
+from pursuit.tasks.moments import After, Before
 from train.algorithms.learner import Build, NetworkLearner, network_loader
 from train.algorithms.registry import Algorithm
+from train.networks.features import Features
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
+from train.self_play.pool import OpponentPool
 from train.settings.algorithms import NetworkSettings
 from train.settings.curricula import AxisSettings, OwnCurriculum, StagedSettings
-from train.teaching.axes import Axis, Ground, Maker
+from train.teaching.axes import Maker
+from train.teaching.grounds import Axis, Ground
 
 # -- rewards ---------------------------------------------------------------------------------------
 
@@ -104,6 +108,44 @@ class Map:
         return np.stack([drawn[:, np.roll(every, -seat)] for seat in seats], axis=1)
 
 
+# -- networks --------------------------------------------------------------------------------------
+
+
+def picture(features: Features, width: int) -> nn.Module:
+    """Convolutions of its own over planes."""
+    return nn.Sequential(
+        nn.LazyConv2d(8, 3, padding=1), nn.ELU(), nn.Flatten(), nn.LazyLinear(width), nn.ELU()
+    )
+
+
+class Words(nn.Module):
+    """Of "index": a vector for each number, summed up."""
+
+    def __init__(self, features: Features, width: int) -> None:
+        super().__init__()
+        self.table = nn.Embedding(len(features.rows), width)
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """[batch, width]."""
+        summed: torch.Tensor = self.table(observation).sum(-2)
+        return summed.tanh()
+
+
+def straight(features: Features, width: int) -> nn.Module:
+    """One layer."""
+    return nn.LazyLinear(width)
+
+
+def too_wide(features: Features, width: int) -> nn.Module:
+    """Not what it was asked for."""
+    return Words(features, width + 1)
+
+
+def no_module(features: Features, width: int) -> int:
+    """None at all."""
+    return width
+
+
 # -- a policy --------------------------------------------------------------------------------------
 
 
@@ -183,6 +225,29 @@ def _make_alternating(settings: AlternatingSettings, axis: Axis, seed: int) -> C
 
 
 ALTERNATING = OwnCurriculum(AlternatingSettings, _make_alternating)
+
+# -- a rule that draws opponents ------------------------------------------------------------------
+
+
+def the_oldest(pool: OpponentPool) -> NDArray[np.float64]:
+    """The latest and the oldest snapshot, alike."""
+    found = np.zeros(len(pool.members))
+    found[[0, pool.names.index(pool.snapshots[0].name) if pool.snapshots else 0]] = 1.0
+    return found
+
+
+def negative(pool: OpponentPool) -> list[float]:
+    """No weights."""
+    return [-1.0] * len(pool.members)
+
+
+# -- a command -------------------------------------------------------------------------------------
+
+
+def greet(arguments: Sequence[str]) -> None:
+    """`pursuit my_parts:greet`."""
+    print("greetings to", *arguments)
+
 
 # -- an algorithm ----------------------------------------------------------------------------------
 

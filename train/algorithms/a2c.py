@@ -1,20 +1,19 @@
-"""Advantage actor-critic, and REINFORCE on whole episodes; both on TorchRL's losses."""
+"""Advantage actor-critic, and REINFORCE on whole episodes."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import torch
-from tensordict import TensorDict
-from torchrl.objectives import A2CLoss, ReinforceLoss
 
-from pursuit.masks import ACTION_MASK
+from pursuit.observations.masks import ACTION_MASK
+from train.algorithms.fused_rollouts import Frames
 from train.algorithms.learner import Build, Games, NetworkLearner, has_masks
-from train.algorithms.rollouts import RolloutLearner, actor_critic_of
+from train.algorithms.rollouts import Figures, RolloutLearner, actor_critic_of
 from train.networks.actor_critic import ActorCritic
-from train.networks.joined_actor_critic import JoinedActorCritic, Weighing
-from train.networks.losses import actor_of, critic_of
+from train.networks.fused_actor_critic import LossCoefficients
 from train.settings.algorithms import A2CSettings, ReinforceSettings
 
 
@@ -28,62 +27,81 @@ class A2C(RolloutLearner):
         env: the games.
         network: policy and value.
         device: where the network lives.
+        fused: False computes everything by torch, whatever is possible.
     """
 
     def __init__(
-        self, settings: A2CSettings, env: Games, network: ActorCritic, device: str = "cpu"
+        self,
+        settings: A2CSettings,
+        env: Games,
+        network: ActorCritic,
+        device: str = "cpu",
+        fused: bool = True,
     ) -> None:
-        gae_lambda = settings.gae_lambda if settings.gae and settings.critic else 1.0
-        super().__init__(settings, env, network, device, gae_lambda, settings.critic)
-        self.settings = settings
-        self.loss = A2CLoss(
-            actor_of(network, has_masks(env)),
-            critic_of(network),
-            entropy_coeff=settings.entropy_coef,
-            critic_coeff=settings.value_coef,
-            loss_critic_type="l2",
+        super().__init__(
+            settings,
+            env,
+            network,
+            device,
+            gae_lambda=settings.gae_lambda if settings.gae and settings.critic else 1.0,
+            critic=settings.critic,
+            fused=fused and type(self).loss is A2C.loss,
         )
+        self.settings = settings
 
     def iterate(self, progress: float) -> dict[str, float]:
         """Collect one rollout and take one gradient step."""
-        self.set_schedules(progress)
-        entropy_coef = self.annealed(self.settings.entropy_coef, progress)
-        if self.joined is not None and type(self) is A2C:  # another may have another loss
-            return self._learn_joined(self.joined, entropy_coef)
-        frames = self.collect()
-        hidden, value_hidden, frames = self.network.through(frames)
-        frames["policy_hidden"], frames["value_hidden"] = hidden, value_hidden
-        if self.settings.standardize_advantages:
-            advantage = frames["advantage"]
-            frames["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
-        self.loss.entropy_coeff.fill_(entropy_coef)
-        losses = self.loss(frames)
-        total = losses["loss_objective"]
-        if self.settings.entropy_coef:  # without a bonus TorchRL leaves it out
-            total = total + losses["loss_entropy"]
-        if self.settings.critic:
-            total = total + losses["loss_critic"]
-        self.descend(total)
-        return {
-            name: float(losses[name].detach())
-            for name in ("loss_objective", "loss_critic", "entropy")
-            if name in losses.keys()  # noqa: SIM118 (a TensorDict's `in` wants .keys())
-        }
-
-    def _learn_joined(self, network: JoinedActorCritic, entropy_coef: float) -> dict[str, float]:
-        """The same: where a policy is the one that played, ratios are 1, and PPO's gradient is
-        that of A2C."""
         settings = self.settings
-        weighing = Weighing(
-            math.inf, settings.value_coef, entropy_coef, settings.standardize_advantages
+        self.set_schedules(progress)
+        coefficients = LossCoefficients(
+            math.inf,
+            settings.value_coef if settings.critic else None,
+            self.annealed(settings.entropy_coef, progress),
+            settings.standardize_advantages,
         )
-        found = network.set_gradients(self.collect_joined(), weighing)
+        figures = self.update.set_gradients(self.collect(), coefficients)
         self.descend_by_gradients()
-        return {
-            "loss_objective": -float(found["log_prob_gain"]),
-            "loss_critic": float(found["loss_critic"]),
-            "entropy": float(found["entropy"]),
-        }
+        logged = ("loss_objective", "loss_critic", "entropy")
+        return {name: float(figures[name]) for name in logged if name in figures}
+
+    def loss(
+        self, minibatch: Frames, coefficients: LossCoefficients
+    ) -> tuple[torch.Tensor, Figures]:
+        """`a2c_loss`: what the torch update minimises, and the fused one computes by kernels."""
+        return a2c_loss(self.network, minibatch, coefficients)
+
+
+def a2c_loss(
+    network: ActorCritic, frames: Mapping[str, torch.Tensor], coefficients: LossCoefficients
+) -> tuple[torch.Tensor, Figures]:
+    """The policy gradient with value loss and entropy bonus, to be minimised.
+
+    Equal to TorchRL's `A2CLoss` with squared value errors, and tested against it; with the
+    standardised returns of whole episodes, and their errors, it is that of REINFORCE.
+
+    Args:
+        network: policy and value.
+        frames: as `ppo_loss` takes them.
+        coefficients: of the parts of the loss; its `clip` means nothing here.
+
+    Returns:
+        The loss, and its parts for the log, detached.
+    """
+    hidden, value_hidden, frames = network.through(frames)
+    output = network.policy_head(hidden)
+    distribution = network.distribution(output, frames.get(ACTION_MASK, None))
+    advantage = frames["advantage"]
+    if coefficients.standardize:
+        advantage = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
+    log_prob = distribution.log_prob(frames[distribution.DRAWN])
+    entropy = distribution.entropy().mean()
+    parts = {"loss_objective": -(log_prob * advantage).mean(), "entropy": entropy}
+    total = parts["loss_objective"] - coefficients.entropy_coef * entropy
+    if coefficients.value_coef is not None:
+        error = network.value_head(value_hidden).squeeze(-1) - frames["value_target"]
+        parts["loss_critic"] = coefficients.value_coef * error.square().mean()
+        total = total + parts["loss_critic"]
+    return total, {name: value.detach() for name, value in parts.items()}
 
 
 class Reinforce(NetworkLearner):
@@ -106,36 +124,25 @@ class Reinforce(NetworkLearner):
     ) -> None:
         super().__init__(settings, env, network, device)
         self.settings = settings
-        actor = actor_of(network, has_masks(env))
-        self.loss = ReinforceLoss(actor, critic_of(network), loss_critic_type="l2")
-        self.loss.set_keys(action=network.form.DRAWN)
 
     def iterate(self, progress: float) -> dict[str, float]:
         """Play the episodes and take one gradient step on all their frames."""
         settings = self.settings
         self.set_schedules(progress)
         frames = self.play(settings.gamma_at(progress))
-        frames["prepared"] = self.network.policy_trunk.prepare(frames["observation"])
-        hidden, value_hidden, frames = self.network.through(frames)
-        frames["policy_hidden"], frames["value_hidden"] = hidden, value_hidden
-        self.frames += len(frames)
-        advantage = frames["value_target"]
+        played = frames.get("loss_mask")
+        self.frames += len(frames["value"]) if played is None else int(played.sum())
+        frames["advantage"] = frames["value_target"]
         if settings.baseline:
-            advantage = advantage - frames["value"]
-        frames["advantage"] = (advantage - advantage.mean()) / advantage.std().clamp(min=1e-6)
-        losses = self.loss(frames)
-        output = self.network.policy_head(frames["policy_hidden"])
-        distribution = self.network.distribution(output, frames.get(ACTION_MASK, None))
-        entropy = distribution.entropy().mean()
-        total = losses["loss_actor"] - self.annealed(settings.entropy_coef, progress) * entropy
-        if settings.baseline:
-            total = total + settings.value_coef * losses["loss_value"]
-        self.descend(total)
-        return {
-            "loss_objective": float(losses["loss_actor"].detach()),
-            "loss_critic": float(losses["loss_value"].detach()),
-            "entropy": float(entropy.detach()),
-        }
+            frames["advantage"] = frames["value_target"] - frames["value"]
+        coefficients = LossCoefficients(
+            math.inf,
+            settings.value_coef if settings.baseline else None,
+            self.annealed(settings.entropy_coef, progress),
+        )
+        loss, figures = a2c_loss(self.network, frames, coefficients)
+        self.descend(loss)
+        return {name: float(value) for name, value in figures.items()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take them back; the next episodes begin anew."""
@@ -143,7 +150,7 @@ class Reinforce(NetworkLearner):
         self.env.resume = False
 
     @torch.no_grad()
-    def play(self, gamma: float) -> TensorDict:
+    def play(self, gamma: float) -> Frames:
         """One episode in every game; the frames of all of them in a row, or of a network that
         remembers a sequence for each.
 
@@ -151,57 +158,47 @@ class Reinforce(NetworkLearner):
             gamma: discount of a step.
 
         Returns:
-            "observation", what was drawn ("action", or "drawn" before tanh), "value" [frames, 1]
-            and "value_target" [frames, 1], the discounted return from that frame on; "action_mask"
+            "observation", what was drawn ("action", or "drawn" before tanh), "value" [frames] and
+            "value_target" [frames], the discounted return from that frame on; "action_mask"
             [frames, actions] where masked.
         """
-        env = self.env
+        env, network = self.env, self.network
         now, masks = env.reset(), has_masks(env)
         running = torch.arange(env.num_games)
-        steps: list[tuple[torch.Tensor, ...]] = []
-        kept: list[torch.Tensor] = []
-        returns = torch.zeros(env.num_games, 1)
-        state = torch.zeros(env.num_games, sum(self.network.sizes), device=self.device)
+        steps: list[Frames] = []
+        played: list[tuple[torch.Tensor, torch.Tensor]] = []
+        returns = torch.zeros(env.num_games)
+        state = torch.zeros(env.num_games, sum(network.sizes), device=self.device)
         actions = env.action_spec.zero()
         while len(running):
-            observation = now["observation"][running].to(self.device)
-            output, value, state[running] = self.network.step(observation, state[running])
-            allowed = now[ACTION_MASK][running].to(self.device) if masks else None
-            if allowed is not None:
-                kept.append(allowed)
-            distribution = self.network.distribution(output, allowed)
+            seen = {"observation": now["observation"][running].to(self.device)}
+            if masks:
+                seen[ACTION_MASK] = now[ACTION_MASK][running].to(self.device)
+            output, value, state[running] = network.step(seen["observation"], state[running])
+            distribution = network.distribution(output, seen.get(ACTION_MASK))
             drawn = distribution.draw()
+            steps.append({**seen, network.form.DRAWN: drawn, "value": value.squeeze(-1)})
             actions[running] = distribution.action(drawn).cpu()
             now = env.step_episodes(actions, running)
-            reward = now["reward"][running]
-            steps.append((running, observation, drawn, value, reward))
+            played.append((running, now["reward"][running, 0]))
             cut = running[now["truncated"][running, 0] & ~now["terminated"][running, 0]]
             if len(cut) and self.settings.baseline:
                 observation = now["observation"][cut].to(self.device)
-                returns[cut] = self.network.step(observation, state[cut])[1].cpu()
+                returns[cut] = network.step(observation, state[cut])[1].squeeze(-1).cpu()
             running = running[~now["done"][running, 0]]
         targets: list[torch.Tensor] = []
-        for games, _, _, _, reward in reversed(steps):
+        for games, reward in reversed(played):
             returns[games] = reward + gamma * returns[games]
             targets.append(returns[games].to(self.device))
-        columns = ("observation", self.network.form.DRAWN, "value")
-        stacked = {
-            name: torch.cat([step[number] for step in steps])
-            for number, name in enumerate(columns, start=1)
-        }
-        stacked["value_target"] = torch.cat(targets[::-1])
-        if masks:
-            stacked[ACTION_MASK] = torch.cat(kept)
-        if self.network.policy_memory is None:
-            return TensorDict(stacked, batch_size=[len(stacked["value"])])
-        sequences = one_for_each(stacked, [step[0] for step in steps], env.num_games)
-        sequences["state"] = torch.zeros_like(state)
-        return sequences
+        frames = {name: torch.cat([step[name] for step in steps]) for name in steps[0]}
+        frames["value_target"] = torch.cat(targets[::-1])
+        if network.policy_memory is None:
+            return frames
+        sequences = one_for_each(frames, [games for games, _ in played], env.num_games)
+        return {**sequences, "state": torch.zeros_like(state)}
 
 
-def one_for_each(
-    columns: dict[str, torch.Tensor], running: list[torch.Tensor], num_games: int
-) -> TensorDict:
+def one_for_each(columns: Frames, running: list[torch.Tensor], num_games: int) -> Frames:
     """Frames of whole episodes as a sequence for each game, for `ActorCritic.through`.
 
     Args:
@@ -215,16 +212,17 @@ def one_for_each(
     for name, column in columns.items():
         found[name] = column.new_zeros(num_games, len(running), *column.shape[1:])
         found[name][place] = column
-    found["counts"] = torch.zeros_like(found["value"].squeeze(-1), dtype=torch.bool)
-    found["counts"][place] = True
-    found["fresh"] = torch.zeros_like(found["counts"])
-    found["fresh"][:, 0] = True
-    return TensorDict(found, batch_size=[num_games])
+    found["loss_mask"] = torch.zeros_like(found["value"], dtype=torch.bool)
+    found["loss_mask"][place] = True
+    found["episode_start"] = torch.zeros_like(found["loss_mask"])
+    found["episode_start"][:, 0] = True
+    return found
 
 
 def build_a2c(settings: A2CSettings, env: Games, how: Build) -> A2C:
     """The learner over its games."""
-    return A2C(settings, env, actor_critic_of(settings, env.player, how), how.device)
+    network = actor_critic_of(settings, env.player, how)
+    return A2C(settings, env, network, how.device, how.fused)
 
 
 def build_reinforce(settings: ReinforceSettings, env: Games, how: Build) -> Reinforce:

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import torch
-
-from train.networks.continuous import DeterministicActor, GaussianActor
-from train.tensors import check_like
 
 
 class ActionNoise:
@@ -55,44 +51,13 @@ class ActionNoise:
 
     def restart(self, games: torch.Tensor) -> None:
         """Begin at 0 again in the games of the mask [num_games]."""
-        self.state = self.state.masked_fill(games[:, None], 0.0)
+        self.state = self.state.masked_fill(games.cpu()[:, None], 0.0)
 
     def state_dict(self) -> dict[str, Any]:
         """Where it stands, and its generator."""
         return {"state": self.state, "generator": self.generator.get_state()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from there; Misfit for the state of other noise."""
-        check_like(state, self.state_dict(), "learner.noise")
+        """Go on from there."""
         self.state = state["state"].clone()
         self.generator.set_state(state["generator"])
-
-
-class Explorer:
-    """What an actor does, or draws, with noise; or anything at all.
-
-    Args:
-        actor: chooses.
-        noise: is added.
-        device: of the actor.
-
-    Attributes:
-        anything: whether actions are uniformly random.
-    """
-
-    def __init__(
-        self, actor: DeterministicActor | GaussianActor, noise: ActionNoise, device: str
-    ) -> None:
-        self.actor, self.noise, self.device = actor, noise, device
-        self.draws = isinstance(actor, GaussianActor)
-        self.anything = True
-
-    def act(self, seen: Mapping[str, torch.Tensor]) -> torch.Tensor:
-        """[num_games, actions] float32 in [-1, 1], on the CPU, from the "observation"."""
-        noise = self.noise
-        if self.anything:
-            return noise.uniform()
-        drawn = noise.normal().to(self.device) if self.draws else None
-        with torch.no_grad():
-            action = self.actor.act(seen["observation"].to(self.device), drawn).cpu()
-        return action if noise.kind == "none" else (action + noise.step()).clamp_(-1.0, 1.0)

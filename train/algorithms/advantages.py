@@ -1,24 +1,54 @@
-"""Generalised advantages (Schulman et al., 2016), as a compiled kernel."""
+"""Generalised advantages (Schulman et al., 2016): of torch's rollouts, and as a compiled kernel."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-from pursuit.compiled import compiled
+import torch
+
+from pursuit.compilation.compiled import compiled
+
+
+def advantages(
+    rollout: Mapping[str, torch.Tensor], gamma: float, gae_lambda: float
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """[games, steps] advantages, and the returns to expect: advantages and values.
+
+    Args:
+        rollout: [games, steps]: "reward", "value" of the observations, "value_after" of those that
+            are not the next step's, and the flags.
+        gamma: discount of a step.
+        gae_lambda: 1 makes advantages discounted returns less the value.
+    """
+    value, cut, not_done = rollout["value"], rollout["truncated"].clone(), ~rollout["done"]
+    cut[:, -1] = True
+    following = torch.cat([value[:, 1:], torch.zeros_like(value[:, :1])], dim=1)
+    following = torch.where(cut, rollout["value_after"], following)
+    discount = torch.tensor(gamma, device=value.device)
+    going_on = discount * following * ~rollout["terminated"]
+    errors = rollout["reward"] + going_on - value
+    fade = discount * torch.tensor(gae_lambda, device=value.device) * not_done
+    advantage = torch.empty_like(value)
+    ahead = torch.zeros_like(value[:, 0])
+    for step in reversed(range(value.shape[1])):
+        ahead = errors[:, step] + fade[:, step] * ahead
+        advantage[:, step] = ahead
+    return advantage, advantage + value
 
 
 @compiled
-def advantages(
+def fused_advantages(
     reward: Any, value: Any, cut_value: Any, ended: Any, cut: Any, discounts: Any, out: Any
 ) -> None:
-    """Of every step and game; the last step is followed by nothing that is known.
+    """The same, of every step and game; the last step is followed by nothing that is known.
 
     Args:
         reward: [steps, games] float32.
         value: [steps + 1, games] float32, of what was observed before every step and after all.
-        cut_value: [steps, games] float32, of what an episode ended with that was cut off there.
-        ended: [steps, games] bool, where an episode ended for good: nothing follows.
-        cut: [steps, games] bool, where one was cut off.
+        cut_value: [steps, games] float32, of what an episode ended with that was truncated there.
+        ended: [steps, games] bool, where an episode terminated: nothing follows.
+        cut: [steps, games] bool, where one was truncated.
         discounts: [2] float64, gamma and gamma times lambda.
         out: [steps, games] float32.
     """

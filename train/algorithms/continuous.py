@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import deepcopy
 from typing import Any, Generic, TypeVar
 
 import torch
 
 from curricula import linear
-from train.algorithms.action_noise import ActionNoise, Explorer
+from train.algorithms.action_noise import ActionNoise
+from train.algorithms.collector import Collector, Columns
 from train.algorithms.continuous_losses import (
     critic_loss,
     deterministic_actor_loss,
@@ -17,19 +19,16 @@ from train.algorithms.continuous_losses import (
     soft_actor_loss,
     temperature_loss,
 )
-from train.algorithms.learner import Build, check_moments, clip_gradients, step_adam
+from train.algorithms.learner import Build, clip_gradients, step_adam
 from train.algorithms.off_policy import OffPolicyLearner
 from train.algorithms.replay import Batch
-from train.algorithms.transitions import Transitions
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor, follow
 from train.networks.policy import Player
 from train.settings.off_policy import (
     ContinuousSettings,
-    DDPGSettings,
     SACSettings,
     TD3Settings,
 )
-from train.tensors import check_like
 
 Actor = TypeVar("Actor", DeterministicActor, GaussianActor)
 Figures = dict[str, torch.Tensor]
@@ -59,11 +58,12 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         seed: int,
     ) -> None:
         actions = env.player.num_actions
-        self.noise = ActionNoise(settings.noise, settings.noise_theta, env.num_games, actions, seed)
-        self.explorer = Explorer(actor, self.noise, device)
-        steps, ended = settings.rollout_steps, self.noise.restart
-        rollouts = Transitions(env, self.explorer.act, steps, ended)
-        super().__init__(settings, env, actor, rollouts, device, seed)
+        noise = ActionNoise(settings.noise, settings.noise_theta, env.num_games, actions, seed)
+        collector = Collector(
+            env, self.act, settings.rollout_steps, 0, device, keep_next=True, ended=noise.restart
+        )
+        super().__init__(settings, env, actor, collector, device, seed)
+        self.noise, self.random_actions = noise, True
         self.chosen, self.critics, self.num_actions = settings, critics, actions
         self.target_critics = deepcopy(critics).requires_grad_(False)
         self.critic_optimizer = torch.optim.Adam(
@@ -87,8 +87,19 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         settings = self.chosen
         share = min(progress / max(settings.noise_share, 1e-9), 1.0)
         self.noise.std = linear(settings.noise_start, settings.noise_end, share)
-        self.explorer.anything = self.frames < settings.learning_starts
+        self.random_actions = self.frames < settings.learning_starts
         return {} if settings.noise == "none" else {"noise": self.noise.std}
+
+    def act(self, seen: Columns, state: torch.Tensor) -> tuple[Columns, torch.Tensor]:
+        """What the actor does, or draws, with noise; or anything at all: in [-1, 1], on the CPU."""
+        noise = self.noise
+        if self.random_actions:
+            return {"action": noise.uniform()}, state
+        drawn = noise.normal().to(self.device) if isinstance(self.network, GaussianActor) else None
+        action = self.network.act(seen["observation"], drawn).cpu()
+        if noise.kind != "none":
+            action = (action + noise.step()).clamp_(-1.0, 1.0)
+        return {"action": action}, state
 
     def set_schedules(self, progress: float) -> None:
         """Also that of the critics."""
@@ -139,11 +150,6 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take it all back."""
-        for name, part in self.parts.items():
-            check_like(state.get(name), part.state_dict(), f"learner.{name}")
-            if isinstance(part, torch.optim.Optimizer):
-                weights = part.param_groups[0]["params"]
-                check_moments(state[name]["state"], weights, f"learner.{name}.state")
         super().load_state_dict(state)
         self.noise.load_state_dict(state["noise"])
         for name, part in self.parts.items():
@@ -271,48 +277,33 @@ class SAC(ContinuousLearner[GaussianActor]):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take it all back."""
-        check_like(state.get("log_alpha"), self.log_alpha.detach(), "learner.log_alpha")
         super().load_state_dict(state)
         with torch.no_grad():
             self.log_alpha.copy_(state["log_alpha"])
 
 
-def deterministic_of(
-    settings: ContinuousSettings, player: Player, build: Build
-) -> DeterministicActor:
-    """DDPG's and TD3's actor of what the player observes, with fresh weights."""
-    hidden = build.hidden(settings)
-    return DeterministicActor(player.features, player.num_actions, hidden).to(build.device)
+def actor_maker(form: Any) -> Callable[[ContinuousSettings, Player, Build], Any]:
+    """What makes an actor of this form, of what the player observes, with fresh weights."""
+
+    def actor_of(settings: ContinuousSettings, player: Player, how: Build) -> Any:
+        return form(player.features, player.num_actions, how.hidden(settings)).to(how.device)
+
+    return actor_of
 
 
-def gaussian_of(settings: ContinuousSettings, player: Player, build: Build) -> GaussianActor:
-    """SAC's actor of what the player observes, with fresh weights."""
-    hidden = build.hidden(settings)
-    return GaussianActor(player.features, player.num_actions, hidden).to(build.device)
+def builder(learner: Any, actor_of: Any, num_critics: int) -> Callable[[Any, Any, Build], Any]:
+    """What builds a learner over its games, with so many critics."""
+
+    def build(settings: ContinuousSettings, env: Any, how: Build) -> Any:
+        player, actor = env.player, actor_of(settings, env.player, how)
+        sizes = (player.features, player.num_actions, how.hidden(settings), num_critics)
+        critics = Critics(*sizes).to(how.device)
+        return learner(settings, env, actor, critics, how.device, how.seed)
+
+    return build
 
 
-def critics_of(settings: ContinuousSettings, player: Player, how: Build, count: int) -> Critics:
-    """Critics of the player's actions, with fresh weights."""
-    sizes = (player.features, player.num_actions, how.hidden(settings))
-    return Critics(*sizes, count).to(how.device)
-
-
-def build_ddpg(settings: DDPGSettings, env: Any, how: Build) -> DDPG:
-    """DDPG over its games."""
-    actor = deterministic_of(settings, env.player, how)
-    critics = critics_of(settings, env.player, how, 1)
-    return DDPG(settings, env, actor, critics, how.device, how.seed)
-
-
-def build_td3(settings: TD3Settings, env: Any, how: Build) -> TD3:
-    """TD3 over its games."""
-    actor = deterministic_of(settings, env.player, how)
-    critics = critics_of(settings, env.player, how, 2)
-    return TD3(settings, env, actor, critics, how.device, how.seed)
-
-
-def build_sac(settings: SACSettings, env: Any, how: Build) -> SAC:
-    """SAC over its games."""
-    actor = gaussian_of(settings, env.player, how)
-    critics = critics_of(settings, env.player, how, 2)
-    return SAC(settings, env, actor, critics, how.device, how.seed)
+deterministic_of, gaussian_of = actor_maker(DeterministicActor), actor_maker(GaussianActor)
+build_ddpg = builder(DDPG, deterministic_of, 1)
+build_td3 = builder(TD3, deterministic_of, 2)
+build_sac = builder(SAC, gaussian_of, 2)

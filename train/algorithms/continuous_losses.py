@@ -12,14 +12,8 @@ from __future__ import annotations
 
 import torch
 
-from train.algorithms.replay import Batch
+from train.algorithms.replay import Batch, mean
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor
-
-
-def mean(values: torch.Tensor, batch: Batch) -> torch.Tensor:
-    """The mean of [batch] numbers; with prioritised replay by weight, as TorchRL reduces it."""
-    weight = batch.get("priority_weight", None)
-    return values.mean() if weight is None else (weight * values).sum() / weight.sum()
 
 
 @torch.no_grad()

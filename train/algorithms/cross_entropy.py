@@ -13,9 +13,9 @@ from torch.func import functional_call, vmap
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from curricula import linear
-from pursuit.compiled import compiled
-from pursuit.policy import Policy
+from pursuit.compilation.compiled import compiled
 from pursuit.rules import draw_uniform, next_uniform
+from pursuit.simulator.policy import Policy
 from train.algorithms.exploration import exploration_streams
 from train.algorithms.learner import Build
 from train.environments.lockstep import LockstepEnv
@@ -86,7 +86,7 @@ class Candidates:
     """Many policies of one architecture, as batched matrix products.
 
     `vmap` does the same at several times the cost on networks of this size; it is kept for the
-    convolutions, the only first layer that is no matrix product.
+    convolutions. First layers that it cannot take (planning, and users' own) run one by one.
 
     Args:
         network: the architecture, and the standard deviations of continuous actions.
@@ -119,8 +119,8 @@ class Candidates:
         self._layers = [
             (weights[f"{name}.weight"].mT, weights[f"{name}.bias"][:, None])
             for name in ("policy_trunk.rest.1", "policy_head")
+            if f"{name}.weight" in weights
         ]
-        self._tanh = isinstance(self.trunk.rest[0], nn.Tanh)
         if isinstance(self.trunk.first, IndexLayer):
             self._table = self.trunk.first.rows.numpy()
             self._for_kernel = tuple(
@@ -149,7 +149,7 @@ class Candidates:
                 observation,
                 self._table,
                 self._for_kernel,
-                self._tanh,
+                isinstance(self.trunk.rest[0], nn.Tanh),
                 streams,
                 running,
                 allowed,
@@ -174,16 +174,26 @@ class Candidates:
         """
         prepared = self.trunk.prepare(observation)
         batch = prepared.reshape(self.population, -1, *prepared.shape[1:])
-        if isinstance(self.trunk.first, Convolutions):
-            first = self.trunk.first
-            hidden = vmap(lambda weights, x: functional_call(first, weights, (x,)))(
-                self._first, batch
-            )
-        else:
+        first = self.trunk.first
+
+        def run(weights: dict[str, torch.Tensor], inputs: torch.Tensor) -> torch.Tensor:
+            found: torch.Tensor = functional_call(first, weights, (inputs,))
+            return found
+
+        if isinstance(first, Convolutions):
+            hidden = vmap(run)(self._first, batch)
+        elif isinstance(first, IndexLayer | Flat):
             hidden = torch.baddbmm(self._bias, batch, self._matrix)
-        activation = self.trunk.rest[0]
+        else:
+            each = [
+                run({name: weight[number] for name, weight in self._first.items()}, inputs)
+                for number, inputs in enumerate(batch)
+            ]
+            hidden = torch.stack(each)
         for matrix, bias in self._layers:
-            hidden = torch.baddbmm(bias, activation(hidden), matrix)
+            for activation in list(self.trunk.rest)[:1]:  # none of a user's network
+                hidden = activation(hidden)
+            hidden = torch.baddbmm(bias, hidden, matrix)
         return hidden.flatten(0, 1)
 
 

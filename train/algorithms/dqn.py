@@ -2,55 +2,124 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import torch
 
 from curricula import linear
-from pursuit.masks import ACTION_MASK
+from pursuit.observations.masks import ACTION_MASK
+from train.algorithms.collector import NEXT_MASK, Collector, Columns
 from train.algorithms.learner import Build, Games
-from train.algorithms.off_policy import NEXT_MASK, OffPolicyLearner, Rollouts
+from train.algorithms.off_policy import OffPolicyLearner
 from train.algorithms.recurrent_dqn import Recording, sequence_loss
-from train.algorithms.replay import Batch
-from train.algorithms.transitions import Transitions
+from train.algorithms.replay import Batch, mean
 from train.networks.masks import masked
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
 from train.settings.off_policy import DQNSettings
 
-__all__ = ["DQN", "NEXT_MASK", "EpsilonGreedy", "build", "dqn_loss", "network_of"]
 
+class DQN(OffPolicyLearner):
+    """Mnih et al. (2015), with many games in step and several gradient steps for each rollout.
 
-class EpsilonGreedy:
-    """The action of the largest value, or with probability `epsilon` any; of those allowed.
+    Of a network that remembers it learns from sequences: see `recurrent_dqn`.
 
     Args:
+        settings: the hyperparameters.
+        env: the games.
         network: action values.
-        device: where it lives.
+        target: a second network of the same form.
+        device: where both live.
+        seed: of the draws from the replay buffer.
+
+    Attributes:
+        epsilon: the share of random actions.
     """
 
-    def __init__(self, network: QNetwork, device: str = "cpu") -> None:
-        self.network, self.device = network, device
-        self.epsilon = 1.0
+    network: QNetwork
 
-    def act(self, seen: Mapping[str, torch.Tensor]) -> torch.Tensor:
-        """[games] int64, on the network's device, from what is seen, "observation" and masks."""
+    def __init__(
+        self,
+        settings: DQNSettings,
+        env: Games,
+        network: QNetwork,
+        target: QNetwork,
+        device: str,
+        seed: int,
+    ) -> None:
+        size, steps = network.sizes[0], settings.rollout_steps
+        collector = Collector(env, self.act, steps, size, device, keep_next=True)
+        self.recording = Recording(env, collector, settings) if size else None
+        super().__init__(settings, env, network, collector, device, seed, steps if size else 1)
+        self.settings, self.target, self.epsilon = settings, target, 1.0
+        self.target.load_state_dict(network.state_dict())
+
+    @property
+    def update_form(self) -> str:
+        """That of the network."""
+        return self.network.update_form
+
+    def explore(self, progress: float) -> dict[str, float]:
+        """Anneal epsilon."""
+        settings = self.settings
+        explored = progress / max(settings.exploration_share, 1e-9)
+        if settings.exploration_frames is not None:
+            explored = self.frames / settings.exploration_frames
+        self.epsilon = linear(settings.epsilon_start, settings.epsilon_end, min(explored, 1.0))
+        return {"epsilon": self.epsilon}
+
+    def act(self, seen: Columns, state: torch.Tensor) -> tuple[Columns, torch.Tensor]:
+        """Actions of the largest values, or with probability `epsilon` any; of those allowed."""
+        values, state = self.network.remember(seen["observation"], state)
         allowed = seen.get(ACTION_MASK, None)
-        with torch.no_grad():
-            values = self.network.quick(seen["observation"].to(self.device))
-        return self.choose(values, None if allowed is None else allowed.to(self.device))
-
-    def choose(self, values: torch.Tensor, allowed: torch.Tensor | None) -> torch.Tensor:
-        """[games] actions, from values [games, actions] and what is allowed; None for anything."""
         values = masked(values, allowed)
-        action = values.argmax(dim=-1)
-        anyhow = torch.rand(action.shape, device=action.device) < self.epsilon
+        greedy = values.argmax(dim=-1)
+        explores = torch.rand(greedy.shape, device=greedy.device) < self.epsilon
         if allowed is None:
-            drawn = torch.randint_like(action, values.shape[-1])
+            drawn = torch.randint_like(greedy, values.shape[-1])
         else:
             drawn = masked(torch.rand_like(values), allowed).argmax(dim=-1)
-        return torch.where(anyhow, drawn, action)
+        return {"action": torch.where(explores, drawn, greedy)}, state
+
+    def learn(self, batch: Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        """A gradient step, and now and then a copy to the target network before it."""
+        settings = self.settings
+        if self.updates % settings.target_update_interval == 0:
+            self.target.load_state_dict(self.network.state_dict())
+        self.updates += 1
+        networks = (self.network, self.target, batch)
+        if self.recording is None:
+            loss, error = dqn_loss(*networks, settings.gamma, settings.double)
+        else:
+            loss, error = sequence_loss(*networks, settings)
+        self.descend(loss)
+        return error, {"loss": loss.detach(), "td_error": error.mean()}
+
+    def remember(self, rollout: Columns) -> None:
+        """Put its transitions into the buffer, or with a memory a sequence for every game."""
+        if self.recording is None:
+            super().remember(rollout)
+            return
+        self.frames += rollout["reward"].numel()
+        self.replay.extend(self.recording.sequences(rollout))
+
+    def policy(self, greedy: bool = True) -> Any:
+        """The greedy policy; ValueError for another, as action values are no distribution."""
+        if not greedy:
+            raise ValueError("dqn learns no distribution over actions; take the greedy policy")
+        return super().policy()
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything, the replay buffer and its priorities included."""
+        state = super().state_dict() | {"target": self.target.state_dict()}
+        return state | ({"memory": self.recording.state_dict()} if self.recording else {})
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take it all back."""
+        super().load_state_dict(state)
+        self.target.load_state_dict(state["target"])
+        if self.recording:
+            self.recording.load_state_dict(state["memory"])
 
 
 def dqn_loss(
@@ -87,119 +156,13 @@ def dqn_loss(
     discount = gamma ** batch["steps"] * ~batch["terminated"]
     goal = batch["reward"] + discount * next_value
     error = values.gather(-1, batch["action"][:, None]).squeeze(-1) - goal
-    squares = error.square()
-    weight = batch.get("priority_weight", None)
-    if weight is not None:  # the mean over the batch by weight, as TorchRL reduces it
-        return (weight * squares).sum() / weight.sum(), error.detach().abs()
-    return squares.mean(), error.detach().abs()
-
-
-class DQN(OffPolicyLearner):
-    """Mnih et al. (2015), with many games in step and several gradient steps for each rollout.
-
-    Of a network that remembers it learns from sequences: see `recurrent_dqn`.
-
-    Args:
-        settings: the hyperparameters.
-        env: the games.
-        network: action values.
-        target: a second network of the same form.
-        device: where both live.
-        seed: of the draws from the replay buffer.
-    """
-
-    network: QNetwork
-
-    def __init__(
-        self,
-        settings: DQNSettings,
-        env: Games,
-        network: QNetwork,
-        target: QNetwork,
-        device: str,
-        seed: int,
-    ) -> None:
-        self.explorer = EpsilonGreedy(network, device)
-        self.recording: Recording | None = None
-        collector: Rollouts
-        steps, per_row = settings.rollout_steps, 1
-        if network.policy_memory is not None:
-            how = (self.explorer.choose, settings, device)
-            collector = self.recording = Recording(env, network, *how)
-            per_row = steps
-        else:
-            collector = Transitions(env, self.explorer.act, steps)
-        super().__init__(settings, env, network, collector, device, seed, per_row)
-        self.settings, self.target = settings, target
-        self.target.load_state_dict(network.state_dict())
-
-    def explore(self, progress: float) -> dict[str, float]:
-        """Anneal epsilon."""
-        settings = self.settings
-        explored = progress / max(settings.exploration_share, 1e-9)
-        if settings.exploration_frames is not None:
-            explored = self.frames / settings.exploration_frames
-        explored = min(explored, 1.0)
-        epsilon = linear(settings.epsilon_start, settings.epsilon_end, explored)
-        self.explorer.epsilon = epsilon
-        return {"epsilon": epsilon}
-
-    def learn(self, batch: Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-        """A gradient step, and now and then a copy to the target network before it."""
-        settings = self.settings
-        if self.updates % settings.target_update_interval == 0:
-            self.target.load_state_dict(self.network.state_dict())
-        self.updates += 1
-        networks = (self.network, self.target, batch)
-        if self.recording is None:
-            loss, error = dqn_loss(*networks, settings.gamma, settings.double)
-        else:
-            loss, error = sequence_loss(*networks, settings)
-        self.descend(loss)
-        return error, {"loss": loss.detach(), "td_error": error.mean()}
-
-    def remember(self, rollout: Any) -> None:
-        """Put its transitions into the buffer, or with a memory a sequence for every game."""
-        if self.recording is None:
-            super().remember(rollout)
-            return
-        self.frames += rollout.numel()
-        self.replay.extend(self.recording.sequences(rollout))
-
-    def _row(self) -> dict[str, torch.Tensor]:
-        """A row of the buffer, empty."""
-        form, recording = super()._row(), self.recording
-        if recording is None:
-            return form
-        steps = self.settings.rollout_steps
-        del form["steps"]
-        form |= {name: form["terminated"] for name in ("truncated", "fresh")}
-        form = {name: one.expand(steps, *one.shape) for name, one in form.items()}
-        return form | {name: one[0] for name, one in recording.warm.items()}
-
-    def policy(self, greedy: bool = True) -> Any:
-        """The greedy policy; ValueError for another, as action values are no distribution."""
-        if not greedy:
-            raise ValueError("dqn learns no distribution over actions; take the greedy policy")
-        return super().policy()
-
-    def state_dict(self) -> dict[str, Any]:
-        """Everything, the replay buffer and its priorities included."""
-        state = super().state_dict() | {"target": self.target.state_dict()}
-        return state | ({"memory": self.recording.state_dict()} if self.recording else {})
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take it all back."""
-        super().load_state_dict(state)
-        self.target.load_state_dict(state["target"])
-        if self.recording:
-            self.recording.load_state_dict(state["memory"])
+    return mean(error.square(), batch), error.detach().abs()
 
 
 def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:
     """Action values of what the player observes, with fresh weights."""
     sizes = (player.features, player.num_actions, build.hidden(settings))
-    return QNetwork(*sizes, settings.dueling).to(build.device)
+    return QNetwork(*sizes, settings.dueling, build.fused).to(build.device)
 
 
 def build(settings: DQNSettings, env: Games, how: Build) -> DQN:

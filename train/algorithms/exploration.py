@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.rules import seed_streams
-from pursuit.simulator import Simulator
+from pursuit.simulator.simulator import Simulator
 
 EXPLORATION_SEEDS = 2**63
 """Seeds from here on are those of exploration; games have lower ones, whatever they are for."""

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import torch
-from torch import nn
 
 from curricula import linear
-from pursuit.masks import ACTION_MASK
-from pursuit.policy import Policy
+from pursuit.observations.masks import ACTION_MASK
+from pursuit.simulator.policy import Policy
 from train.environments.hooks import EpisodeHook
 from train.networks.layers import Hidden
 from train.networks.policy import Network, Player
 from train.settings.algorithms import NetworkSettings
-from train.tensors import check_like
 
 
 class Games(Protocol):
@@ -91,11 +89,7 @@ class Learner(Protocol):
         """
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from what `state_dict` gave; Misfit where it does not fit.
-
-        It has been held against the form of a fresh `state_dict`, see `tensors.check_like`: what
-        is empty or None there is for the learner to check.
-        """
+        """Go on from what `state_dict` gave; any of `MISFITS` where it does not fit."""
 
     def close(self) -> None:
         """Let go of whatever is held open."""
@@ -110,12 +104,14 @@ class Build:
         bfloat16: matrix products in bfloat16.
         first_layer: "bag", "dense", or "auto" for the faster.
         seed: of what the learner itself draws (networks draw from torch's generator).
+        fused: whether kernels of ours may compute updates where they can; False takes torch.
     """
 
     device: str = "cpu"
     bfloat16: bool = False
     first_layer: str = "auto"
     seed: int = 0
+    fused: bool = True
 
     def hidden(self, settings: NetworkSettings) -> Hidden:
         """The hidden layers that the settings ask for."""
@@ -129,19 +125,18 @@ def network_loader(
 ) -> Callable[[Any, Player, dict[str, Any], bool], Policy]:
     """What makes a policy, on the CPU, of the state of a learner whose networks `network_of` makes.
 
-    It raises Misfit for the state of other settings.
+    It raises one of `MISFITS` for the state of other settings.
     """
 
     def load(settings: Any, player: Player, state: dict[str, Any], greedy: bool = True) -> Policy:
         network = network_of(settings, player, Build())
-        check_like(state.get("network"), network.state_dict(), "network")
         network.load_state_dict(state["network"])
         return player.policy(network, greedy)
 
     return load
 
 
-def alone(tensors: list[torch.Tensor]) -> None:
+def no_allreduce(tensors: list[torch.Tensor]) -> None:
     """`NetworkLearner.average` where one process learns: each tensor is its mean already."""
 
 
@@ -205,19 +200,28 @@ class NetworkLearner:
     ) -> None:
         self.env, self.network, self.device = env, network, device
         self._descent = settings
-        self.average: Callable[[list[torch.Tensor]], None] = alone
+        self.average: Callable[[list[torch.Tensor]], None] = no_allreduce
         self.frames = 0
-        self.renew_optimizer()
+        self.optimizer = self._new_optimizer()
 
-    def renew_optimizer(self) -> None:
+    def network_changed(self) -> None:
+        """Take a network that has other parts now, before anything was played."""
+        self.optimizer = self._new_optimizer()
+
+    def _new_optimizer(self) -> torch.optim.Adam:
         """Adam on the parameters that the network has now, without moments."""
         settings = self._descent
-        self.optimizer = torch.optim.Adam(
+        return torch.optim.Adam(
             self.network.parameters(),
             lr=settings.learning_rate,
             eps=settings.adam_epsilon,
             fused=True,
         )
+
+    @property
+    def update_form(self) -> str:
+        """What computes a gradient step: "torch", or "fused" kernels of ours."""
+        return "torch"
 
     def annealed(self, value: float, progress: float) -> float:
         """`value` on its way to 0, where the settings want that."""
@@ -261,24 +265,12 @@ class NetworkLearner:
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take them back."""
-        check_like(state, NetworkLearner.state_dict(self), "learner", more=True)
-        weights = list(self.network.parameters())
-        check_moments(state["optimizer"]["state"], weights, "learner.optimizer.state")
         self.network.load_state_dict(state["network"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.frames = state["frames"]
 
     def close(self) -> None:
         """Nothing is held open."""
-
-
-def check_moments(saved: dict[Any, Any], parameters: list[nn.Parameter], where: str) -> None:
-    """Raise Misfit unless these are Adam's moments of `parameters`; none before its first step."""
-    weights = [weight.detach() for weight in parameters]
-    step = torch.zeros(())
-    for number, moments in saved.items():  # what no loss depends on has none
-        one = weights[number] if number in range(len(weights)) else step
-        check_like(moments, {"step": step, "exp_avg": one, "exp_avg_sq": one}, f"{where}.{number}")
 
 
 def means(logged: list[dict[str, torch.Tensor]]) -> dict[str, float]:

@@ -2,30 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 
 from curricula import linear
+from train.algorithms.collector import Collector, Columns
 from train.algorithms.learner import Games, NetworkLearner, has_masks, means
 from train.algorithms.prioritized import Priorities
-from train.algorithms.replay import Batch, Columns, Replay
-from train.algorithms.transitions import NEXT_MASK, n_step_rows
+from train.algorithms.replay import Batch, Replay, n_step_rows
 from train.networks.policy import Network
 from train.settings.off_policy import ReplaySettings
-from train.tensors import Misfit, check_like, check_tensor
-
-__all__ = ["NEXT_MASK", "OffPolicyLearner", "Rollouts"]
-
-
-class Rollouts(Protocol):
-    """Plays on from where the last rollout ended, for ever."""
-
-    def __iter__(self) -> Any:
-        """Rollouts [games, steps]."""
-
-    def shutdown(self) -> None:
-        """Stop."""
 
 
 class OffPolicyLearner(NetworkLearner):
@@ -48,7 +35,7 @@ class OffPolicyLearner(NetworkLearner):
         settings: ReplaySettings,
         env: Games,
         network: Network,
-        collector: Rollouts,
+        collector: Collector,
         device: str,
         seed: int,
         per_row: int = 1,
@@ -63,7 +50,6 @@ class OffPolicyLearner(NetworkLearner):
         priorities = Priorities(self.rows, exponent) if settings.prioritized else None
         self.generator = torch.Generator().manual_seed(seed)
         self.replay = Replay(self.rows, self.generator, priorities)
-        self._batches = iter(self.collector)
 
     @property
     def learning(self) -> bool:
@@ -87,7 +73,7 @@ class OffPolicyLearner(NetworkLearner):
         if settings.prioritized:  # Schaul et al. (2016), section 3.4
             ends = settings.importance_exponent, settings.importance_exponent_end
             self.beta = linear(*ends, progress)
-        self.remember(next(self._batches))
+        self.remember(self.collector.rollout())
         if not self.learning:
             return figures
         logged: list[dict[str, torch.Tensor]] = []
@@ -106,7 +92,7 @@ class OffPolicyLearner(NetworkLearner):
             return batch
         return {name: column.to(self.device) for name, column in batch.items()}
 
-    def remember(self, rollout: Any) -> None:
+    def remember(self, rollout: Columns) -> None:
         """Put the transitions of a rollout [games, steps] into the buffer, n steps in one."""
         self.frames += rollout["reward"].numel()
         self.replay.extend(n_step_rows(rollout, self.replayed.gamma, self.replayed.n_steps))
@@ -118,55 +104,5 @@ class OffPolicyLearner(NetworkLearner):
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take it all back."""
         super().load_state_dict(state)
-        self._check_replay(state)
         self.updates = state["updates"]
         self.replay.load_state_dict(state)
-
-    def _check_replay(self, state: dict[str, Any]) -> None:
-        """Raise Misfit unless what was saved of the buffer fits it; an empty one is not there."""
-        saved, where = state["replay"], "learner.replay"
-        if not saved:
-            return
-        player, form = self.env.player, self._row()
-        check_like(saved, {name: one[None][:0] for name, one in form.items()}, where)
-        if player.features.kind == "index":  # rows of a table: another number would be none
-            for name in (name for name in form if name.endswith("observation")):
-                high = torch.from_numpy(player.features.high)
-                if not ((saved[name] >= 0) & (saved[name] <= high)).all():
-                    raise Misfit(f"{where}.{name}: rows of the first layer needed")
-        counts = {len(column) for column in saved.values()}
-        actions, most = saved["action"], self.rows
-        bounds = (-1, 1) if player.continuous else (0, player.num_actions - 1)
-        if (
-            len(counts) > 1
-            or not 0 < counts.pop() <= most
-            or not 0 <= state["cursor"] < most
-            or not ((actions >= bounds[0]) & (actions <= bounds[1])).all()
-        ):
-            raise Misfit(f"{where}: as many rows in every column needed, of actions that there are")
-        if self.replayed.prioritized:
-            for name in ("sum", "min"):
-                shape = (len(actions),)
-                check_tensor(state["priorities"][name], torch.float32, shape, f"{where}.{name}")
-
-    def _row(self) -> dict[str, torch.Tensor]:
-        """A row of the buffer, empty."""
-        player = self.env.player
-        seen = self.env.observation_spec["observation"]
-        observation = torch.zeros(seen.shape[1:], dtype=seen.dtype)
-        whole = torch.zeros((), dtype=torch.int64)
-        form: dict[str, torch.Tensor] = {
-            "observation": observation,
-            "action": torch.zeros(player.num_actions) if player.continuous else whole,
-            "reward": torch.zeros(()),
-            "next_observation": observation,
-            "terminated": torch.zeros((), dtype=torch.bool),
-            "steps": whole,
-        }
-        if self.masks:
-            form[NEXT_MASK] = torch.zeros(player.num_actions, dtype=torch.bool)
-        return form
-
-    def close(self) -> None:
-        """Stop collecting."""
-        self.collector.shutdown()

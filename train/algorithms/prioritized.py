@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from pursuit.compiled import compiled
+from pursuit.compilation.compiled import compiled
 
 EPSILON = 1e-8
 

@@ -10,18 +10,18 @@ import torch
 from numpy.typing import NDArray
 
 from curricula import linear
-from pursuit.masks import bump_masks
-from pursuit.maze import Maze
-from pursuit.policy import GameView, pairs_of_cells
+from pursuit.mazes.maze import Maze
+from pursuit.observations.masks import bump_masks
 from pursuit.rules import Games
-from pursuit.task import Task
+from pursuit.simulator.policy import GameView, pairs_of_cells
+from pursuit.tasks.task import Task
 from train.algorithms.exploration import exploration_streams
 from train.algorithms.learner import Build
 from train.algorithms.q_learning_kernels import choose_actions, learn, number_states
 from train.environments.simulator_env import SimulatorEnv
 from train.networks.policy import Seat
 from train.settings.algorithms import QLearningSettings
-from train.tensors import check_like, check_tensor
+from train.settings.checks import check
 
 MAX_STATES = 20_000_000
 """More make no table: with four actions these are 320 MB, and as much for the visits."""
@@ -249,8 +249,7 @@ class QLearning:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take them back; Misfit where the table has another shape."""
-        check_like(state, self.state_dict(), "learner")
+        """Take them back; ValueError where the table has another shape."""
         self.q_values[:] = state["q_values"].numpy()
         self.visits[:] = state["visits"].numpy().view(np.uint32)
         self._streams[:] = state["streams"].numpy().view(np.uint64)
@@ -268,7 +267,7 @@ def build(settings: QLearningSettings, env: SimulatorEnv, how: Build) -> QLearni
 def load(
     settings: QLearningSettings, seat: Seat, state: dict[str, Any], greedy: bool = True
 ) -> QTablePolicy:
-    """The policy in what `QLearning.state_dict` gave; Misfit for a table of another shape."""
+    """The policy in what `QLearning.state_dict` gave; ValueError for a table of another shape."""
     shape = (StateNumbers(seat.task).count, seat.num_actions)
-    check_tensor(state.get("q_values"), torch.float64, shape, "q_values")
+    check(state["q_values"].shape == shape, "a table of another shape")
     return QTablePolicy(seat.task, seat.agent, state["q_values"].numpy(), seat.mask_bumps)

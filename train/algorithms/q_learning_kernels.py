@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.compiled import compiled, inlined
+from pursuit.compilation.compiled import compiled, inlined
 from pursuit.rules import Games, next_below, next_uniform
 
 

@@ -12,13 +12,10 @@ from __future__ import annotations
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
 
-from pursuit.masks import ACTION_MASK
+from train.algorithms.collector import NEXT_MASK, Collector, Columns
 from train.algorithms.learner import Games
-from train.algorithms.replay import Batch
-from train.algorithms.sequences import Sequences
-from train.algorithms.transitions import NEXT_MASK
+from train.algorithms.replay import Batch, mean
 from train.networks.masks import masked
 from train.networks.q_network import QNetwork
 from train.settings.off_policy import DQNSettings
@@ -83,10 +80,7 @@ def sequence_loss(
     error = values.gather(-1, batch["action"][..., None]).squeeze(-1) - goal
     squares, size = error.square().mean(dim=1), error.detach().abs()
     size = MAX_SHARE * size.amax(dim=1) + (1.0 - MAX_SHARE) * size.mean(dim=1)
-    weight = batch.get("priority_weight", None)
-    if weight is not None:
-        return (weight * squares).sum() / weight.sum(), size
-    return squares.mean(), size
+    return mean(squares, batch), size
 
 
 def _after(values: torch.Tensor, found: torch.Tensor, rows: Any) -> torch.Tensor:
@@ -101,73 +95,46 @@ class Recording:
 
     Args:
         env: the games.
-        network: action values.
-        explore: [games] actions from (values, allowed).
+        collector: plays them.
         settings: the hyperparameters.
-        device: where the network lives.
 
     Attributes:
-        played: what plays the games.
         warm: of every game the last `burn_in` steps, and what was remembered before them.
     """
 
-    def __init__(
-        self, env: Games, network: QNetwork, explore: Any, settings: DQNSettings, device: str
-    ) -> None:
-        def act(
-            seen: dict[str, torch.Tensor], state: torch.Tensor
-        ) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
-            values, state = network.remember(seen["observation"], state)
-            return {"action": explore(values, seen.get(ACTION_MASK))}, state
-
-        sizes = (network.sizes[0], settings.rollout_steps, device)
-        self.played = Sequences(env, act, *sizes, keep_next=True)
-        seen, games = env.observation_spec["observation"], len(self.played.state)
+    def __init__(self, env: Games, collector: Collector, settings: DQNSettings) -> None:
+        self.collector, self.burn_in = collector, settings.burn_in
+        seen, games = env.observation_spec["observation"], len(collector.state)
         before = (games, settings.burn_in)
         self.warm = {
             WARM: torch.zeros(*before, *seen.shape[1:], dtype=seen.dtype),
             WARM_FRESH: torch.ones(before, dtype=torch.bool),
-            "state": torch.zeros(games, network.sizes[0]),
+            "state": torch.zeros(collector.state.shape),
         }
-        self.burn_in = settings.burn_in
 
-    def sequences(self, rollout: TensorDictBase) -> dict[str, torch.Tensor]:
+    def sequences(self, rollout: Columns) -> Columns:
         """[games]: a sequence of each, as `sequence_loss` takes them; on the CPU."""
-        rollout = rollout.to("cpu")
-        columns = {
-            **self.warm,
-            **{name: rollout[name] for name in ("observation", "action", "fresh")},
-            "next_observation": rollout["next_observation"],
-            "reward": rollout["next", "reward"].squeeze(-1),
-            "terminated": rollout["next", "terminated"].squeeze(-1),
-            "truncated": (rollout["next", "truncated"] & ~rollout["next", "terminated"]).squeeze(
-                -1
-            ),
-        }
-        if rollout.get(NEXT_MASK, None) is not None:
-            columns[NEXT_MASK] = rollout[NEXT_MASK]
-        first = rollout.shape[1] - self.burn_in
-        state = self.played.states[first] if self.burn_in else self.played.state
+        rollout = {name: column.cpu() for name, column in rollout.items()}
+        names = ("observation", "action", "next_observation", "reward", "terminated", NEXT_MASK)
+        columns = {**self.warm, **{name: rollout[name] for name in names if name in rollout}}
+        columns["fresh"] = rollout["episode_start"]
+        columns["truncated"] = rollout["truncated"] & ~rollout["terminated"]
+        first, collector = rollout["reward"].shape[1] - self.burn_in, self.collector
+        state = collector.states[first] if self.burn_in else collector.state
         self.warm = {
-            WARM: rollout["observation"][:, first:],
-            WARM_FRESH: rollout["fresh"][:, first:],
+            WARM: columns["observation"][:, first:],
+            WARM_FRESH: columns["fresh"][:, first:],
             "state": state.cpu(),
         }
         return columns
 
-    def __iter__(self) -> Any:
-        """Rollouts for ever."""
-        return iter(self.played)
-
-    def shutdown(self) -> None:
-        """Nothing is held open."""
-
-    def state_dict(self) -> dict[str, torch.Tensor]:
+    def state_dict(self) -> Columns:
         """What is remembered now, and the last steps."""
-        now = {f"now_{name}": tensor for name, tensor in self.played.state_dict().items()}
+        now = {f"now_{name}": tensor for name, tensor in self.collector.state_dict().items()}
         return {**self.warm, **now}
 
-    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
+    def load_state_dict(self, state: Columns) -> None:
         """Take it back, before the first rollout."""
         self.warm = {name: state[name] for name in self.warm}
-        self.played.load_state_dict({name: state[f"now_{name}"] for name in ("state", "fresh")})
+        now = {name: state[f"now_{name}"] for name in self.collector.state_dict()}
+        self.collector.load_state_dict(now)

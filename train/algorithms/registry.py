@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pursuit.policy import Policy
+from pursuit.simulator.policy import Policy
 from train.algorithms import a2c, continuous, cross_entropy, dqn, ppo, q_learning
 from train.algorithms.learner import Build, Learner, network_loader
 from train.algorithms.rollouts import actor_critic_of
@@ -116,6 +116,10 @@ class Algorithm:
 
     def check_memory(self, settings: Hyperparameters, player: Player) -> None:
         """Raise ValueError where `settings` want a memory that it, or the player, cannot have."""
+        check(
+            not self.one_maze or not isinstance(player, Seat) or not player.features.network,
+            f"{self.name} has a table over states, and no network; leave network out",
+        )
         check(
             not self.one_maze or not isinstance(player, Seat) or player.frame_stack == 1,
             f"{self.name} has a table over states, which has no place for what was observed before "

@@ -7,14 +7,20 @@ from typing import Any
 
 import torch
 
+from train.algorithms.collector import NEXT_MASK, Columns
 from train.algorithms.prioritized import Priorities
 
 ALIGNED = 8
 """Rows begin at multiples of as many bytes."""
 
-Columns = dict[str, torch.Tensor]
 Batch = Mapping[str, torch.Tensor]
 """Rows that were drawn, [batch, ...] by the names of their columns."""
+
+
+def mean(values: torch.Tensor, batch: Batch) -> torch.Tensor:
+    """The mean of [batch] numbers; with prioritised replay by weight, as TorchRL reduces it."""
+    weight = batch.get("priority_weight", None)
+    return values.mean() if weight is None else (weight * values).sum() / weight.sum()
 
 
 class Replay:
@@ -152,3 +158,40 @@ class Replay:
 def _copied(column: torch.Tensor) -> torch.Tensor:
     """On the CPU, in memory of its own: torch saves no views of one memory as several types."""
     return torch.empty(column.shape, dtype=column.dtype).copy_(column)
+
+
+def n_step_rows(rollout: Columns, gamma: float, n_steps: int) -> Columns:
+    """Transitions [games * steps] of up to `n_steps` rewards each, as a replay buffer holds them.
+
+    A return ends with its episode, or with the rollout, where that is sooner.
+
+    Args:
+        rollout: as `Collector` gives it with `keep_next`.
+        gamma: discount of a step.
+        n_steps: rewards in one.
+
+    Returns:
+        "observation" and "action" of the step; "reward", the discounted sum; "next_observation",
+        "terminated" and masks of the last step that was counted; "steps" int64, how many were.
+    """
+    reward, done = rollout["reward"], rollout["done"]
+    games, steps = reward.shape
+    total, going = reward.clone(), torch.ones_like(done)
+    ahead = torch.zeros(games, steps, dtype=torch.int64, device=reward.device)
+    for further in range(1, min(n_steps, steps)):
+        there = steps - further
+        going = going[:, :there] & ~done[:, further - 1 : steps - 1]
+        total[:, :there] += gamma**further * reward[:, further:] * going
+        ahead[:, :there] += going
+    rows = {
+        "observation": rollout["observation"].flatten(0, 1),
+        "action": rollout["action"].flatten(0, 1),
+        "reward": total.flatten(),
+        "steps": ahead.flatten() + 1,
+    }
+    last = torch.arange(games * steps, device=reward.device) + ahead.flatten()
+    for name in ("next_observation", "terminated", NEXT_MASK):
+        if name in rollout:
+            column = rollout[name].flatten(0, 1)
+            rows[name] = column if n_steps == 1 else column.index_select(0, last)
+    return rows

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
-from typing import Any
+from typing import Annotated, Any
 
 from scripted_agents import AStarChaser, AStarEvader, why_not_team_chase
-from scripted_agents.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
+from scripted_agents.tours.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
 from train.commands.blindness import print_blindness
-from train.commands.parse import named_task, parse
+from train.commands.parse import default_task, options_in, parse
 from train.commands.scores import (
     certificate_of,
     print_bounds,
@@ -19,24 +19,25 @@ from train.commands.scores import (
 )
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
+from train.evaluation.games import other_role
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.runs.effects import check_task_effects
-from train.settings.checks import check
+from train.settings.checks import Settings, at_least, check, rule
 from train.settings.task import AnyTask, TaskSettings
 
-OTHER = {"chaser": "evader", "evader": "chaser"}
+SECONDS = rule(lambda value: 0.0 <= value < inf, "seconds, 0 or more")
 
 
 @dataclass(frozen=True)
-class BaselineCommand:
+class BaselineCommand(Settings):
     """Random, scripted and optimal agents on a task, exactly where that is possible; of an arm
     (--task reacher) inverse kinematics and the least steps."""
 
     task: AnyTask = field(default_factory=TaskSettings)
-    episodes: int = 10_000
+    episodes: Annotated[int, at_least(2)] = 10_000
     """Episodes played where there is no exact answer."""
-    blindness: float = 0.0
+    blindness: Annotated[float, SECONDS] = 0.0
     """Seconds a view radius: also what is proven of the optimum of a duel by radius of sight."""
     seed: int = 0
     """Of those episodes: 0 for those of every evaluation, or others; none is ever trained on."""
@@ -44,9 +45,8 @@ class BaselineCommand:
 
 def baseline(arguments: Sequence[str]) -> None:
     """`pursuit baseline`."""
-    given = parse(BaselineCommand, arguments, "baseline", BaselineCommand(named_task(arguments)))
-    check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
-    check(0.0 <= given.blindness < inf, f"blindness={given.blindness}; seconds, 0 or more")
+    default = BaselineCommand(default_task(options_in(arguments)))
+    given = parse(BaselineCommand, arguments, "baseline", default)
     check_task_effects(given.task)
     from train.runs.parts import contest_of  # torch is slow to import
 
@@ -87,7 +87,7 @@ def baseline(arguments: Sequence[str]) -> None:
     if given.blindness > 0.0:
         role: Any = contest.role
         check(role in ("chaser", "evader"), "blindness is for chasers and evaders")
-        other = contest.opponents.get(OTHER[role])
+        other = contest.opponents.get(other_role(role))
         check(
             isinstance(other, (AStarChaser, AStarEvader)),
             f"blindness is what {role}s lose against A*, and {other!r} plays; leave opponent out",

@@ -4,31 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import cycle
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from pursuit import chase_v0
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
-from pursuit.simulator import Simulator
-from pursuit.task import Task, make_task
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task, make_task
 from scripted_agents.environments import default_policies
 from train.commands.parse import parse
 from train.runs.folder import RUN
-from train.settings.checks import check
+from train.settings.checks import Settings, rule
 from train.settings.run import TrainSettings
 from train.settings.task import TaskSettings
 
+SECONDS = rule(lambda value: 0 < value < 1000, "above 0")
+
 
 @dataclass(frozen=True)
-class BenchCommand:
+class BenchCommand(Settings):
     """Steps per second of the simulator, the environments and PPO on this machine."""
 
-    seconds: float = 1.0
+    seconds: Annotated[float, SECONDS] = 1.0
     """Time of each measurement."""
 
 
@@ -70,12 +74,10 @@ def simulator_rate(
     seats = [policies[role] if scripted else None for role in task.seat_roles]
     seats[0] = None
     out = simulator.observe(encoding, 0) if encoding else None
-    turn = 0
+    turns = cycle(drawn)
 
     def step() -> None:
-        nonlocal turn
-        actions = drawn[turn % 16]
-        turn += 1
+        actions = next(turns)
         simulator.act(seats, actions)
         simulator.step(actions)
         if encoding:
@@ -87,15 +89,8 @@ def simulator_rate(
 def arm_rate(joints: int, seconds: float = 1.0) -> float:
     """Steps a second of 4096 arms with random turns drawn beforehand, one core."""
     simulator = ReacherSimulator(ReacherTask(joints=joints), 4096)
-    drawn = np.random.default_rng(0).uniform(-1.0, 1.0, (16, 4096, joints))
-    turn = 0
-
-    def step() -> None:
-        nonlocal turn
-        simulator.step(drawn[turn % 16])
-        turn += 1
-
-    return rate(step, 4096, seconds)
+    turns = cycle(np.random.default_rng(0).uniform(-1.0, 1.0, (16, 4096, joints)))
+    return rate(lambda: simulator.step(next(turns)), 4096, seconds)
 
 
 def parallel_env_rate(seconds: float = 1.0) -> float:
@@ -103,16 +98,13 @@ def parallel_env_rate(seconds: float = 1.0) -> float:
     env = chase_v0.parallel_env(maze="5x5")
     env.reset(seed=0)
     generator = np.random.default_rng(0)
-    drawn = [
+    turns = cycle(
         dict(zip(env.possible_agents, pair, strict=True))
         for pair in generator.integers(4, size=(256, 2)).tolist()
-    ]
-    turn = 0
+    )
 
     def step() -> None:
-        nonlocal turn
-        turn += 1
-        env.step(drawn[turn % 256])
+        env.step(next(turns))
         if not env.agents:
             env.reset()
 
@@ -122,43 +114,22 @@ def parallel_env_rate(seconds: float = 1.0) -> float:
 def bench(arguments: Sequence[str]) -> None:
     """`pursuit bench`."""
     given = parse(BenchCommand, arguments, "bench")
-    check(0 < given.seconds < 1000, f"seconds={given.seconds}; above 0")
     seconds, chase = given.seconds, make_task("chase", maze="7x7")
-    lines: list[tuple[str, Callable[[], float]]] = [
-        (
-            "chase 7x7, 4096 games, no scripted agent",
-            lambda: simulator_rate(chase, 4096, seconds, scripted=False),
-        ),
-        (
-            "  with a scripted evader",
-            lambda: simulator_rate(chase, 4096, seconds),
-        ),
-        *(
-            (
-                f"  and the {encoding!r} observation",
-                lambda encoding=encoding: simulator_rate(chase, 4096, seconds, encoding=encoding),
-            )
-            for encoding in ("index", "one_hot")
-        ),
-        (
-            "chase 7x7, one game, with a scripted evader",
-            lambda: simulator_rate(chase, 1, seconds),
-        ),
-        (
-            "maze 7x7, 3 goals, 4096 games",
-            lambda: simulator_rate(make_task("maze", maze="7x7"), 4096, seconds),
-        ),
-        *(
-            (
-                f"reacher, {joints} joints, 4096 arms",
-                lambda joints=joints: arm_rate(joints, seconds),
-            )
-            for joints in (2, 8)
-        ),
-        ("PettingZoo chase 5x5, one game", lambda: parallel_env_rate(seconds)),
-        ("PPO, maze 5x5 with 3 goals (frames)", lambda: ppo_rate(max(seconds, 3.0))),
-    ]
-    for name, measure in lines:
+    maze = make_task("maze", maze="7x7")
+    simulated = partial(simulator_rate, seconds=seconds)
+    measures: dict[str, Callable[[], float]] = {
+        "chase 7x7, 4096 games, no scripted agent": partial(simulated, chase, 4096, scripted=False),
+        "  with a scripted evader": partial(simulated, chase, 4096),
+        "  and the 'index' observation": partial(simulated, chase, 4096, encoding="index"),
+        "  and the 'one_hot' observation": partial(simulated, chase, 4096, encoding="one_hot"),
+        "chase 7x7, one game, with a scripted evader": partial(simulated, chase, 1),
+        "maze 7x7, 3 goals, 4096 games": partial(simulated, maze, 4096),
+        "reacher, 2 joints, 4096 arms": partial(arm_rate, 2, seconds),
+        "reacher, 8 joints, 4096 arms": partial(arm_rate, 8, seconds),
+        "PettingZoo chase 5x5, one game": partial(parallel_env_rate, seconds),
+        "PPO, maze 5x5 with 3 goals (frames)": partial(ppo_rate, max(seconds, 3.0)),
+    }
+    for name, measure in measures.items():
         print(f"{name:<48}{measure():>16,.0f} steps/s", flush=True)
 
 

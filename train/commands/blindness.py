@@ -5,15 +5,13 @@ of a maze's optimum by radius, the price of blindness.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
-import numpy as np
-from rich.console import Console
-from rich.table import Table
-
-from pursuit.maze import Maze
+from pursuit.mazes.maze import Maze
 from scripted_agents import AStarChaser, AStarEvader, solve_hidden_chase
-from scripted_agents.hidden_game import Role
+from scripted_agents.hidden.game import Role
 from train.commands.progress import Alive
+from train.reports.tables import plain_table, print_table
 from train.settings.checks import check
 
 FULL = "full"
@@ -47,33 +45,30 @@ def print_blindness(
     """Search for each radius for so many seconds, and print a line of what is proven."""
     agent = AStarEvader(opponent_epsilon) if role == "chaser" else AStarChaser(opponent_epsilon)
     table = agent.action_probabilities(maze, stay_action)
-    full = solve_hidden_chase(
-        maze, table, None, discount=discount, seconds=seconds, role=role,
-        move_order=move_order,  # type: ignore[arg-type]
-    )  # fmt: skip
-    rows, alive = Table(box=None, pad_edge=False), Alive()
+    alive, name = Alive(), FULL
+    how: Any = {"discount": discount, "seconds": seconds, "role": role, "move_order": move_order}
 
     def report(now: float, lower: float, upper: float) -> None:
-        alive(doing, min(now / seconds, 1.0))
+        alive(f"radius {name}", min(now / seconds, 1.0))
 
-    for column in ("view radius", "at least", "at most", "width", "price of blindness", "s"):
-        rows.add_column(column, justify="right")
+    full, rows = solve_hidden_chase(maze, table, None, **how), []
     for radius in radii:
         name = FULL if radius is None else str(radius)
-        doing = f"radius {name}"
-        solution = solve_hidden_chase(
-            maze, table, radius, discount=discount, seconds=seconds, role=role,
-            move_order=move_order,  # type: ignore[arg-type]
-            report=report,
-        )  # fmt: skip
-        alive(doing, 1.0)
-        low, up = 100.0 * (np.array([solution.lower, solution.upper]) / full.upper - 1.0)
-        rows.add_row(
-            name, f"{solution.lower:.4f}", f"{solution.upper:.4f}", f"{100 * solution.width:.3f} %",
-            f"{low:+.2f} to {up:+.2f} %", f"{solution.seconds:.1f}",
-        )  # fmt: skip
+        found = solve_hidden_chase(maze, table, radius, report=report, **how)
+        alive(f"radius {name}", 1.0)
+        low, up = (100.0 * (bound / full.upper - 1.0) for bound in (found.lower, found.upper))
+        rows.append(
+            {
+                "view radius": name,
+                "at least": f"{found.lower:.4f}",
+                "at most": f"{found.upper:.4f}",
+                "width": f"{100 * found.width:.3f} %",
+                "price of blindness": f"{low:+.2f} to {up:+.2f} %",
+                "s": f"{found.seconds:.1f}",
+            }
+        )
     print(
         f"{maze.name}: optimum of the {role} against {agent!r}, mean over starts, in discounted "
         f"steps (discount {discount:g}, {move_order})"
     )
-    Console(width=100).print(rows)
+    print_table(plain_table(rows), 100)

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 import tyro
 
-from pursuit.declared import one_of
-from pursuit.replay import with_suffix
+from pursuit.replays.replay import with_suffix
+from pursuit.validation import one_of
 from train.commands.parse import heard, parse, warn
 from train.commands.scores import (
     certificate_of,
@@ -27,22 +27,22 @@ from train.evaluation.floor import UNKNOWN, objective_floor
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
-from train.figures import FORMATS
-from train.files import check_new_files, reserved, write_json
+from train.files import check_folder, check_new_files, reserved, write_json
+from train.reports.figures import FORMATS
 from train.runs.effects import check_task_effects
 from train.runs.tasks import agent_of, task_of
-from train.settings.checks import check
+from train.settings.checks import Settings, at_least, check
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings, in_maze
 
 
 @dataclass(frozen=True)
-class Evaluated:
+class Evaluated(Settings):
     """What is evaluated, and what is written."""
 
     run: Annotated[Path, tyro.conf.Positional]
     """The folder of the run, or a saved Stable-Baselines3 model (.zip), whose options are other
     ones: pursuit evaluate model.zip --help."""
-    episodes: int = 1000
+    episodes: Annotated[int, at_least(2)] = 1000
     """Episodes to play."""
     seed: int = 0
     """Of those episodes: 0 for those of every evaluation, or others; none is ever trained on."""
@@ -54,7 +54,7 @@ class Evaluated:
     """Write the figures to this new .json file as well."""
     replays: Path | None = None
     """Write the first episodes, as the policy of the run plays them, to this new replay (.json)."""
-    replay_episodes: int = 10
+    replay_episodes: Annotated[int, at_least(1)] = 10
     """How many of them."""
     overwrite: bool = False
     """Replace --out, --replays, --table and --picture where they exist."""
@@ -86,13 +86,12 @@ def evaluate(arguments: Sequence[str]) -> None:
     """`pursuit evaluate`."""
     is_model = any(argument.endswith(".zip") for argument in arguments)
     given: Any = parse(EvaluateModelCommand if is_model else EvaluateCommand, arguments, "evaluate")
-    check(given.episodes >= 2, f"episodes={given.episodes}; at least 2")
-    check(is_model or given.run.is_dir(), f"{given.run}: no such folder")
+    if not is_model:
+        check_folder(given.run)
     replays = None if given.replays is None else with_suffix(given.replays)
     check_new_files([given.out, replays, given.table, given.picture], given.overwrite)
     if given.picture is not None:
         one_of("format of a figure", given.picture.suffix[1:], FORMATS)
-    check(given.replay_episodes >= 1, f"replay_episodes={given.replay_episodes}; at least 1")
     with reserved(given.out, replays, given.table, given.picture, overwrite=given.overwrite):
         carry_out(given, replays)
 

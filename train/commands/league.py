@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from pursuit.task import Task
+from pursuit.tasks.task import Task
+from scripted_agents.environments import is_agent
 from train.commands.parse import Formats, heard, parse
-from train.commands.tables import print_table
-from train.figures import Look
 from train.files import check_output_folder, hold, write_json, write_text
-from train.result_table import ResultTable
+from train.reports.figures import Look
+from train.reports.tables import ResultTable, print_table
 from train.runs.provenance import command_line
-from train.settings.checks import check
+from train.settings.checks import Settings, at_least, check
 from train.settings.self_play import ROLES
 
 if TYPE_CHECKING:
@@ -27,24 +27,23 @@ LEAGUE = "league.json"
 
 
 @dataclass(frozen=True)
-class LeagueCommand:
-    """All chasers against all evaders: payoff matrix, Elo, openskill, Nash averaging, cycles.
+class LeagueCommand(Settings):
+    """All chasers against all evaders: payoff matrix, Elo, Nash averaging, cycles.
 
     Give the folders of runs (`pursuit train` of a chaser or evader, `pursuit self-play` for both),
     saved Stable-Baselines3 models (.zip) and the names of scripted agents: astar, random, optimal,
-    searching, sweeping, belief. A folder of games played by hand (`pursuit play --out`) has whoever
-    played them rated with the rest.
+    searching, sweeping, belief.
     """
 
     entries: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """Folders of runs and of games by hand, and names of scripted agents."""
+    """Folders of runs, and names of scripted agents."""
     maze: str = "5x5"
     """Where scripted agents play if no run is given."""
     opponent_epsilon: float = 0.0
     """Share of random moves of astar."""
     greedy: bool = False
     """Learned policies take their most probable action instead of drawing."""
-    games: int = 200
+    games: Annotated[int, at_least(2)] = 200
     """Games of each pair, from the same starts for all: what the ratings are made of."""
     seed: int = 0
     """Of those games; none is ever trained on, whatever the seed."""
@@ -68,33 +67,21 @@ class LeagueCommand:
 def league(arguments: Sequence[str]) -> None:
     """`pursuit league`."""
     given = parse(LeagueCommand, arguments, "league")
-    check(given.games >= 2, f"games={given.games}; at least 2")
     check(len(given.entries) > 0, "nobody to play; give folders of runs, or astar, random, optimal")
     look, out = Look(given.format), given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     from train.experiments.methods import METHODS, league_methods  # torch is slow to import
     from train.runs.loop import machine, versions
-    from train.self_play.league import enter, is_agent, is_model, play_league, rate
-    from train.self_play.payoffs import league_table, ratings_table
-    from train.self_play.people import (
-        enter_people,
-        play_along,
-        settings_of_people,
-        split_people,
-    )
-    from train.self_play.pictures import draw_league
+    from train.self_play.league import enter, is_model, play_league, rate
+    from train.self_play.payoffs import draw_league, league_table, ratings_table
 
     with heard():
-        by_hand, names = split_people(given.entries)
         how = (given.maze, given.opponent_epsilon, given.greedy)
-        played = settings_of_people(by_hand)
         models = (given.model_roles, given.model_observations)
-        task, entries = enter(names, *how, played, given.names, *models)
-        people = enter_people(by_hand, task, [entry.name for entry in entries])
+        task, entries = enter(given.entries, *how, given.names, *models)
     lock = hold(out, "league")
     table = play_league(task, entries, given.games, given.seed)
-    policies = {role: [e.policy for e in entries if e.role == role] for role in ROLES}
-    content = rate(table, given.seed, play_along(people, policies)) | {
+    content = rate(table, given.seed) | {
         "task": task.name,
         "maze": task.mazes[0].name,
         "max_steps": task.max_steps,
@@ -112,7 +99,7 @@ def league(arguments: Sequence[str]) -> None:
     tables |= {f"{role}s": ratings_table(role, content) for role in ROLES}
     for stem, each in tables.items():
         each.write(out, stem)
-    folders = [Path(name) for name in names if not is_agent(name) and not is_model(name)]
+    folders = [Path(name) for name in given.entries if not is_agent(name) and not is_model(name)]
     write_text(out / METHODS, league_methods(content, folders))
     _print(task, table, tables, content)
     lock.release()

@@ -11,25 +11,24 @@ import tyro
 
 from curricula import LevelReplay
 from train.commands.parse import parse
-from train.runs.folder import MISFITS, load_checkpoint, misfit, part_of
-from train.settings.checks import check
+from train.files import check_folder
+from train.runs.folder import MISFITS, load_checkpoint, misfit
+from train.settings.checks import Settings, at_least, passes
 
 
 @dataclass(frozen=True)
-class LevelsCommand:
+class LevelsCommand(Settings):
     """The levels that a run with --curriculum level-replay or learnability kept, best first."""
 
-    run: Annotated[Path, tyro.conf.Positional]
+    run: Annotated[Path, tyro.conf.Positional, passes(check_folder)]
     """The folder of the run."""
-    count: int = 3
+    count: Annotated[int, at_least(1)] = 3
     """How many."""
 
 
 def levels(arguments: Sequence[str]) -> None:
     """`pursuit levels`."""
     given = parse(LevelsCommand, arguments, "levels")
-    check(given.run.is_dir(), f"{given.run}: no such folder")
-    check(given.count >= 1, f"count={given.count}; at least 1")
     from train.runs.parts import parts_of  # torch is slow to import
     from train.runs.saved import load_settings
     from train.teaching.teacher import load_curriculum
@@ -43,8 +42,8 @@ def levels(arguments: Sequence[str]) -> None:
             "learnability do"
         )
     try:
-        state = part_of(load_checkpoint(given.run), "trainee", "teacher", "curriculum")
-        load_curriculum(curriculum, state)
+        state = load_checkpoint(given.run)
+        load_curriculum(curriculum, state["trainee"]["teacher"]["curriculum"])
     except MISFITS as error:
         raise misfit(given.run, error) from None
     kept = curriculum.best(given.count)

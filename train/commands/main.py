@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import re
 import shutil
 import sys
 from collections.abc import Callable, Sequence
@@ -14,15 +15,71 @@ from pathlib import Path
 from typing import Any
 
 import pursuit
-from pursuit.parts import look_in
+from pursuit.plugins import Registry, look_in
 from train.commands.parse import fail
 from train.files import check_utf8
 from train.runs.interruption import Diverged, Signals, Stopped
 
+# A text of our own rather than tyro's subcommands: those import the forms of all commands, and what
+# these import, before `pursuit --help` can answer. A new command is an entry here.
+USAGE = """usage: pursuit COMMAND [options]        (pursuit COMMAND --help tells the options)
+
+Pursuit in mazes with reinforcement learning, beside the exact optimum.
+
+New here? These three show what it is about, in a minute:
+  pursuit maze 5x5
+  pursuit baseline --maze 5x5
+  pursuit train --maze 5x5 --seconds 30
+
+Train an agent, and see how far it is from the exact optimum:
+  train     train an agent, and compare it with the exact optimum
+              pursuit train --task chase --role chaser --maze 5x5 --seconds 30 --out runs/first
+  evaluate  evaluate a trained run again, on as many episodes as you like
+              pursuit evaluate runs/first --episodes 10000
+  regret    say in which states a trained policy loses what it loses
+              pursuit regret runs/first
+  baseline  random, scripted and optimal agents on a task: what can be reached
+              pursuit baseline --task maze --maze 5x5 --num-goals 3
+  play      play a game by hand: any seat, the optimum beside your steps
+              pursuit play --maze 9x9 --role evader
+  view      a page that plays episodes, with the exact optimum laid over; reports
+              pursuit view runs/first
+  render    a replay of a run, or of the scripted agents, as GIF or MP4
+              pursuit render runs/first --out first.gif
+
+Let agents learn from each other:
+  self-play both sides learn against each other; exact exploitability
+              pursuit self-play --maze 5x5 --seconds 60 --out runs/pair
+  league    runs and scripted agents against each other: payoffs, ratings, cycles
+              pursuit league runs/pair runs/first astar random --names pair first A-star chance
+
+Compare, with seeds and intervals:
+  reproduce the thesis' experiments again, claim by claim, with verdicts
+              pursuit reproduce all --dry-run
+  sweep     all runs of a sweep file, on this machine or on a Ray cluster
+              pursuit sweep maze_by_size --dry-run
+  ablate    curricula against each other: equal budgets, the same final difficulty
+              pursuit ablate opponent-epsilon --dry-run
+  race      PPO of several libraries against each other, settings searched alike
+              pursuit race ppo --dry-run
+  report    figures and tables of a sweep; curves of runs laid over each other
+              pursuit report runs/first runs/second --x seconds --log --format pdf
+  levels    the levels that a replaying curriculum kept
+              pursuit levels runs/replayed --count 3
+
+Look at the game itself:
+  maze      show, check or generate a maze
+              pursuit maze --generate prim --height 9 --loops 0.1
+  solve     the exact game of a maze: value, mixed states, cop number, pictures
+              pursuit solve --maze 5x5-tree
+  bench     how fast this machine plays and learns
+              pursuit bench --seconds 2
+"""
+
 
 @dataclass(frozen=True)
 class Command:
-    """A subcommand, as `pursuit --help` tells it.
+    """A subcommand, as `USAGE` has it.
 
     Attributes:
         does: what it does, in a line.
@@ -33,96 +90,17 @@ class Command:
     example: str
 
 
-# A table of our own rather than tyro's subcommands: those want every form at hand, and so every
-# module, with torch, before `pursuit maze --help` can answer. A new command is a line here.
-GROUPS: dict[str, dict[str, Command]] = {
-    "Train an agent, and see how far it is from the exact optimum": {
-        "train": Command(
-            "train an agent, and compare it with the exact optimum",
-            "--task chase --role chaser --maze 5x5 --seconds 30 --out runs/first",
-        ),
-        "evaluate": Command(
-            "evaluate a trained run again, on as many episodes as you like",
-            "runs/first --episodes 10000",
-        ),
-        "regret": Command(
-            "say in which states a trained policy loses what it loses",
-            "runs/first",
-        ),
-        "baseline": Command(
-            "random, scripted and optimal agents on a task: what can be reached",
-            "--task maze --maze 5x5 --num-goals 3",
-        ),
-        "play": Command(
-            "play a game by hand: any seat, the optimum beside your steps",
-            "--maze 9x9 --role evader",
-        ),
-        "view": Command(
-            "a page that plays episodes, with the exact optimum laid over; reports",
-            "runs/first",
-        ),
-        "render": Command(
-            "a replay of a run, or of the scripted agents, as GIF or MP4",
-            "runs/first --out first.gif",
-        ),
-    },
-    "Let agents learn from each other": {
-        "self-play": Command(
-            "both sides learn against each other; exact exploitability",
-            "--maze 5x5 --seconds 60 --out runs/pair",
-        ),
-        "league": Command(
-            "runs and scripted agents against each other: payoffs, ratings, cycles",
-            "runs/pair runs/first astar random --names pair first A-star chance",
-        ),
-        "snapshots": Command(
-            "the snapshots of self-play by Elo and by exact exploitability",
-            "runs/pair",
-        ),
-    },
-    "Compare, with seeds and intervals": {
-        "reproduce": Command(
-            "the thesis' experiments again, claim by claim, with verdicts",
-            "all --dry-run",
-        ),
-        "sweep": Command(
-            "all runs of a sweep file, on this machine or on a Ray cluster",
-            "maze_by_size --dry-run",
-        ),
-        "ablate": Command(
-            "curricula against each other: equal budgets, the same final difficulty",
-            "opponent-epsilon --dry-run",
-        ),
-        "race": Command(
-            "PPO of several libraries against each other, settings searched alike",
-            "ppo --dry-run",
-        ),
-        "report": Command(
-            "figures and tables of a sweep; curves of runs laid over each other",
-            "runs/first runs/second --x seconds --log --format pdf",
-        ),
-        "levels": Command(
-            "the levels that a replaying curriculum kept",
-            "runs/replayed --count 3",
-        ),
-    },
-    "Look at the game itself": {
-        "maze": Command(
-            "show, check or generate a maze",
-            "--generate prim --height 9 --loops 0.1",
-        ),
-        "solve": Command(
-            "the exact game of a maze: value, mixed states, cop number, pictures",
-            "--maze 5x5-tree",
-        ),
-        "bench": Command(
-            "how fast this machine plays and learns",
-            "--seconds 2",
-        ),
-    },
+COMMANDS = {
+    name: Command(does, example)
+    for name, does, example in re.findall(
+        r"^  (\S+) +(\S.*)\n {14}pursuit \S+ ?(.*)$", USAGE, re.MULTILINE
+    )
 }
-COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}
 
+COMMAND_PARTS: Registry[Callable[[Sequence[str]], None]] = Registry(
+    "command", "a function that takes the arguments after its name", callable, ours=tuple(COMMANDS)
+)
+"""Commands of users' own: by entry points, or as `pursuit package.module:Name`."""
 
 NARROWEST = 40
 """Columns that help is laid out for at least: tyro does not end in terminals of a few."""
@@ -177,14 +155,12 @@ def obey(given: list[str]) -> None:
     for argument in given:
         check_utf8(argument)
     if not given or given[0] in ("-h", "--help"):
-        print(usage())
+        print(USAGE, end="")
         return
     if given[0] == "--version":
         print(f"pursuit {pursuit.__version__}")
         return
     name, rest = given[0], given[1:]
-    if name not in COMMANDS:
-        fail(f"unknown command {name!r}; one of {', '.join(COMMANDS)}")
     look_in(Path.cwd())  # where users keep parts of their own
     command(name)(rest)
 
@@ -196,31 +172,14 @@ def in_words(error: Exception) -> str:
     return str(error)
 
 
-def usage() -> str:
-    """What `pursuit --help` prints: the commands in groups, each with an example."""
-    lines = [
-        "usage: pursuit COMMAND [options]        (pursuit COMMAND --help tells the options)",
-        "",
-        "Pursuit in mazes with reinforcement learning, beside the exact optimum.",
-        "",
-        "New here? These three show what it is about, in a minute:",
-        "  pursuit maze 5x5",
-        "  pursuit baseline --maze 5x5",
-        "  pursuit train --maze 5x5 --seconds 30",
-    ]
-    for head, group in GROUPS.items():
-        lines += ["", f"{head}:"]
-        for name, each in group.items():
-            lines += [f"  {name:<10}{each.does}", f"  {'':<10}  pursuit {name} {each.example}"]
-    return "\n".join(lines)
-
-
 def command(name: str) -> Callable[[Sequence[str]], None]:
-    """The function of a subcommand: that of its name, in the file of its name.
+    """The function of a subcommand: that of its name in the file of its name, or a user's own.
 
     Imported only when it is called, as some of what they need is slow to import. What imports torch
     is imported by the subcommand itself, once its options are accepted.
     """
+    if name not in COMMANDS:
+        return COMMAND_PARTS.get(name)
     module = name.replace("-", "_")
     function: Any = getattr(import_module(f"train.commands.{module}"), module)
     return function

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,14 +10,14 @@ from typing import Annotated, Literal
 import tyro
 from PIL import Image
 
-from pursuit.maze import MAX_TABLE_CELLS, Maze, load_maze
-from pursuit.maze_generation import generate_maze
-from pursuit.rendering import Scene, draw_scene
+from pursuit.mazes.generation import generate_maze
+from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
+from pursuit.rendering.rendering import Scene, draw_scene
 from scripted_agents import fewest_searchers, fewest_steps_to_find
-from scripted_agents.tour import expected_tour_length
+from scripted_agents.tours.tour import expected_tour_length
 from train.commands.parse import Formats, parse
-from train.figures import BLUE, FORMATS, GREEN, Look, draw_walls, pyplot, save
 from train.files import check_new_files, write_beside, write_text
+from train.reports.figures import BLUE, FORMATS, GREEN, Look, draw_walls, pyplot, save
 from train.settings.checks import check, check_default
 
 
@@ -71,16 +71,14 @@ def maze(arguments: Sequence[str]) -> None:
         (given.maze is None) != (given.generate is None),
         "give a maze (a name or a file), or --generate; not both",
     )
-    asked = given.searchers is not None or given.view_radius is not None or given.line_of_sight
-    check(
-        given.search_number or not (asked or given.evader_speed != "one"),
-        "--searchers, --view-radius, --line-of-sight and --evader-speed are of --search-number; "
-        "give it too",
-    )
+    if not given.search_number:
+        of_search = ("searchers", "view_radius", "line_of_sight", "evader_speed")
+        check_default(given, MazeCommand, of_search, "it goes with --search-number")
     if given.generate is None:
         names = ("height", "width", "loops", "no_dead_ends", "seed")
         check_default(given, MazeCommand, names, "it is of --generate")
-    if given.generate is not None:
+        made = load_maze(str(given.maze))
+    else:
         made = generate_maze(
             given.generate,
             given.height,
@@ -89,8 +87,6 @@ def maze(arguments: Sequence[str]) -> None:
             no_dead_ends=given.no_dead_ends,
             seed=given.seed,
         )
-    else:
-        made = load_maze(str(given.maze))
     pictures = pictures_of(given.picture, given.format)
     check_new_files([given.out, *pictures.values()], given.overwrite)
     if max(made.height, made.width) <= 60:
@@ -111,13 +107,17 @@ def describe_search(maze: Maze, given: MazeCommand) -> str:
         plan = fewest_searchers(maze, *how, given.evader_speed)
     else:
         plan = fewest_steps_to_find(maze, *how, given.searchers, None, given.evader_speed)
-    lines = [f"{'searchers':<26}{plan.searchers}"]
-    if plan.steps is None:
-        return "\n".join([*lines, f"{'steps to find for certain':<26}never"])
-    lines.append(f"{'steps to find for certain':<26}{plan.steps}")
-    for searcher, cells in enumerate(plan.cells.T.tolist()):
-        lines.append(f"{f'  cells of searcher {searcher}':<26}{' '.join(map(str, cells))}")
-    return "\n".join(lines)
+    steps = "never" if plan.steps is None else str(plan.steps)
+    told = {"searchers": str(plan.searchers), "steps to find for certain": steps}
+    if plan.steps is not None:
+        for searcher, cells in enumerate(plan.cells.T.tolist()):
+            told[f"  cells of searcher {searcher}"] = " ".join(map(str, cells))
+    return in_lines(told)
+
+
+def in_lines(told: Mapping[str, str]) -> str:
+    """What is told of each name, a line each."""
+    return "\n".join(f"{name:<26}{text}" for name, text in told.items())
 
 
 def pictures_of(picture: Path | None, formats: Formats) -> dict[str, Path]:
@@ -156,17 +156,17 @@ def draw_maze(maze: Maze, path: Path, form: str) -> None:
 def describe_maze(maze: Maze) -> str:
     """What `pursuit maze` says of a maze, a line each."""
     parts = maze.num_components
-    lines = [
-        f"{'cells':<26}{maze.num_cells} of {maze.height} x {maze.width}",
-        f"{'connected':<26}{'yes' if parts == 1 else f'no: {parts} parts'}",
-        f"{'dead ends':<26}{len(maze.dead_ends)}",
-        f"{'loops':<26}{maze.num_loops}",
-    ]
+    told = {
+        "cells": f"{maze.num_cells} of {maze.height} x {maze.width}",
+        "connected": "yes" if parts == 1 else f"no: {parts} parts",
+        "dead ends": str(len(maze.dead_ends)),
+        "loops": str(maze.num_loops),
+    }
     if maze.num_cells <= MAX_TABLE_CELLS:
-        lines.append(f"{'longest shortest path':<26}{maze.longest_distance}")
+        told["longest shortest path"] = str(maze.longest_distance)
     if parts == 1 and maze.num_cells <= MAX_TABLE_CELLS:
         for goals in range(1, min(3, maze.num_cells - 1) + 1):
             mean = expected_tour_length(maze, goals)
             how = "" if mean.exact else f" (sampled, ± {mean.ci95:.2f})"
-            lines.append(f"{f'mean tour of {goals} goal(s)':<26}{mean:.4f}{how}")
-    return "\n".join(lines)
+            told[f"mean tour of {goals} goal(s)"] = f"{mean:.4f}{how}"
+    return in_lines(told)

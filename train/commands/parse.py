@@ -7,18 +7,17 @@ import io
 import re
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NoReturn, TypeVar
 
 import tyro
 
-from pursuit.parts import ALLOW, allow
+from pursuit.plugins import ALLOW, allow
 from train.settings.task import AnyTask, task_form
 
 Form = TypeVar("Form")
 Formats = tuple[str, ...]
-"""Of --format: formats of figures, as `train.figures.Look` takes them."""
+"""Of --format: formats of figures, as `train.reports.figures.Look` takes them."""
 OF_EVERYBODY = ("--line-of-sight", "--unknown-maze")
 """Options that name agents, and without a name mean all."""
 
@@ -44,30 +43,31 @@ def warn(said: str) -> None:
     print(f"pursuit: warning: {said}", file=sys.stderr)
 
 
-def budget_of(arguments: Sequence[str], seconds: float) -> dict[str, Any]:
-    """The default budget: `seconds`, or a place for the frames where these are given instead."""
-    if any(a == "--frames" or a.startswith("--frames=") for a in arguments):
-        return {"frames": 1}
-    return {"seconds": seconds}
+def options_in(arguments: Sequence[str]) -> dict[str, str]:
+    """What each option among the arguments is given last, by its name in Python; "" for nothing.
 
-
-def named_task(arguments: Sequence[str]) -> AnyTask:
-    """The settings of the task that --task names, as they stand by default; chase if left out."""
-    name, before = None, ""
+    For options that decide what the other options are, before `parse`, which reports errors.
+    """
+    found: dict[str, str] = {}
+    name = ""
     for argument in arguments:
-        if argument.startswith("--task="):
-            name = argument.partition("=")[2]
-        elif before == "--task":
-            name = argument
-        before = argument
-    return task_form(name)()
+        if argument.startswith("--"):
+            option, _, value = argument[2:].partition("=")
+            name = option.replace("-", "_")
+            found[name] = value
+        elif name:
+            found[name] = found[name] or argument
+    return found
 
 
-def named_options(form: type[Any], arguments: Sequence[str]) -> list[str]:
-    """The options of the dataclass `form` that the arguments name, whatever their values are."""
-    known = {"--" + field.name.replace("_", "-") for field in fields(form)}
-    given = [argument.partition("=")[0].replace("_", "-") for argument in arguments]
-    return [name for name in dict.fromkeys(given) if name in known]
+def default_task(options: Mapping[str, str]) -> AnyTask:
+    """The settings of the task that --task names, as they stand by default; chase if left out."""
+    return task_form(options.get("task"))()
+
+
+def default_budget(options: Mapping[str, str], seconds: float) -> dict[str, Any]:
+    """The default budget: `seconds`, or a place for the frames where these are given instead."""
+    return {"frames": 1} if "frames" in options else {"seconds": seconds}
 
 
 ALLOW_HELP = f"""everywhere:
@@ -102,6 +102,14 @@ def meant_for_all(arguments: Sequence[str]) -> list[str]:
     return found
 
 
+CONFIG = (
+    tyro.conf.OmitArgPrefixes,
+    tyro.conf.FlagCreatePairsOff,
+    tyro.conf.HelptextFromCommentsOff,
+    tyro.conf.AvoidSubcommands,  # the default says which of the tasks' forms
+)
+
+
 def parse(
     form: type[Form], arguments: Sequence[str], prog: str, default: Form | None = None
 ) -> Form:
@@ -110,23 +118,12 @@ def parse(
     Raises:
         ValueError: arguments that the form does not have, or values that it does not allow.
     """
-    arguments = meant_for_all(taken_allowed(arguments))
+    args = meant_for_all(taken_allowed(arguments))
     boxed = io.StringIO()
     extra: Any = {} if default is None else {"default": default}
     try:
         with contextlib.redirect_stderr(boxed):
-            return tyro.cli(
-                form,
-                args=list(arguments),
-                prog=f"pursuit {prog}",
-                config=(
-                    tyro.conf.OmitArgPrefixes,
-                    tyro.conf.FlagCreatePairsOff,
-                    tyro.conf.HelptextFromCommentsOff,
-                    tyro.conf.AvoidSubcommands,  # the default says which of the tasks' forms
-                ),
-                **extra,
-            )
+            return tyro.cli(form, args=args, prog=f"pursuit {prog}", config=CONFIG, **extra)
     except SystemExit as exit_:
         if not exit_.code:
             print(ALLOW_HELP)
@@ -139,20 +136,11 @@ def parse_known(default: Form, arguments: Sequence[str]) -> Form:
 
     For options that decide what the other options are; errors are reported by `parse`.
     """
-    with (
-        contextlib.suppress(SystemExit, ValueError),
-        contextlib.redirect_stderr(io.StringIO()),
-    ):
+    args = [argument for argument in arguments if argument not in ("-h", "--help")]
+    with contextlib.suppress(SystemExit, ValueError), contextlib.redirect_stderr(io.StringIO()):
+        form = type(default)
         found, _ = tyro.cli(
-            type(default),
-            args=[a for a in arguments if a not in ("-h", "--help")],
-            return_unknown_args=True,
-            default=default,
-            config=(
-                tyro.conf.OmitArgPrefixes,
-                tyro.conf.FlagCreatePairsOff,
-                tyro.conf.AvoidSubcommands,
-            ),
+            form, args=args, default=default, config=CONFIG, return_unknown_args=True
         )
         return found
     return default

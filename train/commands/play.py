@@ -1,4 +1,4 @@
-"""`pursuit play`: a person in a seat of a game, in the browser or in the terminal."""
+"""`pursuit play`: the user in a seat of a game, in the browser."""
 
 from __future__ import annotations
 
@@ -7,27 +7,28 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
-from train.commands.parse import fail, heard, named_task, parse, taken_allowed
+from train.commands.parse import default_task, fail, heard, options_in, parse, taken_allowed
 from train.play.browser import open_page
 from train.play.kept import Keeper
 from train.play.outcome import total_line
 from train.play.server import PlayServer
 from train.play.session import Session
-from train.play.terminal import play_in_terminal
 from train.runs.folder import CONFIG
 from train.runs.interruption import Stopped
-from train.settings.checks import check, evaluation_seed
+from train.settings.checks import Settings, check, evaluation_seed, rule
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
+
+PORT = rule(lambda value: 0 <= value < 2**16, "0 for any that is free, to 65535")
 
 
 @dataclass(frozen=True)
-class PlayCommand:
+class PlayCommand(Settings):
     """Play a game by hand: any seat of any task, with the optimum from the same start after it.
 
-    Opens a page on this machine, for nobody else; --terminal plays without a browser. Ctrl-C ends
-    it. Arrow keys or w, a, s, d move, space stays where there is a stay action, n begins the next
-    game; --role says who you are.
+    Opens a page that only this machine can reach. Ctrl-C ends it. Arrow keys or w, a, s, d move,
+    space stays where there is a stay action, n begins the next game; --role names your seat.
     """
 
     task: AnyTask = field(default_factory=TaskSettings)
@@ -40,13 +41,10 @@ class PlayCommand:
     seed: int | None = None
     """Of the games; others every time if left out. None is ever trained on, whatever the seed."""
     out: Path | None = None
-    """Keep the games that are finished in this folder, as replays: `pursuit view` shows them, and
-    `pursuit league` rates whoever played them."""
+    """Keep the games that are finished in this folder, as replays: `pursuit view` shows them."""
     name: str = "you"
     """What such games call you."""
-    terminal: bool = False
-    """Play in this terminal."""
-    port: int = 0
+    port: Annotated[int, PORT] = 0
     """Of the page; any that is free if left out."""
     no_browser: bool = False
     """Only print the address of the page."""
@@ -55,24 +53,18 @@ class PlayCommand:
 def play(arguments: Sequence[str]) -> None:
     """`pursuit play`."""
     arguments = taken_allowed(arguments)  # before the run is read, which may name their modules
-    task = named_task(arguments)
-    against, run = option("against", arguments), None
+    options = options_in(arguments)
+    task, against, run = default_task(options), options.get("against"), None
     if against and (Path(against) / CONFIG).exists() and isinstance(task, TaskSettings):
         from train.play.seats import game_of_run  # torch is slow to import
 
         run = game_of_run(against)
     given = parse(PlayCommand, arguments, "play", PlayCommand(run or task))
-    check(0 <= given.port < 2**16, f"port={given.port}; 0 for any that is free, to 65535")
-    task = settings_of(given, bool(option("opponent-epsilon", arguments)))
+    task = settings_of(given, "opponent_epsilon" in options)
     session = session_for(given, task)
-    if given.terminal:
-        check_terminal()
-    keeper = None if given.out is None else Keeper(given.out, given.name, task)
+    keeper = None if given.out is None else Keeper(given.out, given.name)
     print(session.title())
-    if given.terminal:
-        in_terminal(session, keeper)
-    else:
-        on_page(session, given.port, not given.no_browser, keeper)
+    on_page(session, given.port, not given.no_browser, keeper)
     if keeper is not None and keeper.added:
         print(f"kept: {keeper.folder}")
     line = total_line(session.outcomes)
@@ -85,19 +77,6 @@ def play(arguments: Sequence[str]) -> None:
             "written and are lost; make room, or give a folder that can be written",
             1,
         )
-
-
-def option(name: str, arguments: Sequence[str]) -> str:
-    """What an option of this name is given; nothing if it is not."""
-    before = ""
-    for argument in arguments:
-        if before == f"--{name}":
-            return argument
-        told, _, value = argument.partition("=")
-        before = told.replace("_", "-")
-        if value and before == f"--{name}":
-            return value
-    return ""
 
 
 def settings_of(given: PlayCommand, epsilon_given: bool = False) -> AnyTask:
@@ -125,7 +104,8 @@ def settings_of(given: PlayCommand, epsilon_given: bool = False) -> AnyTask:
 
 def session_for(given: PlayCommand, task: AnyTask) -> Session:
     """The games that the command asks for."""
-    from train.play.seats import is_self_play, session_of  # torch is slow to import
+    from train.play.seats import session_of  # torch is slow to import
+    from train.runs.opponents import is_self_play
 
     beside = given.beside or "astar"
     if given.beside is None and given.against and is_self_play(Path(given.against)):
@@ -155,23 +135,3 @@ def on_page(session: Session, port: int, browser: bool, keeper: Keeper | None) -
                 raise
             if sys.stderr.isatty():
                 print(file=sys.stderr)  # after the terminal's ^C
-
-
-def check_terminal() -> None:
-    """ValueError where this is none."""
-    check(
-        sys.stdin.isatty() and sys.stdout.isatty(),
-        "--terminal needs a terminal: input and output are not redirected; leave it out for a page",
-    )
-
-
-def in_terminal(session: Session, keeper: Keeper | None) -> None:
-    """Play here until the person has enough."""
-    try:
-        play_in_terminal(session, None if keeper is None else keeper.keep)
-    except KeyboardInterrupt as stop:
-        if isinstance(stop, Stopped) and stop.status != 130:
-            raise
-    for number, outcome in enumerate(session.outcomes, start=1):
-        print(f"\ngame {number} of those that were finished")
-        print("\n".join(outcome.lines()))

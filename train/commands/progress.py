@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
-from time import perf_counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter, strftime
 from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from train.figures import Look
-from train.runs.folder import CONFIG, load_final, load_results
+from train.commands.parse import Formats, heard
+from train.files import check_folder
+from train.reports.figures import Look
+from train.runs.folder import CONFIG, check_new, load_final, load_results
 from train.runs.forms import Final
 from train.runs.provenance import allow_options
 
@@ -20,42 +24,6 @@ if TYPE_CHECKING:
 
 QUIET = 2.0
 """Seconds of work that need no report."""
-
-
-class ProgressLines:
-    """A bar on a terminal, and a line for every `say`; enter it while the work goes on."""
-
-    def __init__(self) -> None:
-        self.console = Console()
-        self.live = self.console.is_terminal
-        self.progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.percentage:>3.0f} %"),
-            TimeRemainingColumn(),
-            console=self.console,
-            disable=not self.live,
-        )
-        self.task = self.progress.add_task("learning", total=1.0)
-
-    def __enter__(self) -> Self:
-        self.progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.progress.stop()
-
-    def advance(self, share: float) -> None:
-        """Move the bar to a share of the work in [0, 1]."""
-        self.progress.update(self.task, completed=share)
-
-    def say(self, parts: Sequence[str]) -> None:
-        """Print a line of these parts."""
-        line = "  ".join(parts)
-        if self.live:
-            self.progress.console.print(line, highlight=False)
-        else:
-            print(line, flush=True)
 
 
 class Alive:
@@ -84,38 +52,87 @@ class Alive:
             print(file=sys.stderr)
 
 
-class Watch(ProgressLines):
-    """Shows a run as it learns."""
+class Watch:
+    """Shows a run as it learns: a bar on a terminal, and a line for every evaluation."""
+
+    def __init__(self) -> None:
+        console = Console()
+        self.progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self.task = self.progress.add_task("learning", total=1.0)
+
+    def __enter__(self) -> Self:
+        self.progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.progress.stop()
 
     def __call__(self, run: Run, row: dict[str, float]) -> None:
         """Report a rollout (an empty row) or an evaluation."""
-        self.advance(run.progress)
-        if row:
-            self.say(
-                [
-                    f"{100 * run.progress:3.0f} %",
-                    f"{run.seconds:6.1f} s",
-                    f"{run.trainee.frames / 1e6:7.2f} M frames",
-                    f"{row['frames_per_second'] / 1e3:5.1f} k/s",
-                    *run.trainee.told(row),
-                ]
-            )
+        self.progress.update(self.task, completed=run.progress)
+        if not row:
+            return
+        parts = [
+            f"{100 * run.progress:3.0f} %",
+            f"{run.seconds:6.1f} s",
+            f"{run.trainee.frames / 1e6:7.2f} M frames",
+            f"{row['frames_per_second'] / 1e3:5.1f} k/s",
+            *run.trainee.told(row),
+        ]
+        self.progress.console.print("  ".join(parts), highlight=False, soft_wrap=True)
 
 
-def final_of(given: Any) -> Final:
-    """What the final results are made with: as the command says, else as the run's first one did.
+@dataclass(frozen=True, kw_only=True)
+class RunCommand:
+    """Where a run lies, and what its final results are made with."""
+
+    out: Path | None = None
+    """A new folder for the run; runs/NAME-TIME if left out."""
+    resume: Path | None = None
+    """Go on with the run in this folder instead; all other options are taken from there."""
+    episodes: int | None = None
+    """Episodes of the final evaluation, where it is not exact; if left out 1000, or with --resume
+    those of the first command."""
+    format: Formats = ()
+    """pdf, svg, or both: the learning curve is saved so, too, beside its .png; if left out with
+    --resume, those of the first command."""
+
+
+def begun(kind: str, settings: Any, given: RunCommand, name: str) -> tuple[Run, Final]:
+    """The run that a command begins or goes on with, and what its final results are made with.
 
     Args:
-        given: a command with `episodes`, `format` and `resume`.
+        kind: of the run.
+        settings: of a new one.
+        given: the command.
+        name: of the folder of a new one, but for the time.
 
     Raises:
-        ValueError: too few episodes, an unknown format, or no run to resume.
+        ValueError: settings that cannot run, too few episodes, an unknown format, a folder that
+            holds anything, or no run to resume.
     """
-    before = Final()
-    if given.resume is not None and (given.resume / CONFIG).exists():
-        before = load_final(given.resume)
+    before, folder = Final(), given.resume
+    if folder is not None and (folder / CONFIG).exists():
+        before = load_final(folder)
     episodes = before.episodes if given.episodes is None else given.episodes
-    return Final(episodes, Look(given.format or before.formats).formats)
+    final = Final(episodes, Look(given.format or before.formats).formats)
+    out = given.out or Path("runs") / f"{name}-{strftime('%Y%m%d-%H%M%S')}"
+    if folder is None:
+        check_new(out)
+    else:
+        check_folder(folder)
+    from train.experiments.kinds import resume, start  # torch is slow to import
+
+    with heard():
+        run = start(kind, settings, out, final) if folder is None else resume(folder, kind)
+    return run, final
 
 
 def carry_out(

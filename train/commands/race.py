@@ -12,21 +12,23 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from train.commands.parse import Formats, parse
-from train.figures import Look
+from train.commands.sweep import SweepWatch, resumable
 from train.files import check_output_folder
-from train.settings.checks import check
+from train.reports.figures import Look
+from train.settings.checks import Settings, at_least
 
 if TYPE_CHECKING:
-    from train.race.plan import Race
+    from train.experiments.comparison.plan import Race
+    from train.experiments.study import Study
 
 
 @dataclass(frozen=True)
-class RaceCommand:
+class RaceCommand(Settings):
     """Have PPO of several libraries race: the same tasks, the same budget to find settings.
 
     (Not the task called race: see `pursuit train --task race`.) Settings are searched on held-out
     mazes, then every contestant learns the tasks with several seeds, and the time to 5, 2 and 1 %
-    of the exact optimum counts. What is done is not done again, so Ctrl-C loses a bout at most.
+    of the exact optimum counts. What is done is not done again, so Ctrl-C loses a run at most.
     """
 
     file: Annotated[str, tyro.conf.Positional] = "ppo"
@@ -38,25 +40,24 @@ class RaceCommand:
     clock: str | None = None
     """wall, or cpu: seconds of the run's own process on its core, which a machine that is busy with
     other things does not stretch as much. That of the file if left out."""
-    workers: int = 1
-    """Bouts at a time, each on a core of its own. Leave it at 1 for figures that are to be
+    workers: Annotated[int, at_least(1)] = 1
+    """Runs at a time, each on a core of its own. Leave it at 1 for figures that are to be
     believed: cores share their caches and their memory."""
     dry_run: bool = False
     """Check the file and say what would be done, but do nothing."""
     format: Formats = ()
     """pdf, svg, or both: the figure is saved so, too, beside its .png."""
     overwrite: bool = False
-    """Use --out though it is the folder of another race: its bouts stay, its report is replaced."""
+    """Use --out though it is the folder of another race: its runs stay, its report is replaced."""
 
 
 def race(arguments: Sequence[str]) -> None:
     """`pursuit race`."""
     given = parse(RaceCommand, arguments, "race")
-    check(given.workers >= 1, f"workers={given.workers}; at least 1")
     look = Look(given.format)
-    from train.race.plan import load_race  # torch is slow to import
-    from train.race.report import race_report
-    from train.race.run import is_folder_of, run_race
+    from train.experiments.comparison.plan import load_race  # torch is slow to import
+    from train.experiments.comparison.report import race_report
+    from train.experiments.comparison.run import is_folder_of, run_race
 
     plan = load_race(given.file, given.version, given.clock)
     out = given.out or Path("races") / f"{Path(given.file).stem}-{given.version}"
@@ -64,23 +65,24 @@ def race(arguments: Sequence[str]) -> None:
     tell_plan(plan, out, given.workers)
     if given.dry_run:
         return
-    try:
-        standing = run_race(plan, out, lambda line: print(line, flush=True), given.workers)
-    except KeyboardInterrupt:
-        again = f"pursuit race {shlex.join(arguments)}"
-        print(f"\ninterrupted; what is done is kept. Go on with: {again}", file=sys.stderr)
-        raise
+
+    def watch(study: Study) -> SweepWatch:
+        print(f"{study.title}: {len(study.runs)} runs")
+        return SweepWatch()
+
+    with resumable(f"pursuit race {shlex.join(arguments)}"):
+        standing = run_race(plan, out, watch, given.workers)
     print(f"report: {race_report(plan, standing, out, look)}")
     failed = sum(result is None for result in standing.finals.values())
     if failed:
-        print(f"{failed} bouts failed; the same command tries them again", file=sys.stderr)
+        print(f"{failed} runs failed; the same command tries them again", file=sys.stderr)
         sys.exit(1)
 
 
 def tell_plan(plan: Race, out: Path, workers: int) -> None:
     """Say what is to be done."""
+    from train.experiments.comparison.plan import FILES
     from train.experiments.sweep import shipped  # torch is slow to import
-    from train.race.plan import FILES
 
     trials, finals = plan.count()
     print(f"{plan.title}: {', '.join(plan.contestants)}")
@@ -89,5 +91,5 @@ def tell_plan(plan: Race, out: Path, workers: int) -> None:
         print(f"  {on.name}; settings searched on {mazes}")
     length = plan.seconds()
     told = "" if length is None else f", {length / 60 / workers:.0f} minutes without evaluations"
-    print(f"{trials} bouts of the search and {finals} of the race into {out}{told}")
+    print(f"{trials} runs of the search and {finals} of the race into {out}{told}")
     print(f"shipped race files: {', '.join(shipped(FILES))}")

@@ -11,32 +11,32 @@ import numpy as np
 import tyro
 from matplotlib.colors import Normalize, SymLogNorm
 
-from pursuit.maze import Maze
+from pursuit.mazes.maze import Maze
 from train.commands.parse import Formats, heard, parse
 from train.evaluation.contest import GameContest
 from train.evaluation.regret import REMEDY, Regret, group_rows, regret_of
-from train.figures import PLAIN, Look, draw_walls, pyplot, save
-from train.files import begins_with, check_output_folder, write_csv, write_text
-from train.result_table import Column, ResultTable, in_markdown
-from train.settings.checks import check
+from train.files import begins_with, check_folder, check_output_folder, write_csv, write_text
+from train.reports.figures import PLAIN, Look, draw_cells, pyplot, save
+from train.reports.tables import Column, ResultTable, in_markdown
+from train.settings.checks import Settings, at_least, passes
 
 WORST = 5
 HEAD = "# Regret\n\n"
 
 
 @dataclass(frozen=True)
-class RegretCommand:
+class RegretCommand(Settings):
     """Say in which states the policy of a run loses what it loses against the exact optimum.
 
     The gap is taken apart without a rest: what every state costs a game, how often it is visited,
     how much depends on the choice there, a map of it, and the worst states.
     """
 
-    run: Annotated[Path, tyro.conf.Positional]
+    run: Annotated[Path, tyro.conf.Positional, passes(check_folder)]
     """The folder of the run: a duel, or a runner alone, in one maze."""
     sampled: bool = False
     """Look at the policy that draws its actions, not at the one that takes the most probable."""
-    episodes: int = 2000
+    episodes: Annotated[int, at_least(1)] = 2000
     """Games of a runner; duels are solved over all starts."""
     seed: int = 0
     """Of those games."""
@@ -52,8 +52,6 @@ class RegretCommand:
 def regret(arguments: Sequence[str]) -> None:
     """`pursuit regret`."""
     given = parse(RegretCommand, arguments, "regret")
-    check(given.run.is_dir(), f"{given.run}: no such folder")
-    check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
     out, look = given.out or given.run / "regret", Look(given.format)
     check_output_folder(
         out, lambda folder: begins_with(folder / "regret.md", HEAD), given.overwrite
@@ -150,19 +148,13 @@ def draw_map(path: Path, maze: Maze, found: Regret, title: str, look: Look = PLA
     )
     parts = (("visits a game", found.visits, "Blues"), ("steps lost a game", found.lost, "Reds"))
     for axis, (name, values, colors) in zip(axes, parts, strict=True):
-        grid = np.full((maze.height, maze.width), np.nan)
-        cells = np.bincount(found.cell, values, maze.num_cells)
-        grid[maze.rows, maze.columns] = np.maximum(cells, 0.0)
+        cells = np.maximum(np.bincount(found.cell, values, maze.num_cells), 0.0)
         top = max(float(cells.max()), 1e-9)
         norm: Normalize = Normalize(0.0, top)
         ticks = [0.0, top / 2, top]
         if values is found.lost:
             norm, ticks = SymLogNorm(top / 100, vmin=0.0, vmax=top), [0.0, top / 100, top / 10, top]
-        image = axis.imshow(grid, cmap=colors, norm=norm)
-        draw_walls(axis, maze)
-        axis.set_title(name, fontsize=10)
-        axis.set_aspect("equal")
-        axis.axis("off")
+        image = draw_cells(axis, maze, cells, name, cmap=colors, norm=norm)
         bar = figure.colorbar(image, ax=axis, shrink=0.8, ticks=ticks)
         bar.ax.set_yticklabels([f"{tick:.2g}" for tick in ticks])
         bar.ax.minorticks_off()

@@ -17,27 +17,28 @@ from scripted_agents import (
     why_not_optimal,
 )
 from scripted_agents.environments import DEFAULTS
-from train.commands.parse import heard, named_options, named_task, parse
+from train.commands.parse import default_task, heard, options_in, parse
 from train.evaluation.arm_contest import ArmContest
-from train.files import check_new_files
+from train.files import check_folder, check_new_files
 from train.runs.effects import check_task_effects
 from train.runs.pictures import save_replay
-from train.settings.checks import check
+from train.settings.checks import Settings, at_least, check, passes
+from train.settings.reading import names_of
 from train.settings.task import AnyTask, TaskSettings
 
 
 @dataclass(frozen=True)
-class RenderCommand:
+class RenderCommand(Settings):
     """A replay as GIF or MP4: of a run, or of the scripted agents on a task."""
 
-    run: Annotated[Path | None, tyro.conf.Positional] = None
+    run: Annotated[Path | None, tyro.conf.Positional, passes(check_folder)] = None
     """The folder of the run; the scripted agents play if left out."""
     task: AnyTask = field(default_factory=TaskSettings)
     out: Path = Path("replay.gif")
     """A new .gif or .mp4 file."""
     overwrite: bool = False
     """Replace --out where it exists."""
-    episodes: int = 3
+    episodes: Annotated[int, at_least(1)] = 3
     """Episodes to show."""
     optimal: bool = False
     """Show the exactly optimal agent instead of the learned or scripted one."""
@@ -45,13 +46,13 @@ class RenderCommand:
 
 def render(arguments: Sequence[str]) -> None:
     """`pursuit render`."""
-    default = RenderCommand(task=named_task(arguments))
+    options = options_in(arguments)
+    default = RenderCommand(task=default_task(options))
     given = parse(RenderCommand, arguments, "render", default)
-    check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
     check_new_files([given.out], given.overwrite)
-    check(given.run is None or given.run.is_dir(), f"{given.run}: no such folder")
     if given.run is not None:
-        named = named_options(type(given.task), arguments)
+        own = names_of(type(given.task))
+        named = [f"--{name.replace('_', '-')}" for name in options if name in own]
         check(
             not named,
             f"{', '.join(named)} with {given.run}, which is rendered in the task of its training; "

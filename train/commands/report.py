@@ -10,8 +10,8 @@ from typing import Annotated
 import tyro
 
 from train.commands.parse import Formats, heard, parse
-from train.figures import Look
-from train.files import check_output_folder
+from train.files import check_folder, check_output_folder
+from train.reports.figures import Look
 from train.runs.folder import CONFIG
 from train.settings.checks import check
 
@@ -45,26 +45,24 @@ def report(arguments: Sequence[str]) -> None:
     """`pursuit report`."""
     given = parse(ReportCommand, arguments, "report")
     check(bool(given.folders), "nothing to report; give folders of runs, sweeps or ablations")
-    for folder in given.folders:
-        check(folder.is_dir(), f"{folder}: no such folder")
+    for given_folder in given.folders:
+        check_folder(given_folder)
     look = Look(given.format, given.x, given.log)
     from train.experiments.overlay import is_overlay, overlay  # torch is slow to import
     from train.experiments.report import report as make_report
-    from train.experiments.sweep import status_of
+    from train.experiments.study import status_of
 
     only = given.folders[0] if len(given.folders) == 1 else None
-    sweep = only is not None and not (only / CONFIG).exists() and given.out is None
-    out = given.out or (Path("comparison") if only is None else only / "report")
-    if not sweep:
-        check_output_folder(out, is_overlay, given.overwrite)
-    with heard():
-        if only is not None and sweep:
+    if only is not None and not (only / CONFIG).exists() and given.out is None:
+        with heard():
             folder = make_report(only, look)
-        else:
-            folder = overlay(given.folders, out, look)
-    print((folder / "report.md").read_text(encoding="utf-8"))
-    if only is not None and sweep:
         states = [status_of(path.parent) for path in only.glob("runs/*/config.json")]
-        print(f"{states.count('complete')} of {len(states)} runs; figures and tables: {folder}")
+        told = f"{states.count('complete')} of {len(states)} runs; "
     else:
-        print(f"figures and tables: {folder}")
+        out = given.out or (Path("comparison") if only is None else only / "report")
+        check_output_folder(out, is_overlay, given.overwrite)
+        with heard():
+            folder = overlay(given.folders, out, look)
+        told = ""
+    print((folder / "report.md").read_text(encoding="utf-8"))
+    print(f"{told}figures and tables: {folder}")

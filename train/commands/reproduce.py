@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from train.commands.parse import parse
-from train.commands.sweep import SweepWatch
+from train.commands.sweep import SweepWatch, resumable
 from train.files import check_output_folder
-from train.settings.checks import check
+from train.settings.checks import Settings, at_least, check
 
 if TYPE_CHECKING:
-    from train.experiments.sweep import Sweep
-    from train.reproduction.plan import Replication
+    from train.experiments.replication.plan import Replication
+    from train.experiments.study import Study
 
 
 @dataclass(frozen=True)
-class ReproduceCommand:
+class ReproduceCommand(Settings):
     """Run the thesis' experiments again, and decide its claims one by one.
 
     Settings are searched first, as long for every algorithm; then come the studies, and a page with
@@ -46,7 +46,7 @@ class ReproduceCommand:
     ours of the same size."""
     out: Path | None = None
     """The folder of the replication; replications/CLAIMS-VERSION if left out."""
-    workers: int = 0
+    workers: Annotated[int, at_least(0)] = 0
     """Runs at a time, each on a core of its own; 0 is one for each core."""
     dry_run: bool = False
     """Say what there is to do, but do nothing."""
@@ -60,10 +60,9 @@ class ReproduceCommand:
 def reproduce(arguments: Sequence[str]) -> None:
     """`pursuit reproduce`."""
     given = parse(ReproduceCommand, arguments, "reproduce")
-    check(given.workers >= 0, f"workers={given.workers}; at least 0")
-    from train.reproduction.plan import load_replication  # torch is slow to import
-    from train.reproduction.report import is_folder_of, write_replication
-    from train.reproduction.run import carry_out
+    from train.experiments.replication.plan import load_replication  # torch is slow to import
+    from train.experiments.replication.report import is_folder_of, write_replication
+    from train.experiments.replication.run import carry_out
 
     plan = load_replication(given.studies, given.version, given.mazes, given.claims)
     if given.list:
@@ -82,18 +81,14 @@ def reproduce(arguments: Sequence[str]) -> None:
         check(out.is_dir(), f"{out}: no such folder; leave --page out to begin")
         print(f"page: {write_replication(plan, out)}")
         return
-    try:
+    with resumable(f"pursuit reproduce {shlex.join(arguments)}"):
         well = carry_out(
             plan,
             out,
             workers,
             lambda line: print(f"\n{line}", flush=True),
-            lambda sweep: SweepWatch(sweep, workers),
+            lambda study: SweepWatch(),
         )
-    except KeyboardInterrupt:
-        again = f"pursuit reproduce {shlex.join(arguments)}"
-        print(f"\ninterrupted; what is done is kept. Go on with: {again}", file=sys.stderr)
-        raise
     print(f"page: {write_replication(plan, out)}")
     if not well:
         print("runs failed; the same command tries them again", file=sys.stderr)
@@ -102,27 +97,20 @@ def reproduce(arguments: Sequence[str]) -> None:
 
 def tell_plan(plan: Replication, out: Path, workers: int) -> None:
     """Say what there is to do, and what is done already."""
-    from train.experiments.sweep import status_of  # torch is slow to import
-    from train.reproduction.plan import tuning_sweep
-    from train.reproduction.run import TUNING, folder_of, planned_sweep
+    from train.experiments.replication.run import stages  # torch is slow to import
+    from train.experiments.study import statuses_of
 
     total = 0
-    places = []
-    if plan.tuning is not None:
-        places.append(("settings", tuning_sweep(plan), out / TUNING))
-    places += [
-        (study.id, planned_sweep(study, plan, out), folder_of(study, out))
-        for study in plan.studies
-        if not study.exact
-    ]
-    for name, sweep, folder in places:
-        done = sum(status_of(folder / "runs" / run.name) == "complete" for run in sweep.runs)
-        total += len(sweep.runs) - done
-        print(f"{name:<20}{len(sweep.runs):>4} runs, {done} complete; {budget_words(sweep)}")
+    for stage in stages(plan, out):
+        runs = stage.runs.runs
+        done = list(statuses_of(stage.runs, stage.folder).values()).count("complete")
+        total += len(runs) - done
+        words = budget_words(stage.runs)
+        print(f"{stage.name:<20}{len(runs):>4} runs, {done} complete; {words}")
     print(f"{total} runs to do into {out}, {workers} at a time; nothing was done")
 
 
-def budget_words(sweep: Sweep) -> str:
+def budget_words(sweep: Study) -> str:
     """How long its runs are."""
     budgets = {(run.settings.seconds, run.settings.frames) for run in sweep.runs}
     return " or ".join(

@@ -7,9 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
-
 from scripted_agents import count_joint_states
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
@@ -17,12 +14,12 @@ from train.evaluation.hidden_contest import Certificate
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK, joint_work
 from train.evaluation.scores import (
     BY_STEPS,
-    FULL_SIGHT,
     Measure,
     Reference,
     Score,
-    optimality_gap,
+    score_table,
 )
+from train.reports.tables import print_table
 
 
 def print_floor(evaluation: Mapping[str, Any], discount: float) -> None:
@@ -90,15 +87,19 @@ def print_whole_game(contest: GameContest) -> None:
     if obstacle is not None:
         print(f"no exact optimum: {obstacle}")
         return
-    if contest.best_of_steps is not None:
-        mean = contest.best_of_steps.mean_over_starts
-        print(f"mean optimum over all starts: {mean:.4f} steps (exact)")
-    if contest.best_of_returns is not None:
-        mean = contest.best_of_returns.mean_over_starts
-        print(f"most that {contest.agent} can be paid, over all starts: {mean:.4f} (exact)")
-    if contest.best_of_goals is not None:
-        mean = contest.best_of_goals.mean_over_starts
-        print(f"most goals that {contest.agent} can collect, over all starts: {mean:.4f} (exact)")
+    agent = contest.agent
+    found = (
+        ("mean optimum over all starts", " steps", contest.best_of_steps),
+        (f"most that {agent} can be paid, over all starts", "", contest.best_of_returns),
+        (
+            f"most goals that {contest.agent} can collect, over all starts",
+            "",
+            contest.best_of_goals,
+        ),
+    )
+    for text, unit, best in found:
+        if best is not None:
+            print(f"{text}: {best.mean_over_starts:.4f}{unit} (exact)")
 
 
 def certificate_of(contest: Any) -> Certificate | None:
@@ -106,72 +107,13 @@ def certificate_of(contest: Any) -> Certificate | None:
     return contest.certificate() if isinstance(contest, GameContest) else None
 
 
-def print_certificate(certificate: Certificate | None) -> None:
-    """One line on what is proven of the optimum of an agent with limited sight."""
+def print_scores(
+    scores: Sequence[Score], certificate: Certificate | None = None, measure: Measure = BY_STEPS
+) -> None:
+    """A table of scores (`score_table`), and what is proven of the optimum."""
+    print_table(score_table(scores, certificate, measure), width=100)
     if certificate is not None:
         print(
             certificate.line() + "; the gaps above are to its far end. Whoever sees everything, as "
             "scripted references may, can lie below 0"
         )
-
-
-def print_scores(
-    scores: Sequence[Score],
-    certificate: Certificate | None = None,
-    measure: Measure = BY_STEPS,
-) -> None:
-    """A table of scores with the gap to the optimal one, or to what is proven of it.
-
-    Where they are compared by goals or returns, these stand first, with what is missing to the
-    best where that is known.
-    """
-    optimum = next((score for score in scores if score.name == "optimal"), None)
-    table = Table(box=None, pad_edge=False)
-    table.add_column("")
-    certain = () if certificate is None else ("discounted", certificate.head)
-    cut = [s for s in scores if s.success_rate < 1.0 and s.solved_gap is not None]
-    solved = ("of the solved",) if cut else ()
-    names = (measure.optimum, measure.optimum + FULL_SIGHT)
-    best = next((score for score in scores if score.name in names), None)
-    own: tuple[str, ...] = ()
-    if measure.name != "steps":
-        own = (measure.name, "below the best")[: 1 if best is None else 2]
-    gaps = () if own else ("gap to optimum",)
-    for column in (*own, "steps", "95 % interval", "success", *gaps, *solved, *certain):
-        table.add_column(column, justify="right")
-    for score in scores:
-        gap = optimality_gap(score, optimum)
-        interval = "exact" if score.exact else f"± {score.ci95:.3f}"
-        steps = score.discounted_steps
-        proven = ["", ""]
-        if certificate is not None and steps is not None:
-            proven = [f"{steps:.3f}", f"{100 * certificate.gap(steps):+.2f} %"]
-        table.add_row(
-            "optimal steps" if own and score is optimum else score.name,
-            *_measured(measure, score, best)[: len(own)],
-            f"{score.mean_steps:.3f}",
-            interval,
-            f"{100 * score.success_rate:.1f} %",
-            *[_percent(None if score is optimum else gap)] * len(gaps),
-            *(
-                ["" if score not in cut else f"{100 * (score.solved_gap or 0.0):+.2f} %"]
-                * len(solved)
-            ),
-            *(proven if certain else ()),
-            style="bold" if score.name == "learned" else "",
-        )
-    Console(width=None if sys.stdout.isatty() else 100).print(table)
-    print_certificate(certificate)
-
-
-def _measured(measure: Measure, score: Score, best: Score | None) -> tuple[str, str]:
-    """The goals or the return of an episode, and what is missing to the best."""
-    value, missing = measure.of(score), measure.distance(score, best)
-    return (
-        "" if value is None else f"{value:.3f}",
-        "" if missing is None or score is best else f"{missing:.3f}",
-    )
-
-
-def _percent(gap: float | None) -> str:
-    return "" if gap is None else f"{100 * gap:+.2f} %"

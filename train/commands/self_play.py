@@ -5,21 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, make_dataclass, replace
 from pathlib import Path
-from time import strftime
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import tyro
 
-from train.commands.parse import Formats, budget_of, heard, parse, parse_known
-from train.commands.progress import Alive, carry_out, final_of, leave
-from train.commands.tables import print_table
-from train.figures import Look
+from train.commands.parse import (
+    default_budget,
+    options_in,
+    parse,
+    parse_known,
+)
+from train.commands.progress import Alive, RunCommand, begun, carry_out, leave
 from train.files import write_text
-from train.runs.folder import CURVE, REPORT, SELF_PLAY, check_new
-from train.self_play.averages import told_averages
+from train.reports.figures import Look
+from train.reports.tables import print_table
+from train.runs.folder import CURVE, REPORT, SELF_PLAY
 from train.self_play.learners import complete
 from train.settings.algorithms import Hyperparameters
-from train.settings.checks import check
 from train.settings.self_play import LEARN, SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
 
@@ -51,7 +53,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class SelfPlayCommand:
+class SelfPlayCommand(RunCommand):
     """Chasers and evaders learn against each other; every evaluation has the exact exploitability.
 
     Each role meets the latest policy of the other role, or with another --sampling its snapshots.
@@ -62,37 +64,18 @@ class SelfPlayCommand:
 
     settings: Options
     others: Any = None
-    out: Path | None = None
-    """A new folder; runs/self-play-MAZE-TIME if left out."""
-    resume: Path | None = None
-    """Go on with the self-play in this folder instead; all other options are taken from there."""
-    episodes: int | None = None
-    """Episodes of the final evaluation, where it is not exact; if left out 1000, or with --resume
-    those of the first command."""
-    format: Formats = ()
-    """pdf, svg, or both: the curve is saved so, too, beside its .png; if left out with --resume,
-    those of the first command."""
 
 
 def self_play(arguments: Sequence[str]) -> None:
     """`pursuit self-play`."""
     given, settings = parsed(arguments)
-    final = final_of(given)
-    name = f"self-play-{Path(given.settings.task.maze).stem}-{strftime('%Y%m%d-%H%M%S')}"
-    out = given.out or Path("runs") / name
-    if given.resume is None:
-        check_new(out)
-    else:
-        check(given.resume.is_dir(), f"{given.resume}: no such folder")
-    from train.experiments.kinds import resume, start  # torch is slow to import
-    from train.self_play.pictures import draw_self_play
-    from train.self_play.report import write_self_play_report
+    name = f"self-play-{Path(settings.task.maze).stem}"
+    run, final = begun(SELF_PLAY, settings, given, name)
+    from train.self_play.report import (  # torch is slow to import
+        draw_self_play,
+        write_self_play_report,
+    )
 
-    with heard():
-        if given.resume is None:
-            run = start(SELF_PLAY, settings, out, final)
-        else:
-            run = resume(given.resume, SELF_PLAY)
     task, sampling = run.trainee.task, run.trainee.settings.sampling
     print(
         f"self-play: {task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "
@@ -123,7 +106,7 @@ def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlaySettings]
     if whole.hyper is None:
         first |= {"hyper": None} | {f"{role}_hyper": hyper for role, hyper in others.items()}
     default = SelfPlayCommand(
-        Options(**first, **budget_of(arguments, 120.0)), other_options(others)
+        Options(**first, **default_budget(options_in(arguments), 120.0)), other_options(others)
     )
     given = parse(SelfPlayCommand, arguments, "self-play", default)
     found = {f.name: getattr(given.settings, f.name) for f in fields(SelfPlaySettings)}
@@ -157,11 +140,10 @@ def other_options(others: Mapping[str, Hyperparameters]) -> Any:
 def show(run: Run, content: dict[str, Any]) -> None:
     """Print what was found."""
     from train.experiments.methods import METHODS, methods  # torch is slow to import
-    from train.experiments.sweep_report import reduction
     from train.self_play.payoffs import matches_table
-    from train.self_play.report import meaning_of_nash_conv, told_independent, told_whole_game
+    from train.self_play.report import told_exploitability
 
-    found, matches = content["evaluation"], content["matches"]
+    matches = content["matches"]
     table = matches_table(matches)
     table.write(run.folder)
     write_text(run.folder / METHODS, methods([run.folder]))
@@ -171,24 +153,5 @@ def show(run: Run, content: dict[str, Any]) -> None:
         f"({'exact' if exact else '± is the 95 % interval'}); chasers down, evaders across"
     )
     print_table(table, 100)
-    start, end = content.get("at_start", {}).get("nash_conv"), found.get("nash_conv")
-    if start is not None and end is not None:
-        less = f"{reduction(start, end):.1f} % less"
-        print(
-            f"\nNashConv {start:.3f} -> {end:.3f} discounted steps, {less} "
-            f"({meaning_of_nash_conv(content)})"
-        )
-    if content.get("averages"):
-        print(told_averages(content["averages"]))
-    if "game_value" in found and "value" in found:
-        sight = " in full sight" if content.get("limited_sight") else ""
-        print(f"value {found['value']:.3f}, of the game{sight} {found['game_value']:.3f}")
-    if content.get("independent_team"):
-        print(told_independent(content["independent_team"]))
-    if content.get("whole_game"):
-        print(told_whole_game(content["whole_game"]))
-    for kind in ("exact", "approximate"):
-        for name, steps in content.get(f"{kind}_best_response", {}).items():
-            full = " of full sight" if kind == "exact" and content.get("limited_sight") else ""
-            print(f"{kind} best response{full} {name.replace('_', ' the ')}: {steps:.2f} steps")
+    print("", *told_exploitability(content), sep="\n")
     print(f"results, curve, table, methods, pool and {REPORT}: {run.folder}")

@@ -8,25 +8,36 @@ from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.declared import one_of, share
-from pursuit.maze import Maze, load_maze
-from pursuit.task import make_task
+from pursuit.mazes.maze import Maze, load_maze
+from pursuit.tasks.task import make_task
 from scripted_agents import ChaseSolution, cop_number, independent_team, solve_chase
 from train.commands.blindness import print_blindness, radii_of
 from train.commands.parse import Formats, parse
 from train.commands.progress import Alive
-from train.figures import BLUE, FORMATS, ORANGE, PLAIN, Look, draw_walls, names_of, pyplot, save
 from train.files import check_new_files
-from train.settings.checks import check, check_default
+from train.reports.figures import (
+    BLUE,
+    FORMATS,
+    ORANGE,
+    PLAIN,
+    Look,
+    draw_cells,
+    names_of,
+    pyplot,
+    save,
+)
+from train.settings.checks import RANDOM_MOVES, Settings, check, check_default, one_of, rule
+
+SECONDS = rule(lambda value: 0.0 < value < inf, "a finite number above 0")
 
 
 @dataclass(frozen=True)
-class SolveCommand:
+class SolveCommand(Settings):
     """Solve the simultaneous chase of a maze exactly: value, saddle points, cop number, picture."""
 
     maze: str = "5x5"
@@ -48,11 +59,11 @@ class SolveCommand:
     view_radius: str | None = None
     """Solve for one agent with limited sight against a scripted one instead: path steps, or several
     for a table, such as 0,1,2,full; an interval is proven."""
-    role: str = "chaser"
+    role: Annotated[str, one_of("chaser", "evader")] = "chaser"
     """Who has the limited sight: chaser or evader."""
-    opponent_epsilon: float = 0.2
+    opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.2
     """Share of random moves of its A* opponent."""
-    seconds: float = 20.0
+    seconds: Annotated[float, SECONDS] = 20.0
     """To search for each view radius."""
     out: Path | None = None
     """The picture (.png, .pdf or .svg); solve-MAZE.png if left out."""
@@ -73,15 +84,14 @@ def solve(arguments: Sequence[str]) -> None:
         radii = radii_of(given.view_radius)
         print_blindness(maze, radii, role, given.opponent_epsilon, *rest)
         return
-    for name in ("chaser_cell", "evader_cell"):
-        cell = getattr(given, name)
+    cells = {"chaser_cell": given.chaser_cell, "evader_cell": given.evader_cell}
+    for name, cell in cells.items():
         check(
             cell is None or 0 <= cell < maze.num_cells,
             f"{name}={cell}; {maze.name} has the cells 0 to {maze.num_cells - 1}",
         )
-    agents = given.num_chasers + 1
     check(
-        agents <= maze.num_cells,
+        given.num_chasers < maze.num_cells,
         f"num_chasers={given.num_chasers}, and the evader, need cells of their own; {maze.name} "
         f"has {maze.num_cells}",
     )
@@ -112,12 +122,9 @@ def solve(arguments: Sequence[str]) -> None:
         told = f"not known ({error})"
     print(f"{'cop number (in turns)':<32}{told}")
     if given.num_chasers == 1:
-        chaser, evader = telling_cells(solution)
-        cells = (
-            chaser if given.chaser_cell is None else given.chaser_cell,
-            evader if given.evader_cell is None else given.evader_cell,
-        )
-        draw_solution(out, solution, *cells, look=look)
+        shown = zip(cells.values(), telling_cells(solution), strict=True)
+        chaser, evader = (own if cell is None else cell for cell, own in shown)
+        draw_solution(out, solution, chaser, evader, look)
         print(f"picture: {out}")
 
 
@@ -128,9 +135,6 @@ OF_ONE_SIGHT = ("role", "opponent_epsilon", "seconds")
 
 def check_options(given: SolveCommand) -> None:
     """ValueError for a value that is not allowed, or an option that has no effect beside others."""
-    one_of("role", given.role, ("chaser", "evader"))
-    share("opponent_epsilon", given.opponent_epsilon)
-    check(0.0 < given.seconds < inf, f"seconds={given.seconds}; a finite number above 0")
     if given.view_radius is None:
         check_default(given, SolveCommand, OF_ONE_SIGHT, "it goes with --view-radius")
         if given.horizon is not None:
@@ -146,43 +150,39 @@ def check_options(given: SolveCommand) -> None:
 def describe(solution: ChaseSolution, seconds: float) -> str:
     """What is printed of a solution, a line each."""
     maze, values = solution.maze, solution.values
-    size, chasers = maze.num_cells, solution.num_chasers
+    chasers = solution.num_chasers
     cells = np.indices(values.shape)
     apart = (cells[:-1] != cells[-1]).all(axis=0)
     mixed = int(solution.mixed[apart].sum())
     discount, horizon = solution.discount, solution.horizon
     how = f"horizon {horizon}" if horizon is not None else f"discount {discount:g}"
-    lines = [
-        f"{'maze':<32}{maze.name}: {size} cells, {maze.num_loops} loops",
-        f"{'game':<32}{chasers} chaser{'s' if chasers > 1 else ''}, 1 evader, "
-        f"{solution.move_order}, {'with' if solution.stay_action else 'no'} stay, {how}",
-    ]
     most = float(horizon) if horizon is not None else 1.0 / (1.0 - discount)
     own = [a != b for a, b in itertools.combinations(cells, 2)]  # at a start all stand apart
     mean = float(values[np.logical_and.reduce(own)].mean())
-    lines.append(
-        f"{'value (mean over starts)':<32}{mean:.6f} steps"
-        f"{'' if horizon is not None else ', discounted'}; at most {most:g}"
-    )
     escapes = int((values[apart] >= most * (1.0 - 1e-9)).sum())
     places = int(apart.sum())
-    lines.append(f"{'never caught from':<32}{escapes:,} of {places:,} places")
-    lines.append(
-        f"{'optimal play must be random at':<32}{mixed:,} of {places:,} places "
-        f"({places - mixed:,} have a pure saddle point)"
-    )
+    told = {
+        "maze": f"{maze.name}: {maze.num_cells} cells, {maze.num_loops} loops",
+        "game": f"{chasers} chaser{'s' if chasers > 1 else ''}, 1 evader, {solution.move_order}, "
+        f"{'with' if solution.stay_action else 'no'} stay, {how}",
+        "value (mean over starts)": f"{mean:.6f} steps"
+        f"{'' if horizon is not None else ', discounted'}; at most {most:g}",
+        "never caught from": f"{escapes:,} of {places:,} places",
+        "optimal play must be random at": f"{mixed:,} of {places:,} places "
+        f"({places - mixed:,} have a pure saddle point)",
+    }
     if chasers > 1 and horizon is None:
         order: Any = {"stay_action": solution.stay_action, "move_order": solution.move_order}
         team = make_task("chase", maze=maze, num_chasers=chasers, **order)
         try:
             alone = independent_team(team, discount)
             wide = f"{100 * (alone.upper / alone.lower - 1):.3f} % wide"
-            told = f"{alone.lower:.6f} to {alone.upper:.6f}, proven ({wide})"
+            bounds = f"{alone.lower:.6f} to {alone.upper:.6f}, proven ({wide})"
         except ValueError as error:
-            told = f"not known ({error})"
-        lines.append(f"{'chasers that draw on their own':<32}{told}")
-    lines.append(f"{'solved in':<32}{seconds:.2f} s, {solution.sweeps} sweeps")
-    return "\n".join(lines)
+            bounds = f"not known ({error})"
+        told["chasers that draw on their own"] = bounds
+    told["solved in"] = f"{seconds:.2f} s, {solution.sweeps} sweeps"
+    return "\n".join(f"{name:<32}{text}" for name, text in told.items())
 
 
 def telling_cells(solution: ChaseSolution) -> tuple[int, int]:
@@ -205,29 +205,19 @@ def draw_solution(
     )
     apart = ~np.eye(maze.num_cells, dtype=bool)
     low, high = solution.values[apart].min(), solution.values[apart].max()
+    colors = {"cmap": "viridis", "vmin": low, "vmax": max(high, low + 1e-9), "alpha": 0.85}
     for axis, values, policy, other, name in sides:
         mover = "chaser" if name == "evader" else "evader"
-        image = _draw_values(axis, maze, values, other, (low, max(high, low + 1e-9)))
-        draw_walls(axis, maze)
+        title = f"optimal {mover}, the {name} being at ●"
+        shown = np.where(np.arange(maze.num_cells) == other, np.nan, values)
+        image = draw_cells(axis, maze, shown, title, **colors)
         _draw_arrows(axis, maze, policy, other)
         color = ORANGE if name == "chaser" else BLUE
         axis.plot(maze.columns[other], maze.rows[other], "o", ms=11, color=color)
-        axis.set_title(f"optimal {mover}, the {name} being at ●", fontsize=10)
-        axis.set_aspect("equal")
-        axis.axis("off")
     unit = "steps" if solution.horizon is not None else f"steps, discount {solution.discount:g}"
     figure.colorbar(image, ax=axes, shrink=0.8, label=f"value ({unit})")
     figure.suptitle(f"{maze.name}: the exact game, {solution.move_order}", fontsize=11)
     save(figure, path, formats=look.formats)
-
-
-def _draw_values(
-    axis: Any, maze: Maze, values: NDArray[np.float64], other: int, limits: tuple[float, float]
-) -> Any:
-    grid = np.full((maze.height, maze.width), np.nan)
-    grid[maze.rows, maze.columns] = values
-    grid[maze.rows[other], maze.columns[other]] = np.nan
-    return axis.imshow(grid, cmap="viridis", vmin=limits[0], vmax=limits[1], alpha=0.85)
 
 
 def _draw_arrows(axis: Any, maze: Maze, policy: NDArray[np.float64], other: int) -> None:

@@ -9,7 +9,6 @@ from typing import Any
 
 from train.commands.parse import warn
 from train.commands.scores import print_scores
-from train.commands.tables import print_table
 from train.evaluation.suite_contest import InMazes, SuiteContest
 from train.evaluation.suite_report import (
     draw_gaps,
@@ -20,6 +19,7 @@ from train.evaluation.suite_report import (
 )
 from train.evaluation.suite_tables import is_known
 from train.files import write_csv
+from train.reports.tables import print_table
 
 SEEN_MAZES = 200
 """Of the training mazes, at most, in which a policy is played for comparison: evenly spread."""

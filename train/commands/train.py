@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from time import strftime
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from train.commands.parse import Formats, budget_of, heard, named_task, parse, parse_known
-from train.commands.progress import carry_out, final_of, leave
+from train.commands.parse import (
+    default_budget,
+    default_task,
+    options_in,
+    parse,
+    parse_known,
+)
+from train.commands.progress import RunCommand, begun, carry_out, leave
 from train.commands.scores import (
     certificate_of,
     print_bounds,
@@ -20,15 +24,14 @@ from train.commands.scores import (
 )
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.scores import Score
-from train.figures import PLAIN, Look
 from train.files import write_text
-from train.runs.folder import CURVE, REPLAY, REPORT, RUN, check_new
+from train.reports.figures import PLAIN, Look
+from train.runs.folder import CURVE, REPLAY, REPORT, RUN
 from train.runs.pictures import draw_learning_curve, save_replay
 from train.runs.report import headline, loops_told, of_solved, write_report
-from train.runs.tasks import setting_of
+from train.runs.tasks import default_settings
 from train.settings.algorithms import Hyperparameters
-from train.settings.checks import check
-from train.settings.presets import TUNED, hyperparameters, lessons_for, preset_algorithm
+from train.settings.presets import TUNED
 from train.settings.run import TrainSettings
 from train.settings.task import AnyTask, TaskSettings
 
@@ -40,7 +43,7 @@ H = TypeVar("H", bound=Hyperparameters, covariant=True)
 
 
 @dataclass(frozen=True)
-class TrainCommand(Generic[H]):
+class TrainCommand(RunCommand, Generic[H]):
     """Train one agent against scripted ones, or an arm, and say how far it is from the exact
     optimum.
 
@@ -53,16 +56,6 @@ class TrainCommand(Generic[H]):
     preset: str = TUNED
     """Where the algorithm's settings come from: tuned, or thesis-ppo, thesis-a2c, thesis-dqn; of an
     arm thesis-ddpg, thesis-td3, thesis-reacher-ppo."""
-    out: Path | None = None
-    """A new folder for the run; runs/TASK-ROLE-MAZE-TIME if left out."""
-    resume: Path | None = None
-    """Go on with the run in this folder instead; all other options are taken from there."""
-    episodes: int | None = None
-    """Episodes of the final evaluation; if left out 1000, or with --resume those of the first
-    command."""
-    format: Formats = ()
-    """pdf, svg, or both: the learning curve is saved so, too, beside its .png; if left out with
-    --resume, those of the first command."""
 
 
 @dataclass(frozen=True)
@@ -82,22 +75,11 @@ def train(arguments: Sequence[str]) -> None:
     default = _defaults(arguments)
     form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
     given: TrainCommand[Any] = parse(form, arguments, "train", default)
-    settings, final = given.settings, final_of(given)
-    name = f"{settings.task.label}-{strftime('%Y%m%d-%H%M%S')}"
-    out = given.out or Path("runs") / name
-    if given.resume is None:
-        check_new(out)
-    else:
-        check(given.resume.is_dir(), f"{given.resume}: no such folder")
-    from train.experiments.kinds import resume, start  # torch is slow to import
-
-    with heard():
-        if given.resume is None:
-            run = start(RUN, settings, out, final)
-        else:
-            run = resume(given.resume, RUN)
+    run, final = begun(RUN, given.settings, given, given.settings.task.label)
     trainee: SingleAgent = run.trainee
     print(trainee.contest.line())
+    if (form := getattr(trainee.learner, "update_form", None)) is not None:
+        print(f"update: {form}")
     if trainee.teacher is not None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
     content = carry_out(
@@ -116,18 +98,11 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
     Raises:
         ValueError: an unknown algorithm or preset, or two that do not go together.
     """
-    first = parse_known(_First(named_task(arguments)), arguments)
-    algorithm = first.algorithm or preset_algorithm(first.preset) or "ppo"
-    setting = replace(setting_of(first.task), recurrent=first.recurrent is not None)
-    hyper = hyperparameters(algorithm, setting, first.preset, first.gamma is not None)
-    curriculum, lessons = lessons_for(algorithm, setting, first.preset, first.curriculum)
-    budget = budget_of(arguments, 60.0)
-    # With a flag on by default the command line would offer to turn it off, and refuse it as given.
-    off: Any = dict.fromkeys(first.task.FLAGS, False)
-    task = replace(first.task, **off)
-    settings: TrainSettings[Any] = TrainSettings(
-        task, hyper, lessons, algorithm, curriculum, **budget
-    )
+    options = options_in(arguments)
+    task = default_task(options)
+    first = parse_known(_First(task), arguments)
+    found = {**default_settings(**vars(first)), "task": task}
+    settings: TrainSettings[Any] = TrainSettings(**found, **default_budget(options, 60.0))
     return TrainCommand(settings, first.preset)
 
 

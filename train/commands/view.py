@@ -10,21 +10,22 @@ from typing import Annotated, Any
 
 import tyro
 
-from pursuit.replay import Replay
-from pursuit.viewer.data import Builder, Extras
+from pursuit.replays.replay import Replay
+from pursuit.replays.viewer.data import Builder, Extras
 from train.commands.parse import heard, parse
 from train.evaluation.closeups import recorded, sides_of
 from train.files import check_new_files
-from train.pages import PLAYER_ROOM, paragraph, write_page
 from train.play.browser import open_page
+from train.reports.pages import PLAYER_ROOM, write_page
+from train.reports.tables import in_markdown
 from train.runs.folder import RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
 from train.runs.forms import read_results
 from train.runs.report import write_report
-from train.settings.checks import check
+from train.settings.checks import Settings, at_least, check
 
 
 @dataclass(frozen=True)
-class ViewCommand:
+class ViewCommand(Settings):
     """Write a page that plays episodes, and open it where there is a browser.
 
     Of one run, or of self-play, it is the report, RUN/report.html if --out is left out. Of several,
@@ -36,7 +37,7 @@ class ViewCommand:
     """Folders of runs, and replays (.json)."""
     out: Path | None = None
     """The page; replay.html if left out and no run's report is asked for."""
-    episodes: int = 4
+    episodes: Annotated[int, at_least(1)] = 4
     """Episodes of each run, where several things are shown."""
     overwrite: bool = False
     """Replace --out where it exists."""
@@ -48,7 +49,6 @@ def view(arguments: Sequence[str]) -> None:
     """`pursuit view`."""
     given = parse(ViewCommand, arguments, "view")
     check(bool(given.paths), "nothing to view; give the folder of a run, or a replay (.json)")
-    check(given.episodes >= 1, f"episodes={given.episodes}; at least 1")
     for path in given.paths:
         check(path.exists(), f"{path}: no such file or folder")
     check_new_files([given.out], given.overwrite)
@@ -96,7 +96,7 @@ def together(given: ViewCommand) -> Path:
     title = ", ".join(path.name for path in given.paths)
     for warning in builder.warnings:
         print(f"pursuit: warning: {warning}", file=sys.stderr)
-    told = [paragraph(warning, "warning") for warning in builder.warnings]
+    told = [f"Warning: {in_markdown(warning)}" for warning in builder.warnings]
     write_page(page, title, [*told, PLAYER_ROOM], builder.data(title))
     return page
 

@@ -10,10 +10,10 @@ import torch
 from numpy.typing import NDArray
 from torchrl.data import Binary, Bounded, Categorical, Composite
 
-from pursuit.masks import ACTION_MASK, action_masks, warn_of_masks
-from pursuit.maze_arrays import lay_out
-from pursuit.policy import Policy
-from pursuit.simulator import Simulator
+from pursuit.mazes.maze_arrays import lay_out
+from pursuit.observations.masks import ACTION_MASK, action_masks, warn_of_masks
+from pursuit.simulator.policy import Policy
+from pursuit.simulator.simulator import Simulator
 from train.environments.hooks import EpisodeHook
 from train.environments.lockstep import LockstepEnv
 from train.networks.frames import FrameStack, shift

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import torch
 
-from pursuit.observations import Encoder
-from pursuit.policy import Policy
-from pursuit.simulator import Simulator
+from pursuit.observations.observations import Encoder
+from pursuit.simulator.policy import Policy
+from pursuit.simulator.simulator import Simulator
 from train.environments.hooks import EpisodeHook
 from train.environments.simulator_env import SimulatorEnv
 from train.networks.policy import Seat

@@ -9,12 +9,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.compiled import source_stamp
+from pursuit.compilation.kernel_cache import source_stamp
 from pursuit.reacher.policy import ArmPolicy
 from pursuit.reacher.rendering import ArmScene, scene_of
 from pursuit.reacher.simulator import ReacherSimulator
@@ -25,11 +25,11 @@ from scripted_agents import (
     LeastStepsPolicy,
     RandomArm,
     ThesisInverseKinematics,
-    least_steps_kernels,
     least_steps_of,
 )
+from scripted_agents.arm import least_steps_kernels
 from train.evaluation.games import half_width
-from train.evaluation.scores import BY_STEPS, Measure, Reference, Score, reference_of
+from train.evaluation.scores import BY_STEPS, Contest, Measure, Reference, Score, reference_of
 from train.files import write_beside
 from train.settings.checks import EVALUATION_SEED
 
@@ -118,7 +118,7 @@ def kept_files() -> Path:
 
 
 @dataclass(frozen=True)
-class ArmContest:
+class ArmContest(Contest):
     """An arm alone with its targets; a `Contest`.
 
     Poses begin at random, or fixed where the task says so: those of a kept pose would depend on
@@ -128,7 +128,11 @@ class ArmContest:
     task: ReacherTask
     episodes: int = 1000
     seed: int = EVALUATION_SEED
-    measure: ClassVar[Measure] = BY_STEPS
+
+    @property
+    def measure(self) -> Measure:
+        """As `Contest`."""
+        return BY_STEPS
 
     def describe(self) -> dict[str, Any]:
         """The task, how many joints, and between which bounds the least steps lie."""
@@ -223,16 +227,9 @@ class ArmContest:
             return found
         return replace(found, kind="bound")
 
-    def scenes(self, policy: ArmPolicy, episodes: int = 3) -> list[ArmScene]:
-        """What a person sees of some episodes, one after the other."""
-        scenes: list[ArmScene] = []
-        for episode in range(episodes):
-            caption = f"episode {episode + 1} of {episodes}"
-            arm, play = self.game(policy, episode)
-            scenes.append(scene_of(arm, caption=caption))
-            scenes += [scene_of(arm, caption=caption) for _ in play]
-            scenes.extend([scenes[-1]] * 3)
-        return scenes
+    def scene(self, simulator: ReacherSimulator, caption: str) -> ArmScene:
+        """As `Contest`."""
+        return scene_of(simulator, caption=caption)
 
     def game(self, policy: ArmPolicy, number: int) -> tuple[ReacherSimulator, Iterator[None]]:
         """As `Contest`."""
@@ -244,10 +241,6 @@ class ArmContest:
                 yield
 
         return arm, play()
-
-    def lengths(self, policy: ArmPolicy) -> NDArray[np.float64]:
-        """As `Contest`."""
-        return self.play(policy)[0].astype(np.float64)
 
     def optimal_lengths(self) -> NDArray[np.float64]:
         """As `Contest`: the lower bounds."""

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.recorder import Recorder
-from pursuit.replay import Replay
-from pursuit.task import Task
-from pursuit.viewer.data import Side
+from pursuit.replays.recorder import Recorder
+from pursuit.replays.replay import Replay
+from pursuit.replays.viewer.data import Side
+from pursuit.tasks.task import Task
 from scripted_agents import action_values
 from train.evaluation.contest import GameContest
 from train.evaluation.games import is_exact, table_in
@@ -118,8 +118,10 @@ def players_of(contest: Any, player: str) -> dict[str, str]:
     return found
 
 
-def sides_of(contest: Any, policy: Any) -> list[Side]:
+def sides_of(contest: Any, policy: Any, most_both: int = MOST_BOTH_CELLS) -> list[Side]:
     """The exact values, and learned and optimal moves, of a duel; of its learner first.
+
+    Up to `most_both` cells those of both sides.
 
     What is optimal is so with full sight, and called that where the task limits it. None where it
     is no duel of tables, or in too large a maze.
@@ -143,7 +145,7 @@ def sides_of(contest: Any, policy: Any) -> list[Side]:
     found = action_values(own, maze, theirs, **rules)
     called = {agent: called_by_sight(task, agent) for agent in names}
     sides = [Side(called[names[seat]], seat, other, found.values, learned, found.optimal)]
-    if learned is not None and maze.num_cells <= MOST_BOTH_CELLS:
+    if learned is not None and maze.num_cells <= most_both:
         role: Any = task.seat_roles[other]
         found = action_values(role, maze, learned, **rules)
         sides.append(Side(called[names[other]], other, seat, found.values, theirs, found.optimal))

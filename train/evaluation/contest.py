@@ -7,19 +7,17 @@ everybody.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.policy import Policy
-from pursuit.rendering import Scene
-from pursuit.simulator import Simulator
-from pursuit.single_agent import fill_seats
-from pursuit.task import ROLES, Task
+from pursuit.simulator.policy import Policy
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Rewards, Task
 from scripted_agents import (
     BestResponse,
     HiddenChaseSolution,
@@ -28,40 +26,30 @@ from scripted_agents import (
     RandomAgent,
     TablePolicy,
     TeamResponse,
-    best_response,
     best_team_response,
-    evaluate_exactly,
     evaluate_team,
     mean_over_starts,
     mean_over_team_starts,
-    tour_lengths,
+    solve_joint,
 )
 from scripted_agents.environments import DEFAULTS
-from scripted_agents.references import limited_references
-from scripted_agents.tour import MAX_EXACT_GOALS
+from scripted_agents.tours.tour import MAX_EXACT_GOALS
 from train.evaluation.games import (
+    best_reply,
     half_width,
     is_exact,
     is_exact_team,
     is_table_in,
-    play_out,
-    scenes_of,
     table_in,
-    won_by,
+    values_between,
 )
 from train.evaluation.hidden_contest import (
     Certificate,
-    certificate_of,
     discounted,
     solution_of,
 )
-from train.evaluation.joint_contest import (
-    MAX_WORK,
-    best_of_goals,
-    best_of_returns,
-    best_of_steps,
-    why_not_joint,
-)
+from train.evaluation.joint_contest import MAX_WORK, why_not_joint
+from train.evaluation.maze_contest import SCRIPTED, MazeContest
 from train.evaluation.scores import (
     BY_GOALS,
     BY_RETURN,
@@ -71,15 +59,11 @@ from train.evaluation.scores import (
     Measure,
     Reference,
     Score,
-    measure_of,
-    reference_of,
-    told,
 )
-from train.settings.checks import EVALUATION_SEED
 
 
 @dataclass(frozen=True)
-class GameContest:
+class GameContest(MazeContest):
     """One agent of a task, with fixed policies in all other seats; a `Contest`.
 
     The optimum is that of all actions; with `mask_bumps`, that of an agent that is forbidden moves
@@ -87,101 +71,33 @@ class GameContest:
     the units of `joint_work`.
     """
 
-    task: Task
-    agent: str
-    opponents: dict[str, Policy]
-    episodes: int = 1000
-    seed: int = EVALUATION_SEED
     mask_bumps: bool = False
     most_work: int = MAX_WORK
-
-    @property
-    def role(self) -> str:
-        """The role of the agent."""
-        return self.task.seat_roles[self.task.seat(self.agent)]
-
-    @property
-    def measure(self) -> Measure:
-        """As `Contest`: steps in a chase, and of a runner alone; goals of a runner among rivals;
-        the return of chasers and evaders where evaders collect goals, as a capture ends that game
-        as the last goal does, and steps say little."""
-        return measure_of(self.task, self.role)
 
     @property
     def is_exact(self) -> bool:
         """Whether lengths are means over all starts, computed without sampling."""
         return is_exact(self.task, *self.opponents.values())
 
-    def describe(self) -> dict[str, Any]:
-        """The names of the task, the role and the (first) maze."""
-        return {"task": self.task.name, "role": self.role, "maze": self.task.mazes[0].name}
-
-    def line(self) -> str:
-        """One line that says what is evaluated."""
-        task, maze = self.task, self.task.mazes[0]
-        counts = {role: task.count(role) for role in ROLES} | {"goal": task.num_goals}
-        parts = [f"{n} {name}{'s' if n > 1 else ''}" for name, n in counts.items() if n]
-        others = sorted(
-            {
-                told(policy)
-                for role, policy in self.opponents.items()
-                if role in task.seat_roles and (role != self.role or task.count(role) > 1)
-            }
-        )
-        against = f", with {', '.join(others)}" if others else ""
-        return (
-            f"{task.name}: {self.agent} on maze {maze.name} ({maze.num_cells} cells; "
-            f"{', '.join(parts)}){against}, at most {task.max_steps} steps"
-        )
-
-    def starts(self) -> Simulator:
-        """The games of the evaluation at their starts."""
-        return Simulator(self.task, self.episodes, self.seed, auto_restart=False)
-
-    def play(self, policy: Policy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Play every start to its end: episode lengths [episodes], and who won [episodes]."""
-        return self._played(policy, self.starts())
-
-    def values(self, policy: Policy) -> NDArray[np.float64]:
-        """[episodes], the goals or the return from every start, whichever is the measure."""
-        simulator = self.starts()
-        self._played(policy, simulator)
-        found = simulator.collected if self.measure == BY_GOALS else simulator.returns
-        return found[:, self.task.seat(self.agent)].copy()
-
     def _means(self, simulator: Simulator) -> dict[str, float | None]:
         """What the agent was paid, and the goals that it collected, in games that were played."""
-        seat = self.task.seat(self.agent)
+        seat = self.seat
         goals = float(simulator.collected[:, seat].mean()) if self.task.num_goals else None
         return {"mean_return": float(simulator.returns[:, seat].mean()), "mean_goals": goals}
 
-    def _played(
-        self, policy: Policy, simulator: Simulator
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        seat, policies = fill_seats(self.task, self.agent, self.opponents)
-        policies[seat] = policy
-        return play_out(
-            simulator,
-            policies,
-            lambda games: games.terminated | games.truncated | (games.active[:, seat] == 0),
-            lambda games: won_by(games, seat),
-        )
-
     def _with(self, policy: Policy) -> dict[str, Policy]:
         """Who fills which seat when `policy` fills this one."""
-        return {**self.opponents, self.task.agent_names[self.task.seat(self.agent)]: policy}
+        return {**self.opponents, self.task.agent_names[self.seat]: policy}
 
     def opponent_table(self) -> NDArray[np.float64]:
         """[self cell, other cell, action] of the opponent, where `is_exact`."""
-        other = "evader" if self.role == "chaser" else "chaser"
-        policy = self.opponents.get(f"{other}_0", self.opponents.get(other))
-        assert policy is not None  # is_exact
-        return table_in(self.task, policy)
+        assert self.opponent is not None  # is_exact
+        return table_in(self.task, self.opponent)
 
     def score(self, name: str, policy: Policy) -> Score:
         """Play, and solve where it can be solved."""
         simulator = self.starts()
-        lengths, won = self._played(policy, simulator)
+        lengths, won = self.play_from(simulator, policy)
         mean, ci95, exact = float(lengths.mean()), half_width(lengths), False
         if self.is_exact and is_table_in(self.task, policy):
             values, task = self._pair_values(policy), self.task
@@ -205,17 +121,12 @@ class GameContest:
         return float(lengths[won].sum() / self.tours[won].sum()) - 1.0
 
     @cached_property
-    def is_limited(self) -> bool:
-        """Whether anything is hidden from the agent: then a best response is not its optimum."""
-        return self.task.hides_from(self.agent)
-
-    @cached_property
     def in_full_sight(self) -> GameContest:
         """The same contest of an agent that sees everything: what it can do is a bound.
 
         All others see what they saw, and so play as they did.
         """
-        task, own = self.task, self.task.seat(self.agent)
+        task, own = self.task, self.seat
         others = [
             (name, limit)
             for seat, (name, limit) in enumerate(
@@ -238,33 +149,22 @@ class GameContest:
 
     def certificate(self) -> Certificate | None:
         """The proven interval alone."""
-        return certificate_of(self.solution())
+        proven = self.solution()
+        if proven is None:
+            return None
+        return Certificate(proven.role, proven.discount, proven.lower, proven.upper)
 
     def _pair_values(self, policy: Policy) -> PairValues:
         """The expected lengths from every pair of cells, where `is_exact` with this policy."""
-        task = self.task
-        tables = (table_in(task, policy), self.opponent_table())
-        return evaluate_exactly(
-            task.mazes[0],
-            *(tables if self.role == "chaser" else tables[::-1]),
-            horizon=task.max_steps,
-            move_order=task.move_order,  # type: ignore[arg-type]
-        )
+        tables = (table_in(self.task, policy), self.opponent_table())
+        return values_between(self.task, self.role, tables, self.task.max_steps)
 
     def best_response(self, mask_bumps: bool = False) -> BestResponse | None:
         """The exact best response to the opponent, where `is_exact`."""
         if not self.is_exact:
             return None
-        task = self.task
-        return best_response(
-            self.role,  # type: ignore[arg-type]
-            task.mazes[0],
-            self.opponent_table(),
-            horizon=task.max_steps,
-            stay_action=task.stay_action,
-            move_order=task.move_order,  # type: ignore[arg-type]
-            mask_bumps=mask_bumps,
-        )
+        table, horizon = self.opponent_table(), self.task.max_steps
+        return best_reply(self.task, self.role, table, horizon, mask_bumps=mask_bumps)
 
     def _score_of(self, name: str, best: BestResponse) -> Score:
         """What a best response achieves."""
@@ -277,7 +177,7 @@ class GameContest:
         """What this agent does best among the others, in a team's chase; None where not solved."""
         if not is_exact_team(self.task, self._with(RandomAgent())):
             return None
-        name = self.task.agent_names[self.task.seat(self.agent)]
+        name = self.task.agent_names[self.seat]
         return best_team_response(self.task, name, self.opponents, self.task.max_steps)
 
     def optimal(self) -> Score | None:
@@ -320,27 +220,40 @@ class GameContest:
             return f"{task.num_goals} goals; shortest tours are known of up to {MAX_EXACT_GOALS}"
         return why_not_joint(self.task, self.agent, self.opponents, self.most_work)
 
+    def _alone_best(
+        self, task: Task, objective: Literal["steps", "return"] = "steps"
+    ) -> JointResponse:
+        """The best response of this agent alone in a whole game."""
+        own = [task.agent_names[self.seat]]
+        return solve_joint(task, own, self.opponents, task.max_steps, objective=objective)
+
     @cached_property
     def best_of_steps(self) -> JointResponse | None:
-        """The best response in steps in games that only `solve_joint` solves."""
-        if (self.task.num_agents, self.task.num_runners) == (1, 1) or self.why_not_joint():
+        """The best response in steps in games that only `solve_joint` solves; None where steps are
+        no aim."""
+        task = self.task
+        heist = task.num_goals and task.num_evaders
+        if (task.num_agents, task.num_runners) == (1, 1) or heist or self.why_not_joint():
             return None
-        return best_of_steps(self.task, self.agent, self.opponents)
+        return self._alone_best(task)
 
     @cached_property
     def best_of_returns(self) -> JointResponse | None:
-        """The best response in what the agent is paid, among rivals for goals."""
+        """The best response in what the agent is paid, among rivals for goals; None where a user's
+        function pays."""
         task = self.task
-        if task.num_agents == 1 or not task.num_goals or self.why_not_joint() is not None:
+        rivals = task.num_goals and task.num_agents > 1
+        if not rivals or task.reward_function is not None or self.why_not_joint() is not None:
             return None
-        return best_of_returns(self.task, self.agent, self.opponents)
+        return self._alone_best(task, "return")
 
     @cached_property
     def best_of_goals(self) -> JointResponse | None:
-        """The best response in goals, of a runner among rivals."""
+        """The best response in goals, of a runner among rivals, whatever it is paid."""
         if self.measure != BY_GOALS or self.why_not_joint() is not None:
             return None
-        return best_of_goals(self.task, self.agent, self.opponents)
+        by_goals = replace(self.task, rewards={self.role: Rewards(goal=1.0)})
+        return self._alone_best(by_goals, "return")
 
     def _joint_score(self, best: JointResponse, measure: Measure) -> Score:
         """What a best response in this measure achieves on the starts of the evaluation: expected
@@ -348,7 +261,7 @@ class GameContest:
         name = measure.optimum
         simulator = self.starts()
         expected = best.values_of(simulator.games)
-        lengths, won = self._played(best.policy, simulator)
+        lengths, won = self.play_from(simulator, best.policy)
         means: dict[str, Any] = self._means(simulator)
         if measure is BY_STEPS:
             mean, ci95 = float(expected.mean()), half_width(expected)
@@ -368,20 +281,6 @@ class GameContest:
         best = self.best_of_goals
         return None if best is None else self._joint_score(best, BY_GOALS)
 
-    @cached_property
-    def tours(self) -> NDArray[np.int64] | None:
-        """[episodes], the shortest tour of each start; None where it is not known."""
-        task, simulator = self.task, self.starts()
-        if (task.num_agents, task.num_runners) != (1, 1) or task.num_goals > MAX_EXACT_GOALS:
-            return None
-        lengths = np.zeros(self.episodes, dtype=np.int64)
-        for number, maze in enumerate(task.mazes):
-            here = simulator.maze_index == number
-            if here.any():
-                starts, goals = simulator.positions[here, 0], simulator.goals[here]
-                lengths[here] = tour_lengths(maze, starts, goals)
-        return lengths
-
     def _optima(self) -> list[Score]:
         """The exact optima that are known: in steps, goals and returns."""
         found = (self.optimal(), self.optimal_goals(), self.optimal_return())
@@ -389,13 +288,11 @@ class GameContest:
 
     def baselines(self) -> list[Score]:
         """Random, scripted (A* or nearest goal) and, where they are known, the optima."""
-        scripted = {"chaser": "A* chaser", "evader": "A* evader", "runner": "nearest goal"}
         scores = [
             self.score("random", RandomAgent()),
-            self.score(scripted[self.role], DEFAULTS[self.role](0.0)),
+            self.score(SCRIPTED[self.role], DEFAULTS[self.role](0.0)),
         ]
-        limited = limited_references(self.task, self.agent, self.opponents)
-        scores += [self.score(name, policy) for name, policy in limited.items()]
+        scores += [self.score(name, policy) for name, policy in self.limited.items()]
         solution = self.solution()
         if solution is not None:
             scores.append(self.score("certified", solution.policy))
@@ -412,35 +309,14 @@ class GameContest:
         if proven is not None and steps is not None:
             name = "optimum under limited sight, far end"
             return Reference("certified", name, DISCOUNTED, proven.far, proven.gap(steps))
-        limited = limited_references(self.task, self.agent, self.opponents)
-        fair = (*limited, "random") if self.is_limited else None
-        return reference_of(scores, learned, self.measure, fair)
-
-    def scenes(self, policy: Policy, episodes: int = 3) -> list[Scene]:
-        """What a person sees of some episodes, one after the other."""
-        return scenes_of(self.game, policy, episodes)
-
-    def game(self, policy: Policy, number: int) -> tuple[Simulator, Iterator[None]]:
-        """As `Contest`."""
-        seat, policies = fill_seats(self.task, self.agent, self.opponents)
-        policies[seat] = policy
-        simulator = Simulator(self.task, 1, self.seed, first_game=number, auto_restart=False)
-
-        def play() -> Iterator[None]:
-            actions = np.zeros((1, self.task.num_agents), dtype=np.int32)
-            while not simulator.ended.any():
-                simulator.act(policies, actions)
-                simulator.step(actions)
-                yield
-
-        return simulator, play()
+        return super().reference(scores, learned)
 
     def lengths(self, policy: Policy) -> NDArray[np.float64]:
         """As `Contest`: expected ones in a duel of tables."""
         if self.is_exact and is_table_in(self.task, policy):
             values = self._pair_values(policy)
             return np.asarray(values)[tuple(self.starts().positions.T)]
-        return self.play(policy)[0].astype(np.float64)
+        return super().lengths(policy)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """As `Contest`; for a duel, a runner alone, and whole games in which steps count."""

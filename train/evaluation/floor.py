@@ -10,13 +10,13 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pursuit.maze import Maze
-from pursuit.task import Rewards, Task
-from scripted_agents import best_response, evaluate_joint, mean_over_starts, solve_joint
-from scripted_agents.objective import tour_floor
+from pursuit.tasks.task import Rewards, Task
+from scripted_agents import evaluate_joint, mean_over_starts, solve_joint
+from scripted_agents.duel.action_values import expected_after, outcomes
+from scripted_agents.tours.objective import tour_floor
 from train.evaluation.contest import GameContest
+from train.evaluation.games import best_reply
 from train.evaluation.joint_contest import joint_work
 
 MAX_CELLS = 256
@@ -100,16 +100,18 @@ def _duel(contest: GameContest, paid: Rewards, discount: float) -> float | None:
         return None
     table = contest.opponent_table()
     role: Any = contest.role
-    rest: Any = (None, discount, task.stay_action, task.move_order)
-    values = best_response(role, maze, table, *rest).values
-    options = _after_each(maze, table, role, task, values)
-    goal = options.min(axis=0) if chases else options.max(axis=0)
-    allowed = np.abs(options - goal) <= TIE * np.abs(goal)
+    values = best_reply(task, role, table, None, discount).values
+    order: Any = task.move_order
+    moves = list(outcomes(role, maze, table, task.num_actions, order))
+    pick: Any = np.min if chases else np.max
+    options = expected_after(moves, values if chases else values.T, task.num_actions)
+    goal = pick(options, axis=2, keepdims=True)
+    forbidden = np.abs(options - goal) > TIE * np.abs(goal)
     steps = np.zeros_like(values)
     for _ in range(task.max_steps):
-        options = _after_each(maze, table, role, task, steps)
-        options = np.where(allowed, options, np.inf if chases else -np.inf)
-        before, steps = steps, 1.0 + (options.min(axis=0) if chases else options.max(axis=0))
+        options = expected_after(moves, steps, task.num_actions)
+        options[forbidden] = np.inf if chases else -np.inf
+        before, steps = steps, 1.0 + pick(options, axis=2)
         np.fill_diagonal(steps, 0.0)
         if (steps == before).all():
             break
@@ -134,24 +136,3 @@ def _whole_game(contest: GameContest, discount: float) -> Floor:
         None if steps is None else found.steps[name] / steps.mean_over_starts - 1.0,
         None if paid is None else paid.mean_over_starts - found.returns[name],
     )
-
-
-def _after_each(
-    maze: Maze, table: NDArray[np.float64], role: str, task: Task, values: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """[action, chaser cell, evader cell]: the mean of `values` after each action of `role`."""
-    size, neighbors = maze.num_cells, maze.neighbors
-    chaser, evader = np.ogrid[:size, :size]
-    found = np.zeros((task.num_actions, size, size))
-    for own in range(task.num_actions):
-        for theirs in range(table.shape[2]):
-            chase, flee = (own, theirs) if role == "chaser" else (theirs, own)
-            near, far = neighbors[chaser, chase], neighbors[evader, flee]
-            if task.move_order == "chasers_first":
-                caught = (near == evader) | (near == far)
-            else:
-                caught = (near == far) | ((near == evader) & (far == chaser))
-            chance = table[:, :, theirs]
-            chance = chance.T if role == "chaser" else chance
-            found[own] += chance * np.where(caught, 0.0, values[near, far])
-    return found

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.declared import whole
 from pursuit.evaluation import Evaluation
 from pursuit.reacher.task import ReacherTask, make_reacher_task
-from pursuit.task import Task, checked_task, make_task
+from pursuit.tasks.task import Task, checked_task, make_task
+from pursuit.validation import whole
 from scripted_agents.environments import chosen_policies
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.parallel_env import scene_of
-from pursuit.policy import Policy, TabularPolicy
-from pursuit.rendering import Scene
-from pursuit.simulator import Simulator
-from pursuit.task import Task
-from scripted_agents import has_distributions, table_of, why_not_team_chase, work_of
+from pursuit.mazes.maze import Maze
+from pursuit.simulator.policy import Policy, TabularPolicy
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task
+from scripted_agents import (
+    BestResponse,
+    PairValues,
+    best_response,
+    evaluate_exactly,
+    has_distributions,
+    table_of,
+    why_not_team_chase,
+    work_of,
+)
 
 MAX_EXACT_CELLS = 1024
 """Above this number of cells a duel is played out rather than solved (seconds, gigabytes)."""
@@ -55,20 +63,6 @@ def play_out(
             if not running.any():
                 break
     return lengths, victories
-
-
-def scenes_of(
-    game: Callable[[Policy, int], tuple[Simulator, Iterator[None]]], policy: Policy, episodes: int
-) -> list[Scene]:
-    """What a person sees of the first episodes of a contest, whose `game` this is."""
-    scenes: list[Scene] = []
-    for episode in range(episodes):
-        caption = f"episode {episode + 1} of {episodes}"
-        simulator, play = game(policy, episode)
-        scenes.append(scene_of(simulator, caption=caption))
-        scenes += [scene_of(simulator, caption=caption) for _ in play]
-        scenes.extend([scenes[-1]] * 3)
-    return scenes
 
 
 def all_caught(simulator: Simulator) -> Mask:
@@ -148,3 +142,56 @@ def table_in(task: Task, policy: Policy) -> NDArray[np.float64]:
     """[self cell, other cell, action] of a policy, where `is_exact`."""
     assert isinstance(policy, TabularPolicy)
     return table_of(policy, task.mazes[0], task.stay_action, task.move_order)
+
+
+def best_reply(
+    task: Task,
+    role: str,
+    table: NDArray[Any],
+    horizon: int | None,
+    discount: float = 1.0,
+    maze: Maze | None = None,
+    mask_bumps: bool = False,
+) -> BestResponse:
+    """The exact best response of a role to an opponent's table, by the rules of a duel.
+
+    Args:
+        task: whose rules.
+        role: "chaser" or "evader"; a runner with one goal is solved as a chaser of it.
+        table: of the opponent, [its cell, other cell, action].
+        horizon, discount: as in `best_response`.
+        maze: the first of the task if left out.
+        mask_bumps: whether moves into walls are forbidden.
+    """
+    return best_response(
+        role,  # type: ignore[arg-type]
+        maze or task.mazes[0],
+        table,
+        horizon,
+        discount,
+        task.stay_action,
+        task.move_order,  # type: ignore[arg-type]
+        mask_bumps,
+    )
+
+
+def values_between(
+    task: Task,
+    role: str,
+    tables: tuple[NDArray[Any], NDArray[Any]],
+    horizon: int | None,
+    discount: float = 1.0,
+    maze: Maze | None = None,
+) -> PairValues:
+    """Expected steps from every pair of cells, by the tables of a role and of its opponent.
+
+    Arguments are those of `best_reply`.
+    """
+    chaser, evader = tables[::-1] if role == "evader" else tables
+    order: Any = task.move_order
+    return evaluate_exactly(maze or task.mazes[0], chaser, evader, horizon, discount, order)
+
+
+def other_role(role: str) -> str:
+    """Of the chasers and the evaders the other one."""
+    return "evader" if role == "chaser" else "chaser"

@@ -14,16 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.maze import Maze
-from pursuit.policy import Policy
-from pursuit.task import Task
+from pursuit.mazes.maze import Maze
+from pursuit.simulator.policy import Policy
+from pursuit.tasks.task import Task
 from scripted_agents import (
     HiddenChaseSolution,
-    evaluate_exactly,
     mean_over_starts,
     solve_hidden_chase,
 )
-from train.evaluation.games import is_table_in, table_in
+from train.evaluation.games import is_table_in, table_in, values_between
 
 DISCOUNT = 0.95
 
@@ -101,13 +100,6 @@ def _solution(
     )
 
 
-def certificate_of(solution: HiddenChaseSolution | None) -> Certificate | None:
-    """The interval alone."""
-    if solution is None:
-        return None
-    return Certificate(solution.role, solution.discount, solution.lower, solution.upper)
-
-
 def discounted(
     task: Task,
     role: str,
@@ -122,11 +114,8 @@ def discounted(
     the agent in `role`, as never ended for a chaser, as ended there for an evader.
     """
     if is_table_in(task, policy):
-        maze, order = task.mazes[0], task.move_order
-        own = table_in(task, policy)
-        pair = (own, table) if role == "chaser" else (table, own)
-        values = evaluate_exactly(maze, *pair, None, DISCOUNT, order)  # type: ignore[arg-type]
-        return mean_over_starts(values, maze, task.min_start_distance), 0.0
+        values = values_between(task, role, (table_in(task, policy), table), None, DISCOUNT)
+        return mean_over_starts(values, task.mazes[0], task.min_start_distance), 0.0
     steps = (1.0 - DISCOUNT ** lengths.astype(np.float64)) / (1.0 - DISCOUNT)
     if role == "chaser":
         steps = np.where(lengths >= task.max_steps, 1.0 / (1.0 - DISCOUNT), steps)

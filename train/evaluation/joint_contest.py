@@ -8,15 +8,12 @@ a runner can collect, what it can be paid, and the steps until all goals are col
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
-from pursuit.policy import Policy
-from pursuit.task import Rewards, Task
+from pursuit.simulator.policy import Policy
+from pursuit.tasks.task import Task
 from scripted_agents import (
-    JointResponse,
     check_joint_states,
     count_joint_states,
-    solve_joint,
     why_no_distribution,
 )
 
@@ -55,35 +52,3 @@ def why_not_joint(task: Task, agent: str, opponents: Mapping[str, Policy], most:
     seat = task.seat(agent)
     others = [other for other in range(task.num_agents) if other != seat]
     return why_no_distribution(task, others, opponents)
-
-
-def best_of_steps(task: Task, agent: str, opponents: Mapping[str, Policy]) -> JointResponse | None:
-    """The best response in steps, as a contest counts them; None where steps are no aim."""
-    if task.num_goals and task.num_evaders:
-        return None
-    return solve_joint(task, [_name(task, agent)], opponents, task.max_steps)
-
-
-def best_of_returns(
-    task: Task, agent: str, opponents: Mapping[str, Policy]
-) -> JointResponse | None:
-    """The best response in what the agent is paid; None where steps say as much, or a user's
-    function pays."""
-    rivals = task.num_goals and task.num_agents > 1
-    if not rivals or task.reward_function is not None:
-        return None
-    own = [_name(task, agent)]
-    return solve_joint(task, own, opponents, task.max_steps, objective="return")
-
-
-def best_of_goals(task: Task, agent: str, opponents: Mapping[str, Policy]) -> JointResponse:
-    """The best response in goals that the agent collects, whatever it is paid."""
-    role = task.seat_roles[task.seat(agent)]
-    by_goals = replace(task, rewards={role: Rewards(goal=1.0)})
-    own = [_name(task, agent)]
-    return solve_joint(by_goals, own, opponents, task.max_steps, objective="return")
-
-
-def _name(task: Task, agent: str) -> str:
-    """Of the one agent that a contest is of: a role is its first agent, not all of them."""
-    return task.agent_names[task.seat(agent)]

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import ceil, log
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.policy import Policy
-from pursuit.simulator import Simulator
-from pursuit.task import Task
+from pursuit.simulator.policy import Policy
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task
 from scripted_agents import (
-    evaluate_exactly,
     mean_over_starts,
     mean_over_team_starts,
     team_survival,
@@ -26,6 +24,7 @@ from train.evaluation.games import (
     is_exact_team,
     play_out,
     table_in,
+    values_between,
 )
 from train.settings.checks import EVALUATION_SEED
 
@@ -89,11 +88,9 @@ def discounted_steps(
         episodes, seed: of the games, where they are played.
     """
     if is_exact(task, chaser, evader):
-        maze, order = task.mazes[0], task.move_order
-        own, other = (table_in(task, policy) for policy in (chaser, evader))
-        rest: Any = (None, discount, order)
-        values = evaluate_exactly(maze, own, other, *rest)
-        return mean_over_starts(values, maze, task.min_start_distance)
+        tables = table_in(task, chaser), table_in(task, evader)
+        values = values_between(task, "chaser", tables, None, discount)
+        return mean_over_starts(values, task.mazes[0], task.min_start_distance)
     longest = replace(task, max_steps=ceil(log(NEGLIGIBLE) / log(discount)))
     lengths, _ = play_pair(longest, chaser, evader, episodes, seed)
     return float((1.0 - discount**lengths).mean() / (1.0 - discount))
@@ -120,15 +117,16 @@ def match(
         late = mean_over_team_starts(alive, task)
         return Matchup(mean_over_team_starts(team, task), 0.0, 1.0 - late, 0)
     if is_exact(task, chaser, evader):
-        maze, horizon = task.mazes[0], task.max_steps
-        own, other = (table_in(task, policy) for policy in (chaser, evader))
-        order: Any = task.move_order
-        values = evaluate_exactly(maze, own, other, horizon, 1.0, order)
-        longer = evaluate_exactly(maze, own, other, horizon + 1, 1.0, order)
-        least = task.min_start_distance
-        steps = mean_over_starts(values, maze, least)
+        tables = table_in(task, chaser), table_in(task, evader)
+        steps, longer = (
+            mean_over_starts(
+                values_between(task, "chaser", tables, horizon),
+                task.mazes[0],
+                task.min_start_distance,
+            )
+            for horizon in (task.max_steps, task.max_steps + 1)
+        )
         # What one more step adds to the expected length is P(not caught by then).
-        late = mean_over_starts(longer, maze, least) - steps
-        return Matchup(steps, 0.0, 1.0 - late, 0)
+        return Matchup(steps, 0.0, 1.0 - (longer - steps), 0)
     lengths, caught = play_pair(task, chaser, evader, episodes, seed)
     return Matchup(float(lengths.mean()), half_width(lengths), float(caught.mean()), episodes)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.maze import Maze
-from pursuit.policy import Policy
+from pursuit.mazes.maze import Maze
+from pursuit.simulator.policy import Policy
 from scripted_agents import duel_regret, tour_lengths
-from scripted_agents.tour import MAX_EXACT_GOALS
+from scripted_agents.tours.tour import MAX_EXACT_GOALS
 from train.evaluation.contest import GameContest
 from train.evaluation.games import is_table_in, table_in
 from train.settings.checks import check
@@ -167,47 +166,37 @@ def runner_gaps(maze: Maze, cells: Any, goals: Any) -> Column:
 
 # -- tables ----------------------------------------------------------------------------------------
 
-Group = tuple[str, Callable[[Regret], NDArray[np.bool_]]]
+Group = tuple[str, NDArray[np.bool_]]
+
+
+def between(values: NDArray[Any], ends: list[float], whole: bool = False) -> list[Group]:
+    """From each end to the next: the name of the group, and [states] whether they lie in it.
+
+    Infinite values lie in none.
+    """
+    found: list[Group] = []
+    for low, high in zip(ends, [*ends[1:], np.inf], strict=True):
+        name = f"{low:g} to below {high:g}"
+        if high == np.inf:
+            name = f"{low:g} and more"
+        elif whole:
+            name = f"{low:g}" if high == low + 1 else f"{low:g} to {high - 1:g}"
+        found.append((name, (values >= low) & (values < high)))
+    return found
 
 
 def groups_of(regret: Regret) -> dict[str, list[Group]]:
     """By what states are told apart, and which of them lie in which group."""
-
-    def between(name: str, ends: list[float], whole: bool = False) -> list[Group]:
-        found: list[Group] = []
-        for low, high in zip(ends, [*ends[1:], np.inf], strict=True):
-            told = f"{low:g} to below {high:g}"
-            if high == np.inf:
-                told = f"{low:g} and more"
-            elif whole:
-                told = f"{low:g}" if high == low + 1 else f"{low:g} to {high - 1:g}"
-
-            def inside(r: Regret, low: float = low, high: float = high) -> NDArray[np.bool_]:
-                values = getattr(r, name)
-                return np.asarray((values >= low) & (values < high))
-
-            found.append((told, inside))
-        return found
-
-    if (regret.goals_left > 0).any():
-        most = int(regret.goals_left.max())
-
-        def left(goals: int) -> Group:
-            return str(goals), lambda r: np.asarray(r.goals_left == goals)
-
+    found: dict[str, list[Group]] = {}
+    goals, gaps, head = regret.goals_left, [0.0, 0.01, 0.1, 0.5, 1.0, 2.0], "distance between both"
+    runner = bool((goals > 0).any())
+    if runner:
         gaps, head = [1.0, 2.0, 3.0, 5.0], "distance to the nearest goal"
-        found: dict[str, list[Group]] = {
-            "goals left": [left(goals) for goals in range(most, 0, -1)]
-        }
-    else:
-        gaps, head = [0.0, 0.01, 0.1, 0.5, 1.0, 2.0], "distance between both"
-        found = {}
-    found[head] = between("distance", [1.0, 2.0, 3.0, 5.0, 9.0], whole=True)
-    none: Group = ("all are equal", lambda r: np.isinf(r.action_gap))
-    finite = between("action_gap", gaps, whole=gaps[0] == 1.0)
-    last, inside = finite[-1]
-    finite[-1] = (last, lambda r: inside(r) & np.isfinite(r.action_gap))
-    found["action gap, steps"] = [*finite, none]
+        left = range(int(goals.max()), 0, -1)
+        found["goals left"] = [(str(number), goals == number) for number in left]
+    found[head] = between(regret.distance, [1.0, 2.0, 3.0, 5.0, 9.0], whole=True)
+    equal: Group = ("all are equal", np.isinf(regret.action_gap))
+    found["action gap, steps"] = [*between(regret.action_gap, gaps, whole=runner), equal]
     return found
 
 
@@ -216,17 +205,17 @@ def group_rows(regret: Regret) -> list[dict[str, Any]]:
     whole = abs(regret.achieved - regret.optimum)
     rows = []
     for by, groups in groups_of(regret).items():
-        for name, holds in groups:
-            here = holds(regret)
+        for name, here in groups:
             visits, lost = float(regret.visits[here].sum()), float(regret.lost[here].sum())
             if visits > 0.0:
-                row = {"by": by, "group": name, "states": int(here.sum()), "visits": visits}
-                rows.append(
-                    row
-                    | {
-                        "lost": lost,
-                        "share": lost / whole if whole else 0.0,
-                        "per_visit": lost / visits,
-                    }
-                )
+                row = {
+                    "by": by,
+                    "group": name,
+                    "states": int(here.sum()),
+                    "visits": visits,
+                    "lost": lost,
+                    "share": lost / whole if whole else 0.0,
+                    "per_visit": lost / visits,
+                }
+                rows.append(row)
     return rows

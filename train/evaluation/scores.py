@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.policy import Policy
-from pursuit.task import Task
+from pursuit.simulator.policy import Policy
+from pursuit.tasks.task import Task
+from train.evaluation.hidden_contest import Certificate
+from train.reports.tables import Column, ResultTable, Row, numeric, words
 
 BEST_PAID, MOST_GOALS = "optimal return", "optimal goals"
 """The names of the policies that are paid most, and that collect most, where these are known."""
@@ -120,11 +122,6 @@ def measure_of(task: Task, role: str) -> Measure:
     return BY_GOALS if task.num_runners + task.num_evaders > 1 else BY_STEPS
 
 
-def return_regret(achieved: Score, best: Score | None) -> float | None:
-    """By how much less an agent is paid in an episode than the best one, on the same starts."""
-    return BY_RETURN.distance(achieved, best)
-
-
 @dataclass(frozen=True)
 class Reference:
     """What a learned policy is held against.
@@ -192,6 +189,53 @@ def _held_against(kind: str, best: Score, learned: Score, measure: Measure) -> R
     return Reference(kind, best.name, measure.name, float(value or 0.0), float(distance or 0.0))
 
 
+def score_table(
+    scores: Sequence[Score], certificate: Certificate | None = None, measure: Measure = BY_STEPS
+) -> ResultTable:
+    """Scores with the gap to the optimal one, or to what is proven of it.
+
+    Where they are compared by goals or returns, these stand first, with what is missing to the
+    best where that is known.
+    """
+    by_steps = measure.name == "steps"
+    optimum = next((score for score in scores if score.name == "optimal"), None)
+    names = (measure.optimum, measure.optimum + FULL_SIGHT)
+    best = next((score for score in scores if score.name in names), None)
+    rows: list[Row] = []
+    for score in scores:
+        row: Row = asdict(score) | {"interval": "exact" if score.exact else f"± {score.ci95:.3f}"}
+        row["value"] = measure.of(score)
+        if score is not best:
+            row["missing"] = measure.distance(score, best)
+        if score is not optimum:
+            row["gap"] = optimality_gap(score, optimum)
+        elif not by_steps:
+            row["name"] = "optimal steps"
+        if certificate is not None and score.discounted_steps is not None:
+            row["certified_gap"] = certificate.gap(score.discounted_steps)
+        if score.success_rate == 1.0:
+            row["solved_gap"] = None
+        rows.append(row)
+    columns = [words("", "name")]
+    if not by_steps:
+        columns.append(numeric(measure.name, "value", ".3f"))
+        if best is not None:
+            columns.append(numeric("below the best", "missing", ".3f"))
+    columns += [
+        numeric("steps", "mean_steps", ".3f"),
+        Column("95 % interval", lambda row: str(row["interval"])),
+        numeric("success", "success_rate", ".1f", 100, " %"),
+    ]
+    if by_steps:
+        columns.append(numeric("gap to optimum", "gap", "+.2f", 100, " %"))
+    if any(row["solved_gap"] is not None for row in rows):
+        columns.append(numeric("of the solved", "solved_gap", "+.2f", 100, " %"))
+    if certificate is not None:
+        columns.append(numeric("discounted", "discounted_steps", ".3f"))
+        columns.append(numeric(certificate.head, "certified_gap", "+.2f", 100, " %"))
+    return ResultTable(rows, columns)
+
+
 def told(policy: Policy) -> str:
     """A policy in words: its own, or else the name of its class."""
     plain = type(policy).__repr__ is object.__repr__
@@ -199,7 +243,7 @@ def told(policy: Policy) -> str:
 
 
 class Contest(Protocol):
-    """What a run is judged by.
+    """What a run is judged by; the base of all contests.
 
     Attributes:
         measure: what policies are compared by, and which is better.
@@ -226,14 +270,29 @@ class Contest(Protocol):
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """What `learned` is held against, of these scores; None where there is nothing."""
 
+    def scene(self, simulator: Any, caption: str) -> Any:
+        """What a person sees of one of its simulators now, for `save_animation`."""
+
     def scenes(self, policy: Any, episodes: int = 3) -> list[Any]:
-        """What a person sees of some episodes, one after the other, for `save_animation`."""
+        """The scenes of some episodes, one after the other."""
+        scenes: list[Any] = []
+        for episode in range(episodes):
+            caption = f"episode {episode + 1} of {episodes}"
+            simulator, play = self.game(policy, episode)
+            scenes.append(self.scene(simulator, caption))
+            scenes += [self.scene(simulator, caption) for _ in play]
+            scenes.extend([scenes[-1]] * 3)
+        return scenes
 
     def game(self, policy: Any, number: int) -> tuple[Any, Iterator[None]]:
         """The episode of that number: a simulator at its start, and what steps it to its end."""
 
+    def play(self, policy: Any) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Play every start to its end: episode lengths [episodes], and who won [episodes]."""
+
     def lengths(self, policy: Any) -> NDArray[np.float64]:
         """[episodes], how long each takes this policy; expected ones where they are known."""
+        return self.play(policy)[0].astype(np.float64)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """[episodes], the optimum of each start; None where it is not known."""

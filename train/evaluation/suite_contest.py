@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -10,27 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.policy import Policy
-from pursuit.rendering import Scene
-from pursuit.simulator import Simulator
-from pursuit.single_agent import fill_seats
-from pursuit.suite_files import rows_of, suite_names
-from pursuit.task import Task
-from scripted_agents import BestResponse, RandomAgent, best_response, mean_over_starts, tour_lengths
+from pursuit.mazes.suite_files import rows_of, suite_names
+from pursuit.simulator.policy import Policy
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task
+from scripted_agents import BestResponse, RandomAgent, mean_over_starts
 from scripted_agents.environments import DEFAULTS
-from scripted_agents.references import limited_references
-from scripted_agents.tour import MAX_EXACT_GOALS
-from train.evaluation.contest import GameContest
-from train.evaluation.games import MAX_EXACT_CELLS, half_width, play_out, scenes_of, won_by
-from train.evaluation.scores import BY_GOALS, Measure, Reference, Score, reference_of
+from train.evaluation.games import best_reply, half_width
+from train.evaluation.maze_contest import SCRIPTED, MazeContest
+from train.evaluation.scores import Measure, Score
 from train.evaluation.suite_tables import (
-    is_known,
-    is_one_goal,
+    is_solvable,
     opponent_tables,
     tables_of,
     values_of,
 )
-from train.settings.checks import EVALUATION_SEED
 
 SOLVED_MAZES = 100
 """Of a chase at most so many mazes are solved where starts are played: they are spread evenly."""
@@ -77,7 +71,7 @@ class InMazes:
 
 
 @dataclass(frozen=True)
-class SuiteContest:
+class SuiteContest(MazeContest):
     """One agent of a task in many mazes, with fixed policies in all other seats; a `Contest`.
 
     Where it is exact, every mean is over all starts of a maze and all chance in them: a duel, or
@@ -90,61 +84,27 @@ class SuiteContest:
         exact: whether to solve what can be solved, rather than to play.
     """
 
-    task: Task
-    agent: str
-    opponents: dict[str, Policy]
-    episodes: int = 1000
-    seed: int = EVALUATION_SEED
     exact: bool = False
-
-    @cached_property
-    def one(self) -> GameContest:
-        """The contest in any one of the mazes, for what all have in common."""
-        return GameContest(self.task, self.agent, self.opponents, self.episodes, self.seed)
-
-    @property
-    def role(self) -> str:
-        """The role of the agent."""
-        return self.one.role
-
-    @property
-    def seat(self) -> int:
-        """Its seat."""
-        return self.task.seat(self.agent)
-
-    @property
-    def measure(self) -> Measure:
-        """As `Contest`."""
-        return self.one.measure
 
     @property
     def solvable(self) -> bool:
         """Whether it is a runner with one goal, or a duel with an opponent that is known."""
-        if is_one_goal(self.task):
-            return True
-        duel = self.task.is_duel and self.task.start == "random"
-        return duel and self.task.max_cells <= MAX_EXACT_CELLS and is_known(self.opponent)
+        return is_solvable(self.task, self.opponent)
 
     @property
     def is_exact(self) -> bool:
         """Whether policies are solved, not played."""
         return self.exact and self.solvable
 
-    @property
-    def opponent(self) -> Policy | None:
-        """Whoever plays the other side of a duel; None where there is none."""
-        other = "evader" if self.role == "chaser" else "chaser"
-        return self.opponents.get(f"{other}_0", self.opponents.get(other))
-
     def describe(self) -> dict[str, Any]:
         """As `Contest`."""
-        return {**self.one.describe(), "maze": suite_called(self.task)}
+        return {**super().describe(), "maze": suite_called(self.task)}
 
     def line(self) -> str:
         """As `Contest`."""
         first, called = self.task.mazes[0], suite_called(self.task)
         told = f"maze {first.name} ({first.num_cells} cells; "
-        return self.one.line().replace(told, f"{len(self.task.mazes)} mazes of {called} (")
+        return super().line().replace(told, f"{len(self.task.mazes)} mazes of {called} (")
 
     # -- starts that are played ----------------------------------------------------------------
 
@@ -162,69 +122,19 @@ class SuiteContest:
         return np.arange(len(self.task.mazes)) if self.is_exact else np.unique(self.numbers)
 
     def starts(self) -> Simulator:
-        """The games of the evaluation at their starts."""
-        simulator = Simulator(self.task, len(self.numbers), self.seed, auto_restart=False)
-        simulator.configure(maze=self.numbers)
+        """As `MazeContest`, as many in each maze that is played in."""
+        return self._in(Simulator(self.task, len(self.numbers), self.seed, auto_restart=False),
+                        self.numbers)  # fmt: skip
+
+    def start(self, number: int) -> Simulator:
+        """As `MazeContest`."""
+        return self._in(super().start(number), self.numbers[number % len(self.numbers)])
+
+    def _in(self, simulator: Simulator, mazes: Any) -> Simulator:
+        """Games in these mazes."""
+        simulator.configure(maze=mazes)
         simulator.reset(self.seed)
         return simulator
-
-    def play(self, policy: Policy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Play every start to its end: episode lengths [games], and who won [games]."""
-        return self._played(policy, self.starts())
-
-    def _played(
-        self, policy: Policy, simulator: Simulator
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        seat, policies = fill_seats(self.task, self.agent, self.opponents)
-        policies[seat] = policy
-        return play_out(
-            simulator,
-            policies,
-            lambda games: games.terminated | games.truncated | (games.active[:, seat] == 0),
-            lambda games: won_by(games, seat),
-        )
-
-    def game(self, policy: Policy, number: int) -> tuple[Simulator, Iterator[None]]:
-        """As `Contest`."""
-        seat, policies = fill_seats(self.task, self.agent, self.opponents)
-        policies[seat] = policy
-        simulator = Simulator(self.task, 1, self.seed, first_game=number, auto_restart=False)
-        simulator.configure(maze=self.numbers[number % len(self.numbers)])
-        simulator.reset(self.seed)
-
-        def play() -> Iterator[None]:
-            actions = np.zeros((1, self.task.num_agents), dtype=np.int32)
-            while not simulator.ended.any():
-                simulator.act(policies, actions)
-                simulator.step(actions)
-                yield
-
-        return simulator, play()
-
-    def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
-        """As `Contest`."""
-        fair = (*self.limited, "random") if self.one.is_limited else None
-        return reference_of(scores, learned, self.measure, fair)
-
-    @property
-    def limited(self) -> dict[str, Policy]:
-        """The scripted agents that see no more than this one, of limited sight."""
-        return limited_references(self.task, self.agent, self.opponents)
-
-    def scenes(self, policy: Policy, episodes: int = 3) -> list[Scene]:
-        """As `Contest`."""
-        return scenes_of(self.game, policy, episodes)
-
-    def lengths(self, policy: Policy) -> NDArray[np.float64]:
-        """As `Contest`: of the starts that are played."""
-        return self.play(policy)[0].astype(np.float64)
-
-    def values(self, policy: Policy) -> NDArray[np.float64]:
-        """As `GameContest.values`."""
-        simulator = self.starts()
-        self._played(policy, simulator)
-        found = simulator.collected if self.measure == BY_GOALS else simulator.returns
-        return found[:, self.seat].copy()
 
     # -- scores --------------------------------------------------------------------------------
 
@@ -236,7 +146,7 @@ class SuiteContest:
         """
         if not self.is_exact:
             simulator = self.starts()
-            found = self._over_mazes(name, *self._played(policy, simulator))
+            found = self._over_mazes(name, *self.play_from(simulator, policy))
             goals = simulator.collected[:, self.seat].copy() if self.task.num_goals else None
             return replace(found, returns=simulator.returns[:, self.seat].copy(), goals=goals)
         return self._exactly(name, tables_of(policy, self.part, self.seat))
@@ -265,7 +175,7 @@ class SuiteContest:
 
         Unknown under limited sight, too: `best_in_full_sight` is a bound then.
         """
-        return None if self.one.is_limited else self.best_in_full_sight
+        return None if self.is_limited else self.best_in_full_sight
 
     @cached_property
     def best_in_full_sight(self) -> InMazes | None:
@@ -281,10 +191,8 @@ class SuiteContest:
         lengths = self._best_lengths()
         if lengths is None:
             return None
-        found = self._over_mazes(
-            "optimal", np.minimum(lengths, task.max_steps), won=lengths <= task.max_steps
-        )
-        return found
+        within = lengths <= task.max_steps
+        return self._over_mazes("optimal", np.minimum(lengths, task.max_steps), within)
 
     def _best_responses(self) -> InMazes:
         """The optimum of a duel; what is won is what the best first steps win, played for ever."""
@@ -307,14 +215,8 @@ class SuiteContest:
         task, found = self.task, {}
         others = opponent_tables(self.opponent, self.part, self.seat)
         for number, table in zip(self.played.tolist(), others, strict=True):
-            found[number] = best_response(
-                self.role,  # type: ignore[arg-type]
-                task.mazes[number],
-                table,
-                horizon=task.max_steps,
-                stay_action=task.stay_action,
-                move_order=task.move_order,  # type: ignore[arg-type]
-            )
+            maze, horizon = task.mazes[number], task.max_steps
+            found[number] = best_reply(task, self.role, table, horizon, maze=maze)
         return found
 
     @cached_property
@@ -330,24 +232,17 @@ class SuiteContest:
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """As `Contest`: of the starts that are played; of a duel the expected ones."""
-        lengths = None if self.one.is_limited else self._best_lengths()
+        lengths = None if self.is_limited else self._best_lengths()
         return None if lengths is None else np.minimum(lengths, self.task.max_steps)
 
     def _best_lengths(self) -> NDArray[np.float64] | None:
         """The same, however long."""
-        task, simulator = self.task, self.starts()
-        cells, mazes = simulator.positions, self.numbers
-        lengths = np.zeros(len(mazes))
-        if self.solvable and task.is_duel:
-            for number, solved in self._solutions.items():
-                here = mazes == number
-                lengths[here] = solved.values[tuple(cells[here].T)]
-            return lengths
-        if (task.num_agents, task.num_runners) != (1, 1) or task.num_goals > MAX_EXACT_GOALS:
-            return None
-        for number in self.played:
-            here = mazes == number
-            lengths[here] = tour_lengths(task.mazes[number], cells[here, 0], simulator.goals[here])
+        if not (self.solvable and self.task.is_duel):
+            return None if self.tours is None else self.tours.astype(np.float64)
+        cells, lengths = self.starts().positions, np.zeros(len(self.numbers))
+        for number, solved in self._solutions.items():
+            here = self.numbers == number
+            lengths[here] = solved.values[tuple(cells[here].T)]
         return lengths
 
     def baselines(self) -> list[Score]:
@@ -357,15 +252,14 @@ class SuiteContest:
     def references(self) -> list[InMazes]:
         """Random, scripted (A* or nearest goal; under limited sight those of as little, too, where
         starts are played) and, where it is known, the optimum."""
-        scripted = {"chaser": "A* chaser", "evader": "A* evader", "runner": "nearest goal"}
         others = {} if self.is_exact else self.limited
         found = [
             self.in_mazes("random", RandomAgent()),
-            self.in_mazes(scripted[self.role], DEFAULTS[self.role](0.0)),
+            self.in_mazes(SCRIPTED[self.role], DEFAULTS[self.role](0.0)),
             *(self.in_mazes(name, policy) for name, policy in others.items()),
         ]
         best = self.best_in_full_sight
-        if best is not None and self.one.is_limited:
+        if best is not None and self.is_limited:
             best = replace(best, name="optimal, full sight")
         return found if best is None else [*found, best]
 

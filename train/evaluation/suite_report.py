@@ -9,11 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.maze import MAX_TABLE_CELLS, Maze
-from pursuit.suite_files import difficulty_of, rows_of, suite_names
+from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze
+from pursuit.mazes.suite_files import difficulty_of, rows_of, suite_names
 from train.evaluation.suite_contest import InMazes, SuiteContest
-from train.figures import BLUE, GREEN, ORANGE, PLAIN, Look, pyplot, save, short_numbers, tidy
-from train.result_table import Column, ResultTable, words
+from train.reports.figures import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    PLAIN,
+    Look,
+    gap_axis,
+    pyplot,
+    save,
+    tidy,
+)
+from train.reports.tables import ResultTable, numeric, words
 
 SOLVED = 1.0 - 1e-9
 """A maze whose share of successes is at least this is solved from everywhere."""
@@ -21,7 +31,7 @@ SOLVED = 1.0 - 1e-9
 EASE = {"runner": "mean_path", "chaser": "optimal_chase", "evader": "longest_path"}
 """The measure that figures are drawn over, by role, where it is known."""
 
-WORDS = {
+LABELS = {
     "mean_path": "mean shortest path (steps)",
     "optimal_chase": "optimal chase (steps, mean over starts)",
     "longest_path": "longest shortest path (steps)",
@@ -120,18 +130,14 @@ def kind_table(rows: Sequence[dict[str, Any]], name: str = "learned") -> ResultT
         found.append({"kind": kind, "mazes": len(mazes), **means})
     columns = [
         words("kind"),
-        Column("mazes", lambda row: str(row["mazes"])),
-        Column("loops", lambda row: f"{row['loops']:.1f}"),
-        Column("optimum", lambda row: _number(row, "optimal_steps", ".2f")),
-        Column("steps", lambda row: f"{row[f'{name}_steps']:.2f}"),
-        Column("success", lambda row: f"{100 * row[f'{name}_success']:.2f} %"),
-        Column("gap", lambda row: _number(row, f"{name}_gap", "+.2f", 100, " %")),
+        numeric("mazes", "mazes"),
+        numeric("loops", "loops", ".1f"),
+        numeric("optimum", "optimal_steps", ".2f"),
+        numeric("steps", f"{name}_steps", ".2f"),
+        numeric("success", f"{name}_success", ".2f", 100, " %"),
+        numeric("gap", f"{name}_gap", "+.2f", 100, " %"),
     ]
     return ResultTable(found, columns)
-
-
-def _number(row: dict[str, Any], name: str, form: str, scale: float = 1, unit: str = "") -> str:
-    return f"{scale * row[name]:{form}}{unit}" if name in row else ""
 
 
 def draw_gaps(
@@ -158,11 +164,8 @@ def draw_gaps(
         over = [row[ease] for row in rows]
         gaps = [100 * row[f"{name}_gap"] for row in rows]
         axis.plot(over, gaps, mark, color=color, ms=4, alpha=0.6, label=name.replace("_", " "))
-    axis.axhline(0, color=GREEN, lw=1.2, ls="--")
-    axis.set_yscale("symlog", linthresh=1.0)
-    axis.set_ymargin(0.1)
-    short_numbers(axis.yaxis)
-    axis.set_xlabel(WORDS.get(ease, "optimum of the maze (steps)"))
+    gap_axis(axis, "y", [100 * row[f"{name}_gap"] for row in rows for name in names])
+    axis.set_xlabel(LABELS.get(ease, "optimum of the maze (steps)"))
     axis.set_ylabel("gap to the optimum of the maze (%)")
     axis.set_title(title, fontsize=11, loc="left", wrap=True)
     if len(names) > 1:

@@ -13,18 +13,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.policy import DistributionPolicy, Policy, TabularPolicy
 from pursuit.rules import layout
 from pursuit.rules.layout import Games
-from pursuit.task import Task
+from pursuit.simulator.policy import DistributionPolicy, Policy, TabularPolicy
+from pursuit.tasks.task import Task
 from scripted_agents import (
     AStarChaser,
     NearestGoalRunner,
     TourRunner,
-    evaluate_exactly,
     mean_over_starts,
     table_of,
 )
+from train.evaluation.games import MAX_EXACT_CELLS, values_between
 
 PAIRS_AT_ONCE = 200_000
 """Games that a network is asked about together: of some mazes."""
@@ -53,6 +53,13 @@ def is_known(policy: Any) -> bool:
     nothing and see cells and goals only."""
     scripted = isinstance(policy, (NearestGoalRunner, TourRunner, TabularPolicy))
     return scripted or isinstance(policy, DistributionPolicy)
+
+
+def is_solvable(task: Task, opponent: Policy | None) -> bool:
+    """Whether what policies achieve can be solved: of a runner with one goal, or of a small duel
+    with an opponent that is known."""
+    small = task.is_duel and task.start == "random" and task.max_cells <= MAX_EXACT_CELLS
+    return is_one_goal(task) or (small and is_known(opponent))
 
 
 def tables_of(policy: Policy, task: Task, seat: int) -> Iterator[NDArray[np.float64]]:
@@ -145,11 +152,8 @@ def pairs_of_values(
     Both are [chaser cell, evader cell], or [runner cell, goal cell] float64.
     """
     for maze, table, other in zip(task.mazes, own, others, strict=True):
-        evades = task.seat_roles[seat] == "evader"
-        tables = (other, table) if evades else (table, other)
-        order: Any = task.move_order
         steps, longer = (
-            evaluate_exactly(maze, *tables, horizon=horizon, move_order=order).values
+            values_between(task, task.seat_roles[seat], (table, other), horizon, maze=maze).values
             for horizon in (task.max_steps, task.max_steps + 1)
         )
         # One step more is played exactly where nobody was caught in time.

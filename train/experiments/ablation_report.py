@@ -1,4 +1,4 @@
-"""The report of an ablation: every arm against the control, whatever the outcome."""
+"""The table and figures of an ablation: every arm against the control, whatever the outcome."""
 
 from __future__ import annotations
 
@@ -7,14 +7,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from train.experiments.ablation_figures import Curve, draw_arms, draw_final
-from train.experiments.forms import HINTS, THRESHOLDS, Hints, read_hints
-from train.experiments.methods import METHODS_LINE, methods
+from train.experiments.arms import NAN, Arms, Curve, arms_of, strata
+from train.experiments.forms import THRESHOLDS, Hints
 from train.experiments.power import power_line
 from train.experiments.statistics import (
     Interval,
@@ -27,124 +24,116 @@ from train.experiments.statistics import (
     permutation_p,
     probability_of_improvement,
 )
-from train.experiments.tables import collect
-from train.figures import PLAIN, Look
-from train.files import write_text
-from train.result_table import Column, ResultTable, in_markdown
-from train.settings.checks import check
+from train.experiments.tables import FinishedStudy
+from train.reports.curves import Panel, Series, draw_panels
+from train.reports.figures import GREY, PALETTE, Estimate, Look, draw_intervals
+from train.reports.tables import Column, ResultTable, Row, in_markdown
 
 LEVEL = 0.05
 SPENT = 0.8
-"""An arm with a smaller share of its frames on its last lesson is pointed out."""
+"""An arm with a smaller share of its frames on the hardest lesson is pointed out."""
+ARM_COLORS = tuple(color for color in PALETTE if color != GREY)
 
 
-def curve_of(row: dict[str, Any], evaluations: list[dict[str, Any]]) -> Curve:
-    """The curve of a complete run; ValueError where the optimum of its task is not known."""
-    check(
-        row["objective"] == "mean_steps",
-        f"{row['run']}: it is judged by {row['objective']}, and an ablation is measured by the gap "
-        "in steps; take a runner alone, or a chase",
-    )
-    check(
-        row.get("optimality_gap") is not None,
-        f"{row['run']}: the exact optimum of its task is not known, and an ablation is measured "
-        "against it; take a task with one (a runner alone, or one chaser against one evader)",
-    )
-    evader = str(row["role"]).startswith("evader") and row["num_goals"] in (None, 0)
-
-    def column(name: str) -> NDArray[np.float64]:
-        values = [e.get(name) for e in evaluations]
-        return np.array([np.nan if v is None else v for v in values], dtype=np.float64)
-
-    def short(kind: str) -> float:
-        steps = float(row.get(f"{kind}_steps") or np.nan)
-        return 100.0 * sign * (steps / float(row["optimal_steps"]) - 1.0)
-
-    gap = column("optimality_gap")
-    sign = -1.0 if evader else 1.0
-    lesson, hardest = column("lesson"), column("on_hardest")
-    kept = not np.isnan(lesson).all() and not (np.isnan(hardest) & ~np.isnan(lesson)).any()
-    return Curve(
-        column("seconds"),
-        column("frames"),
-        100.0 * sign * gap,
-        1.0 + gap if evader else 1.0 / (1.0 + gap),
-        lesson,
-        100.0 * sign * float(row["optimality_gap"]),
-        short("greedy"),
-        short("sampled"),
-        int(row["seed"]),
-        str(row["_x"]),
-        hardest if kept else None,
-    )
-
-
-def ablation_report(out: Path, look: Look = PLAIN) -> Path:
-    """Collect the runs of an ablation, draw its figures and write its tables.
+def ablation_report(
+    study: FinishedStudy, folder: Path, look: Look
+) -> tuple[ResultTable, list[str], list[str]]:
+    """Draw the figures of an ablation.
 
     Returns:
-        The folder: `report.md`, `methods.md`, `table.csv`, `table.tex`, `arms*.png`, `final.png`.
+        The table, sentences about it, and the names of the figures.
 
     Raises:
-        ValueError: no ablation in `out`, or no arm has a complete run.
+        ValueError: hints that are not those of an ablation.
     """
-    runs, evaluations = collect(out)
-    hints = read_hints(out)
-    control = hints.control
-    if control is None or (hints.x is not None and hints.x not in runs.columns):
-        raise ValueError(f"{out / HINTS}: not that of an ablation; run `pursuit ablate` again")
-    by_run: dict[str, list[dict[str, Any]]] = {}
-    for entry in evaluations.to_dicts():
-        by_run.setdefault(entry["run"], []).append(entry)
-    everything = runs.to_dicts()
-    x = hints.x
-    arms: dict[str, list[Curve]] = {name: [] for name in hints.arms}
-    complete = [row for row in everything if row["status"] == "complete"]
-    check(bool(complete), f"{out}: no run is complete yet; `pursuit ablate` goes on with it")
-    if look.x is None and all(row.get("budget_frames") for row in complete):
-        look = replace(look, x="frames")  # seconds would be those of whatever else the machine did
-    for row in complete:
-        row["_x"] = row[x] if x else ""
-        arms.setdefault(row["variant"], []).append(curve_of(row, by_run[row["run"]]))
-    taught = [c for curves in arms.values() for c in curves if not np.isnan(c.lesson).all()]
-    known = all(c.on_hardest is not None for c in taught)  # else all by the older measure
-    arms = {
-        name: curves if known else [replace(c, on_hardest=None) for c in curves]
-        for name, curves in arms.items()
-        if curves
-    }
-    rows = [summary(name, curves, arms.get(control, [])) for name, curves in arms.items()]
+    hints, arms = study.hints, arms_of(study)
+    control = arms.get(str(hints.control), [])
+    rows = [summary(name, curves, control) for name, curves in arms.items()]
     correct(rows, hints)
-    table = table_of(rows, hints, "the hardest" if known else "its last")
-    sizes = [
-        tuple(zip(map(len, strata(curves)), map(len, strata(arms[control])), strict=True))
-        for name, curves in arms.items()
-        if name != control and {c.task for c in curves} == {c.task for c in arms.get(control, [])}
-    ]
-    others = len(sizes) - (hints.primary is not None)
-    power = "".join(f"Power of {power_line(each, others)}. " for each in dict.fromkeys(sizes))
-    folder = out / "report"
-    folder.mkdir(exist_ok=True)
+    if look.x is None:  # without a budget in frames all runs have the same seconds
+        in_frames = all(row.get("budget_frames") for row in study.rows)
+        look = replace(look, x="frames" if in_frames else "seconds")
+    draw_final(folder / "final.png", rows, arms, hints, look)
     figures = ["final.png"]
-    draw_final(folder / "final.png", rows, control, hints.title, look)
     for task in dict.fromkeys(curve.task for curves in arms.values() for curve in curves):
         name = re.sub(r"[^A-Za-z0-9_.+-]+", "_", f"arms{'-' + task if task else ''}.png")
         here = {arm: [c for c in curves if c.task == task] for arm, curves in arms.items()}
         title = hints.title + (f" ({task})" if task else "")
-        draw_arms(folder / name, {a: c for a, c in here.items() if c}, control, title, look)
+        draw_arms(folder / name, {a: c for a, c in here.items() if c}, hints, title, look)
         figures.append(name)
-    table.write(folder)
-    write_text(folder / "methods.md", methods([out / "runs" / row["run"] for row in complete]))
-    text = markdown(hints, table, complete, everything, figures, power)
-    write_text(folder / "report.md", text)
-    return folder
+    table = table_of(rows, hints)
+    return table, sentences(study, hints, power_told(arms, hints)), figures
 
 
-def strata(curves: Sequence[Curve], tasks: set[str] | None = None) -> list[list[Curve]]:
-    """The curves of each task, in the order of the tasks' names; by default of the tasks that the
-    curves have."""
-    tasks = {curve.task for curve in curves} if tasks is None else tasks
-    return [[curve for curve in curves if curve.task == task] for task in sorted(tasks)]
+def power_told(arms: Arms, hints: Hints) -> str:
+    """The power of the test with the runs that there are."""
+    control = arms.get(str(hints.control), [])
+    sizes = [
+        tuple(zip(map(len, strata(curves)), map(len, strata(control)), strict=True))
+        for name, curves in arms.items()
+        if name != hints.control and {c.task for c in curves} == {c.task for c in control}
+    ]
+    others = len(sizes) - (hints.primary is not None)
+    return "".join(f"Power of {power_line(each, others)}. " for each in dict.fromkeys(sizes))
+
+
+# -- figures ---------------------------------------------------------------------------------------
+
+
+def draw_final(path: Path, rows: list[Row], arms: Arms, hints: Hints, look: Look) -> None:
+    """Final gaps and probabilities of improvement with their intervals, one line an arm."""
+    gaps, better = [], []
+    for place, row in enumerate(rows):
+        arm, own = row["arm"], row["arm"] == hints.control
+        color = GREY if own else ARM_COLORS[place % len(ARM_COLORS)]
+        finals = [curve.final for curve in arms[arm]]
+        gaps.append(Estimate(arm, row["gap"], row["gap_low"], row["gap_high"], finals, color))
+        ends = row["improvement"], row["improvement_low"], row["improvement_high"]
+        value, low, high = (NAN, NAN, NAN) if own else ends
+        better.append(Estimate(arm, value, low, high, color=color))
+    panels = {
+        "final gap to the optimum (%)": ("gap", gaps),
+        f"P(better than {hints.control})": ("share", better),
+    }
+    draw_intervals(path, panels, hints.title, look)
+
+
+def draw_arms(path: Path, arms: Arms, hints: Hints, title: str, look: Look) -> None:
+    """Two panels for each arm: the gaps, the control's in grey, and what was trained on.
+
+    A dotted line stands where a run's last lesson began.
+    """
+    unit, control = str(look.x), str(hints.control)
+    names = [name for name in arms if name != control] or [control]
+    grid: list[list[Panel]] = []
+    for first in range(0, len(names), 4):
+        upper: list[Panel] = []
+        lower: list[Panel] = []
+        for name in names[first : first + 4]:
+            color = ARM_COLORS[list(arms).index(name) % len(ARM_COLORS)]
+            series = [
+                Series(
+                    [(c.time(unit), c.shortfall) for c in arms.get(arm, [])],
+                    arm if arm == control else None, shade,
+                    interval=lambda values: distance_interval([values]),
+                )
+                for arm, shade in ((control, GREY), (name, color))
+            ]  # fmt: skip
+            marks = [(c.time(unit)[c.settled_at - 1], color) for c in arms[name]
+                     if c.settled_at > 0]  # fmt: skip
+            label = "" if upper else "gap to the optimum (%)"
+            upper.append(Panel(series, label, name, "gap", marks=marks))
+            taught = [Series([(c.time(unit), c.lesson)], None, color, width=1.0)
+                      for c in arms[name] if not np.isnan(c.lesson).all()]  # fmt: skip
+            said = "as the task" if name == control else "levels, chosen one by one"
+            label = "" if lower else "trained on"
+            note = "" if taught else said
+            lower.append(Panel(taught, label, marks=marks, note=note, height=1.5))
+        grid += [upper, lower]
+    draw_panels(path, grid, unit, look, title, beside=True)
+
+
+# -- the table -------------------------------------------------------------------------------------
 
 
 def finals_of(curves: Sequence[Curve]) -> list[list[float]]:
@@ -152,16 +141,21 @@ def finals_of(curves: Sequence[Curve]) -> list[list[float]]:
     return [[curve.final for curve in task] for task in strata(curves)]
 
 
-def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, Any]:
+def summary(name: str, curves: list[Curve], control: list[Curve]) -> Row:
     """One arm as a flat row; times are medians over seeds, inf where at least half never got there.
 
     Shortfalls in per cent, times in seconds and frames.
     """
-    finals, tasks = finals_of(curves), {c.task for c in curves}
-    low, high = distance_interval(finals)
-    row: dict[str, Any] = {"arm": name, "runs": len(curves)}
-    row |= {"gap": float(np.mean([np.mean(each) for each in finals]))}
-    row |= {"gap_low": low, "gap_high": high}
+    finals = finals_of(curves)
+    row: Row = {"arm": name, "runs": len(curves)}
+
+    def put(name: str, value: float, interval: Interval) -> None:
+        row.update({name: value, f"{name}_low": interval[0], f"{name}_high": interval[1]})
+
+    def mean(tasks: list[list[float]]) -> float:
+        return float(np.mean([np.mean(each) for each in tasks]))
+
+    put("gap", mean(finals), distance_interval(finals))
     row |= {"best": min(map(min, finals)), "worst": max(map(max, finals))}
     for kind in ("greedy", "sampled"):
         each = [getattr(curve, kind) for curve in curves]
@@ -172,19 +166,17 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> dict[str, A
             row[f"reached_{threshold:g}"] = int(np.isfinite(times).sum())
             row[f"{unit}_to_{threshold:g}"] = _median(times)
     areas = [[mean_over(c.frames, c.optimality) for c in task] for task in strata(curves)]
-    low, high = distance_interval(areas)
-    row |= {"area": float(np.mean([np.mean(each) for each in areas]))}
-    row |= {"area_low": low, "area_high": high}
+    put("area", mean(areas), distance_interval(areas))
     row["settled"] = float(np.mean([c.settled for c in curves]))
-    empty = (float("nan"), float("nan"))
-    point, (low, high), p, apart = float("nan"), empty, float("nan"), empty
-    if control and tasks == {c.task for c in control}:
+    empty = (NAN, NAN)
+    better: tuple[float, Interval] = (NAN, empty)
+    p, apart = NAN, empty
+    if control and {c.task for c in curves} == {c.task for c in control}:
         theirs = finals_of(control)
-        point, (low, high) = probability_of_improvement(finals, theirs)
-        p = permutation_p(finals, theirs)
+        better, p = probability_of_improvement(finals, theirs), permutation_p(finals, theirs)
         apart = difference_interval(finals, theirs, 1.0 - 2.0 * LEVEL)
-    row |= {"improvement": point, "improvement_low": low, "improvement_high": high, "p": p}
-    row |= {"apart_low": apart[0], "apart_high": apart[1]}
+    put("improvement", *better)
+    row |= {"p": p, "apart_low": apart[0], "apart_high": apart[1]}
     for threshold in THRESHOLDS:
         row[f"p_to_{threshold:g}"] = _p_of_times(curves, control, threshold)
     return row
@@ -200,7 +192,13 @@ def _p_of_times(curves: list[Curve], control: list[Curve], threshold: float) -> 
     return logrank_p(times[0], times[1], (ends[0], ends[1]))
 
 
-def correct(rows: list[dict[str, Any]], hints: Hints) -> None:
+def _median(times: Sequence[float]) -> float:
+    """The median where runs that never got there count as infinitely late."""
+    ordered = sorted(times)
+    return (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
+
+
+def correct(rows: list[Row], hints: Hints) -> None:
     """Correct what p there is for how many arms are compared: `p_holm`, `p_time`.
 
     The primary arm, which was named before, stands alone.
@@ -208,21 +206,12 @@ def correct(rows: list[dict[str, Any]], hints: Hints) -> None:
     others = [row for row in rows if row["arm"] not in (hints.control, hints.primary)]
     for name, source in (("p_holm", "p"), ("p_time", f"p_to_{hints.threshold:g}")):
         for row in rows:
-            row[name] = float("nan") if row["arm"] == hints.control else row[source]
+            row[name] = NAN if row["arm"] == hints.control else row[source]
         for row, p in zip(others, holm([row[source] for row in others]), strict=True):
             row[name] = p
 
 
-def _median(times: Sequence[float]) -> float:
-    """The median where runs that never got there count as infinitely late."""
-    ordered = sorted(times)
-    middle = len(ordered) // 2
-    if len(ordered) % 2:
-        return ordered[middle]
-    return (ordered[middle - 1] + ordered[middle]) / 2
-
-
-def verdict(row: dict[str, Any], hints: Hints) -> str:
+def verdict(row: Row, hints: Hints) -> str:
     """What an arm shows against the control, in words."""
     if row["arm"] == hints.control:
         return "control"
@@ -237,58 +226,51 @@ def verdict(row: dict[str, Any], hints: Hints) -> str:
     return f"no difference shown ({told})"
 
 
-def _p(p: float) -> str:
-    return f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
-
-
-def table_of(rows: list[dict[str, Any]], hints: Hints, lesson: str) -> ResultTable:
-    """`summary` of every arm as people read it; `correct` has been there.
-
-    `lesson` says of which one the share of frames is.
-    """
+def table_of(rows: list[Row], hints: Hints) -> ResultTable:
+    """`summary` of every arm as people read it; `correct` has been there."""
     control = hints.control
     columns = [
         Column("arm", lambda row: str(row["arm"]), left=True),
         Column("runs", lambda row: str(row["runs"])),
-        Column("final gap, mean, % [95 %]", partial(_cell_with, "gap")),
-        Column("best to worst", partial(_cell_range, "")),
-        Column("greedy, %", partial(_cell_range, "greedy_")),
-        Column("sampled, %", partial(_cell_range, "sampled_")),
+        Column("final gap, mean, % [95 %]", partial(_with_interval, "gap")),
         *(
-            Column(f"to {t:g} %: seconds, M frames (runs)", partial(_cell_time, f"{t:g}"))
+            Column(head, partial(_range, which))
+            for head, which in (
+                ("best to worst", ""), ("greedy, %", "greedy_"), ("sampled, %", "sampled_"),
+            )
+        ),
+        *(
+            Column(f"to {t:g} %: seconds, M frames (runs)", partial(_time, f"{t:g}"))
             for t in THRESHOLDS
         ),
-        Column(
-            f"log-rank p, to {hints.threshold:g} %",
-            lambda row: "" if np.isnan(row["p_time"]) else _p(row["p_time"]),
-        ),
-        Column("optimality over training [95 %]", partial(_cell_with, "area")),
-        Column(f"frames on {lesson} lesson", lambda row: _cell_settled(row["settled"])),
+        Column(f"log-rank p, to {hints.threshold:g} %", lambda row: _p(row["p_time"])),
+        Column("optimality over training [95 %]", partial(_with_interval, "area")),
+        Column("frames on the hardest lesson", lambda row: _settled(row["settled"])),
         Column(
             f"P(better than {control}) [95 %]",
-            lambda row: "" if row["arm"] == control else _cell_with("improvement", row),
+            lambda row: "" if row["arm"] == control else _with_interval("improvement", row),
         ),
         Column("verdict", lambda row: verdict(row, hints), left=True),
-    ]
+    ]  # fmt: skip
     return ResultTable(rows, columns)
 
 
-def _cell_settled(share: float) -> str:
+def _p(p: float) -> str:
+    return "" if np.isnan(p) else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
+
+
+def _settled(share: float) -> str:
     if np.isnan(share):
         return ""
     return f"{100 * share:.0f} %" + ("" if share >= SPENT else f", below {100 * SPENT:.0f} %")
 
 
-def _cell_with(name: str, row: dict[str, Any]) -> str:
-    return _with(row[name], (row[f"{name}_low"], row[f"{name}_high"]))
-
-
-def _cell_range(which: str, row: dict[str, Any]) -> str:
+def _range(which: str, row: Row) -> str:
     ends = (row[f"{which}best"], row[f"{which}worst"])
     return "" if np.isnan(ends[0]) else " to ".join(map(_number, ends))
 
 
-def _cell_time(threshold: str, row: dict[str, Any]) -> str:
+def _time(threshold: str, row: Row) -> str:
     count = f"({row[f'reached_{threshold}']} of {row['runs']})"
     seconds, frames = row[f"seconds_to_{threshold}"], row[f"frames_to_{threshold}"]
     if not np.isfinite(seconds):
@@ -296,75 +278,47 @@ def _cell_time(threshold: str, row: dict[str, Any]) -> str:
     return f"{seconds:.0f}, {frames / 1e6:.1f} {count}"
 
 
-def markdown(
-    hints: Hints,
-    table: ResultTable,
-    rows: list[dict[str, Any]],
-    everything: list[dict[str, Any]],
-    figures: list[str],
-    power: str,
-) -> str:
-    """The report as Markdown; `power` has the sentences on the power of its test."""
-    lines = [f"# {in_markdown(hints.title)}", "", table.markdown()]
-    budgets = {(row["budget_seconds"], row["budget_frames"]) for row in rows}
-    told = "; ".join(f"{s:g} s" if s is not None else f"{f:,} frames" for s, f in budgets)
-    seeds = sorted({row["seed"] for row in rows})
-    kinds = sorted({str(row["evaluate"]) for row in rows})
-    machines = sorted({str(row["machine"]) for row in rows})
-    if hints.primary is None:
-        asked = "No arm was named as the primary one before the runs, so all p are corrected. "
-    else:
-        pair = in_markdown(f"{hints.primary} against {hints.control}")
-        asked = f"Asked for before the runs: {pair}. "
-    if hints.margin is not None:
-        asked += (
-            f"Equal is said where the 90 % interval of the difference of the means (Welch) lies "
-            f"within {hints.margin:g} points, a margin named before the runs. "
-        )
-    lines += [
-        "",
-        f"{len(rows)} runs of {told} each, seeds {', '.join(map(str, seeds))}, "
-        f"on {in_markdown('; '.join(machines))}.",
-        "",
-        "Every arm is evaluated on the same task at its final difficulty, throughout training. The "
-        f"gap is by how many per cent the {' or '.join(kinds)} policy is worse than the exact "
-        "optimum: the mean over runs, with Student's interval, which says little where some runs "
-        "solve their task and some do not: then count those that got there. Greedy takes the "
-        "most probable action, sampled plays the policy as it is learned: where the greedy one "
-        "steps to and fro between two cells for ever, that gets away; both are given, best to "
-        "worst run. Times are those of the first evaluation at or below the threshold, medians "
-        "over runs; a run that never got there "
-        "counts as infinitely late, not as missing, and is censored in the log-rank test (of "
-        "frames, stratified by task). Optimality is optimum / steps (for evaders "
-        "steps / optimum), averaged over the frames of training; 1 is perfect. P is the "
-        "probability that "
-        "a run of the arm ends nearer to the optimum than one of the control (Mann and Whitney), "
-        "its interval Newcombe's; "
-        "p is that of a permutation test of P against 0.5, two-sided; all p are corrected for the "
-        f"number of arms (Holm), but that of a primary one. {asked}A verdict is given only "
-        f"below {LEVEL:g}. {power}".rstrip(),
-        "",
-        METHODS_LINE,
-    ]
-    missing = [row for row in everything if row["status"] != "complete"]
-    if missing:
-        lines += ["", f"Not complete: {len(missing)} runs.", ""]
-        for row in missing:
-            status = f"{row['run']}: {row['status']} {row['error'] or ''}"
-            lines.append(f"- {in_markdown(status)}")
-    lines += [""] + [f"![{name}]({name})\n" for name in figures]
-    return "\n".join(lines)
+def _with_interval(name: str, row: Row) -> str:
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    ends = "" if np.isnan(low) else f" [{_number(low)}, {_number(high)}]"
+    return _number(row[name]) + ends
 
 
 def _number(value: float) -> str:
     if np.isinf(value):
         return "never"
     size = abs(value)
-    text = f"{value:.0f}" if size >= 100 else f"{value:.1f}" if size >= 10 else f"{value:.2f}"
-    return text.replace("-0.00", "0.00")
+    return f"{value:.0f}" if size >= 100 else f"{value:.1f}" if size >= 10 else f"{value:z.2f}"
 
 
-def _with(value: float, interval: Interval) -> str:
-    if np.isnan(interval[0]):
-        return _number(value)
-    return f"{_number(value)} [{_number(interval[0])}, {_number(interval[1])}]"
+def sentences(study: FinishedStudy, hints: Hints, power: str) -> list[str]:
+    """What the table shows; `power` has the sentences on the power of its test."""
+    budgets = {(row["budget_seconds"], row["budget_frames"]) for row in study.rows}
+    budget = "; ".join(f"{s:g} s" if s is not None else f"{f:,} frames" for s, f in budgets)
+    kinds = " or ".join(sorted({str(row["evaluate"]) for row in study.rows}))
+    lines = [
+        f"Budget of a run: {budget}.",
+        "",
+        "Every arm is evaluated on the same task at its final difficulty, throughout training. "
+        f"Gap: per cent by which the {kinds} policy is worse than the exact optimum, the mean over "
+        "runs with Student's interval; where some runs solve their task and some do not, count "
+        "those that reached a gap instead. Greedy takes the most probable action, sampled draws; "
+        "both from the best to the worst run. Times: first evaluation at or below the gap, medians "
+        "over runs; a run that never got there counts as infinitely late, and is censored in the "
+        "log-rank test (of frames, stratified by task). Optimality: optimum / steps (evaders: "
+        "steps / optimum), averaged over the frames of training. P: the probability that a run of "
+        "the arm ends nearer to the optimum than one of the control (Mann and Whitney; Newcombe's "
+        "interval). p: two-sided permutation test of P against 0.5, corrected for the number of "
+        f"arms (Holm), but that of a primary one. Verdicts need p < {LEVEL:g}. {power}".rstrip(),
+    ]
+    if hints.primary is None:
+        lines.append("No arm was named as the primary one before the runs, so all p are corrected.")
+    else:
+        pair = in_markdown(f"{hints.primary} against {hints.control}")
+        lines.append(f"Asked for before the runs: {pair}.")
+    if hints.margin is not None:
+        lines.append(
+            "Equal is said where the 90 % interval of the difference of the means (Welch) lies "
+            f"within {hints.margin:g} points, a margin named before the runs."
+        )
+    return lines

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from pursuit.parts import is_reference
+from pursuit.plugins import is_reference
 from train.runs.folder import SELF_PLAY
 from train.runs.tasks import setting_of
 from train.self_play.learners import hyper_of

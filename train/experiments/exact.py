@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pursuit.maze import load_maze
-from scripted_agents.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
+from pursuit.mazes.maze import load_maze
+from scripted_agents.tours.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
 from train.experiments.forms import EXACT, Exact
 from train.files import write_text
-from train.result_table import in_markdown
+from train.reports.tables import Row, in_markdown, plain_table
 
 
 def write_exact(title: str, exact: Exact, out: Path) -> str:
@@ -18,22 +18,24 @@ def write_exact(title: str, exact: Exact, out: Path) -> str:
         The table as Markdown, which is in `out/exact.md` too.
     """
     mazes, goals = exact.mazes, exact.goals
-    heads = [f"states, {g} goal{'s' if g > 1 else ''}" for g in goals]
-    heads += [
-        f"mean {'optimum' if g <= MAX_EXACT_GOALS else 'heuristic tour'}, {g} goal"
-        f"{'s' if g > 1 else ''}"
-        for g in goals
-    ]
-    lines = [f"# {in_markdown(title)}", "", "| maze | cells | " + " | ".join(heads) + " |"]
-    lines.append("|---|---|" + "---|" * len(heads))
+    words = {g: f"{g} goal{'s' if g > 1 else ''}" for g in goals}
+    rows = []
     for name in mazes:
         maze = load_maze(name)
-        cells = [f"{num_states(maze.num_cells, g):,}" for g in goals]
-        for number in goals:
+        row: Row = {"maze": name, "cells": maze.num_cells}
+        row |= {
+            f"states, {told}": f"{num_states(maze.num_cells, g):,}" for g, told in words.items()
+        }
+        for number, told in words.items():
             mean = expected_tour_length(maze, number)
-            cells.append(f"{mean:.4f}" if mean.exact else f"{mean:.3f} ± {mean.ci95:.3f}")
-        lines.append(f"| {in_markdown(name)} | {maze.num_cells} | " + " | ".join(cells) + " |")
-    lines += ["", "Means over all placements; those with ± are of samples, the others exact."]
-    text = "\n".join(lines) + "\n"
+            kind = "optimum" if number <= MAX_EXACT_GOALS else "heuristic tour"
+            row[f"mean {kind}, {told}"] = (
+                f"{mean:.4f}" if mean.exact else f"{mean:.3f} ± {mean.ci95:.3f}"
+            )
+        rows.append(row)
+    text = (
+        f"# {in_markdown(title)}\n\n{plain_table(rows).markdown()}\n\n"
+        "Means over all placements; those with ± are of samples, the others exact.\n"
+    )
     write_text(out / EXACT, text)
     return text

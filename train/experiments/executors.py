@@ -1,82 +1,102 @@
-"""Who does the runs of a sweep: processes of this machine, or a Ray cluster."""
+"""Who does the jobs of a study: processes of this machine, or a Ray cluster."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import time
-from collections.abc import Iterable
+from collections.abc import Iterator
 from pathlib import Path
 from threading import current_thread, main_thread
 from typing import Any
 
-from train.experiments.address import check_answers
-from train.experiments.on_ray import do_tasks, tune
-from train.experiments.sweep import ERROR, STOPPED, Sweep, Told, prepare, status_of, to_do
+from train.experiments.on_ray import check_answers, do_tasks
+from train.experiments.study import (
+    ERROR,
+    Call,
+    Study,
+    Told,
+    prepare,
+    status_of,
+    statuses_of,
+    to_do,
+)
 from train.experiments.warm import Process, starter
-from train.experiments.worker import POLL, progress_of, record_end
+from train.experiments.worker import POLL, Performed, progress_of, record_end
 from train.files import only_one
 
-__all__ = ["progress_of", "run_locally", "run_on_ray"]
+
+@contextlib.contextmanager
+def opened(study: Study, out: Path) -> Iterator[tuple[dict[str, Path], list[str]]]:
+    """The folders of all jobs by name, and the names of those to be done; nobody else does them."""
+    with only_one(out, "sweep"):
+        folders = {run.name: folder for run, folder in prepare(study, out)}
+        waiting = to_do(folders)
+        for name in waiting:  # what goes on has not failed
+            (folders[name] / ERROR).unlink(missing_ok=True)
+        yield folders, waiting
 
 
-def run_locally(
-    sweep: Sweep, out: Path | str, workers: int, told: Told, again: bool = False
-) -> dict[str, str]:
-    """Do all runs that have not ended in `workers` processes.
+def run_locally(study: Study, out: Path | str, workers: int, told: Told) -> dict[str, str]:
+    """Do all jobs that are not complete in `workers` processes.
 
-    A run that failed before is tried again. Ctrl-C lets the running ones save their checkpoints.
+    A job that failed before is tried again. Ctrl-C lets the running ones save their checkpoints.
 
     Args:
-        sweep: the runs.
-        out: the folder of the sweep.
-        workers: processes at a time.
+        study: the jobs.
+        out: the folder of the study.
+        workers: processes at a time; 0 does one job after the other in this process.
         told: is told how far it is.
-        again: go on with runs, too, that a scheduler stopped early.
 
     Returns:
-        The status of every run by name.
+        The status of every job by name.
 
     Raises:
-        KeyboardInterrupt: once the runs have saved.
+        KeyboardInterrupt: once the jobs have saved.
     """
     out = Path(out)
-    with only_one(out, "sweep"):
-        folders = dict((run.name, folder) for run, folder in prepare(sweep, out))
-        statuses = {name: status_of(folder) for name, folder in folders.items()}
-        waiting = to_do(folders, again)
-        forget_ends(folders[name] for name in waiting)
-        running: dict[str, Process] = {}
+    modules = {run.function.partition(":")[0] for run in study.runs if isinstance(run, Call)}
+    with opened(study, out) as (folders, waiting):
+        statuses = statuses_of(study, out)
         told(statuses, {})
-        with starter(len(waiting)) as start:
+        running: dict[int, tuple[str, Process]] = {}
+        with starter(len(waiting) if workers else 0, modules) as start_process:
+            start = start_process if workers else Performed
             try:
                 while waiting or running:
-                    while waiting and len(running) < workers:
-                        name = waiting.pop(0)
-                        running[name] = start(folders[name], sweep.episodes)
-                        statuses[name] = "running"
-                    for name, process in list(running.items()):
+                    for lane in set(range(max(workers, 1))) - set(running):
+                        if waiting:
+                            name = waiting.pop(0)
+                            running[lane] = (name, start(folders[name]))
+                            statuses[name] = "running"
+                            if study.pinned and workers:
+                                pin(running[lane][1].pid, lane)
+                    for lane, (name, process) in list(running.items()):
                         code = process.poll()
                         if code is not None:
-                            del running[name]
+                            del running[lane]
                             record_end(folders[name], code)
                             statuses[name] = status_of(folders[name])
-                    told(statuses, {name: progress_of(folders[name]) for name in running})
-                    time.sleep(POLL)
+                    progress = {name: progress_of(folders[name]) for name, _ in running.values()}
+                    told(statuses, progress)
+                    if running:
+                        time.sleep(POLL)
             except KeyboardInterrupt:
-                for process in running.values():
+                for _, process in running.values():
                     process.send_signal(signal.SIGINT)
-                for process in running.values():
+                for _, process in running.values():
                     process.wait()
                 raise
         return statuses
 
 
-def forget_ends(folders: Iterable[Path]) -> None:
-    """Runs that go on have neither failed nor been stopped."""
-    for folder in folders:
-        for name in (ERROR, STOPPED):
-            (folder / name).unlink(missing_ok=True)
+def pin(process: int, lane: int) -> None:
+    """Keep a process on one core; those of other lanes have other cores."""
+    if process and hasattr(os, "sched_setaffinity"):  # 0 would be this one
+        cores = sorted(os.sched_getaffinity(0), reverse=True)
+        with contextlib.suppress(ProcessLookupError):
+            os.sched_setaffinity(process, {cores[lane % len(cores)]})
 
 
 # -- Ray -------------------------------------------------------------------------------------------
@@ -92,24 +112,18 @@ def import_ray() -> Any:
     return ray
 
 
-def run_on_ray(
-    sweep: Sweep, out: Path | str, address: str | None, told: Told, again: bool = False
-) -> dict[str, str]:
-    """Do all runs that have not ended as tasks of a Ray cluster, one core each.
+def run_on_ray(study: Study, out: Path | str, address: str | None, told: Told) -> dict[str, str]:
+    """Do all training runs that are not complete as tasks of a Ray cluster, one core each.
 
     Only this process writes into `out`: whenever a run has saved, what it saved is brought here. So
     a run whose machine dies goes on elsewhere from there, and so does all after Ctrl-C, which lets
     the running ones save first.
 
     Args:
-        sweep: the runs.
-        out: the folder of the sweep.
+        study: training runs.
+        out: the folder of the study.
         address: of the cluster, "auto" for the one of this machine; None starts one here.
-        told: is told how far it is.
-        again: go on with runs, too, that a scheduler stopped early.
-
-    Returns:
-        The status of every run by name.
+        told, returned: as `run_locally`.
 
     Raises:
         KeyboardInterrupt: once the runs have saved, and that is here.
@@ -117,10 +131,8 @@ def run_on_ray(
     out = Path(out)
     check_answers(address)
     ray = import_ray()
-    with only_one(out, "sweep"):
-        folders = dict((run.name, folder) for run, folder in prepare(sweep, out))
-        todo = to_do(folders, again)
-        told({name: status_of(folder) for name, folder in folders.items()}, {})
+    with opened(study, out) as (folders, waiting):
+        told(statuses_of(study, out), {})
         started_here = not ray.is_initialized()
         if started_here:
             before = signal.getsignal(signal.SIGTERM)
@@ -128,11 +140,9 @@ def run_on_ray(
             if current_thread() is main_thread():  # Ray's own handler would end all without saving
                 signal.signal(signal.SIGTERM, before)
         try:
-            forget_ends(folders[name] for name in todo)
-            work = tune if sweep.scheduler == "asha" else do_tasks
-            if todo:
-                work(ray, {name: folders[name] for name in todo}, sweep.episodes, folders, told)
+            if waiting:
+                do_tasks(ray, {name: folders[name] for name in waiting}, folders, told)
         finally:
             if started_here:
                 ray.shutdown()
-        return {name: status_of(folder) for name, folder in folders.items()}
+        return statuses_of(study, out)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from train.files import read_json
-from train.schemas import read_as, unknown
+from train.schemas import read_as
 from train.settings.checks import check, check_seed
 
 HINTS, LABEL, EXACT = "sweep.json", "run.json", "exact.md"
@@ -54,48 +54,33 @@ class Version(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     exact: Exact | None = None
 
 
-class SweepFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+class SweepFile(Version, forbid_unknown_fields=True, omit_defaults=True):
     """A sweep file as it is written."""
 
     title: str | None = None
     kind: str | None = None
-    settings: Table | None = None
-    grid: Table | None = None
     variants: list[Table] | None = None
-    seeds: list[int] | None = None
-    episodes: int | None = None
-    search: Table | None = None
     report: ReportHints | None = None
-    exact: Exact | None = None
     short: Version | None = None
     full: Version | None = None
 
 
-class AblationFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+class AblationFile(SweepFile, forbid_unknown_fields=True, omit_defaults=True):
     """An ablation file: a sweep's, with arms instead of variants, and a control.
 
     Attributes:
+        arms: the variants; those of a sweep stay empty.
         primary: the one arm whose difference from the control is asked for: its p stands alone,
             those of the others are corrected for how many they are.
         margin: points of the gap within which an arm is to count as equal to the control.
         threshold: the gap in per cent whose time to reach is tested.
     """
 
-    title: str | None = None
-    kind: str | None = None
+    arms: list[Table] | None = None
     control: str | None = None
     primary: str | None = None
     margin: float | None = None
     threshold: float = 5.0
-    settings: Table | None = None
-    grid: Table | None = None
-    arms: list[Table] | None = None
-    seeds: list[int] | None = None
-    episodes: int | None = None
-    search: Table | None = None
-    report: ReportHints | None = None
-    short: Version | None = None
-    full: Version | None = None
 
 
 class Range(msgspec.Struct, forbid_unknown_fields=True):
@@ -130,12 +115,14 @@ class Hints(msgspec.Struct):
 
     Attributes:
         title: of the report.
+        format: of the folder.
         runs: the names of the runs; None where nobody has said (all that are there).
         x, group: columns of the table of runs.
         control, arms, primary, margin, threshold: of an ablation (`AblationFile`).
     """
 
     title: str
+    format: int = 1
     runs: list[str] | None = None
     x: str | None = None
     group: list[str] = msgspec.field(default_factory=list)
@@ -148,18 +135,6 @@ class Hints(msgspec.Struct):
 
 Label = dict[str, bool | int | float | str | list[str] | None]
 """`run.json`: what the sweep file says of a run."""
-
-
-def check_keys(table: Mapping[str, Any], form: type[msgspec.Struct], where: str) -> None:
-    """ValueError for a key that the form has not, naming those that it has."""
-    known = form.__struct_fields__
-    for name in table:
-        hint = unknown(name, list(known)).partition(", ")[2]
-        check(
-            name in known,
-            f"unknown key {name!r}{where}; {hint + ' It is ' if hint else ''}one of "
-            f"{', '.join(known)}",
-        )
 
 
 def check_table(table: Any, where: str, values: bool = False) -> None:

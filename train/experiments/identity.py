@@ -17,13 +17,12 @@ from typing import Any
 from scripted_agents.environments import AGENTS
 from train.experiments.kinds import with_mazes
 from train.files import write_bytes
-from train.runs.folder import CHECKPOINT, CONFIG, SELF_PLAY
+from train.runs.folder import CHECKPOINT, CONFIG
 from train.runs.provenance import provenance
-from train.runs.saved import ADDED_HYPER
 from train.runs.tasks import maze_text_of
 from train.runs.third_party import description_of
 from train.settings.checks import check
-from train.settings.self_play import ADDED, LEARN, ROLES
+from train.settings.self_play import LEARN, ROLES
 from train.teaching.mazes import named_maze, names_in
 
 INPUTS = "inputs"
@@ -119,47 +118,26 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     mazes = plain.get("lessons", {}).get("curriculum_mazes")
     if mazes is not None:
         plain["lessons"]["curriculum_mazes"] = [named_maze(n).to_text() for n in names_in(mazes)]
-    for name in ("view_radius", "line_of_sight", "unknown_maze", "opponent_observation"):
-        if not plain["task"].get(name):
-            plain["task"].pop(name, None)  # runs without are those of versions before it
-    if plain.get("frame_stack") == 1:  # and so are those that remember nothing
-        del plain["frame_stack"]
-    if plain.get("clock") == "wall" or plain.get("frames") is not None:
-        plain.pop("clock", None)  # and those of the one clock that there was
-    if kind == SELF_PLAY:  # which had no choice of these
-        for name, value in ADDED.items():
-            if plain.get(name) == value:
-                del plain[name]
-    if plain.get("processes") == 1:
-        del plain["processes"]  # and those of the one process that there was
-    for hyper in filter(None, (plain.get(n) for n in ("hyper", "chaser_hyper", "evader_hyper"))):
-        for added, before in ADDED_HYPER.items():  # and those from before there were these
-            if hyper.get(added) == before:
-                hyper.pop(added, None)
-        if hyper.get("recurrent") is None:
-            for name in ("recurrent", "burn_in"):
-                hyper.pop(name, None)
-    if parts := provenance(settings):
-        plain["parts"] = parts  # users' modules count by their source
-    text = json.dumps({"kind": kind, "episodes": episodes, **plain}, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:10]
+    plain["parts"] = provenance(settings)  # users' modules count by their source
+    return digest_of_plain({"kind": kind, "episodes": episodes, **plain})
 
 
-def given_names(settings: Any, frozen: Any) -> dict[str, Any]:
-    """What reports call that which stands in the settings as text or as a copy: as it was given."""
+def digest_of_plain(value: Any) -> str:
+    """Ten hexadecimal digits of plain values."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:10]
+
+
+def frozen_mazes(settings: Any) -> tuple[Any, dict[str, Any]]:
+    """Settings that need no maze file, and what reports call that which stands in them as text or
+    as a copy: as it was given."""
+    frozen = with_mazes(settings)
     names: dict[str, Any] = dict(named_policies(asdict(settings)))
     if settings.task != frozen.task:
         names["maze"] = settings.task.maze
     before, after = (getattr(s, "lessons", None) for s in (settings, frozen))
     if before != after:
         names["curriculum_mazes"] = before.curriculum_mazes  # type: ignore[union-attr]
-    return names
-
-
-def frozen_mazes(settings: Any) -> tuple[Any, dict[str, Any]]:
-    """Settings that need no maze file, and what they were given instead of its text."""
-    frozen = with_mazes(settings)
-    return frozen, given_names(settings, frozen)
+    return frozen, names
 
 
 # -- copies ----------------------------------------------------------------------------------------

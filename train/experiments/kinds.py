@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from train.files import hold, remove_leftovers
-from train.runs.by_name import settings_of
 from train.runs.effects import check_effects
 from train.runs.folder import (
     CHECKPOINT,
@@ -27,7 +26,7 @@ from train.runs.folder import (
 )
 from train.runs.forms import Final
 from train.runs.loop import Run
-from train.runs.parts import parts_of
+from train.runs.parts import parts_of, settings_of
 from train.runs.provenance import check_sources
 from train.runs.saved import from_plain
 from train.runs.single import make_run

@@ -16,19 +16,18 @@ class Measure:
     Attributes:
         name: in tables.
         final: its column in the table of runs, to be multiplied by `scale`.
-        head, axis: what tables and figures call it.
-        curve: the column of `metrics.csv` that is drawn over time, `curve_axis` its name.
-        logarithmic: whether that is drawn on a logarithmic axis.
+        label: what tables and figures call it.
+        curve: the column of `metrics.csv` that is drawn over time, `curve_label` its name, and
+            `curve_scale` that of its axis (`Panel.scale`).
     """
 
     name: str
     final: str
     scale: float
-    head: str
-    axis: str
+    label: str
     curve: str
-    curve_axis: str
-    logarithmic: bool = True
+    curve_label: str
+    curve_scale: str
 
     def interval(self, values: Sequence[float]) -> Interval:
         """The 95 % interval of the mean over runs; only returns may lie on either side of 0."""
@@ -36,24 +35,9 @@ class Measure:
         return mean_interval([values]) if signed else distance_interval([values])
 
 
-GAP = Measure(
-    "gap",
-    "optimality_gap",
-    100.0,
-    "gap to the optimum, %",
-    "gap to the optimum (%)",
-    "mean_steps",
-    "episode length (steps, log)",
-)
-STEPS = Measure(
-    "steps",
-    "mean_steps",
-    1.0,
-    "steps",
-    "episode length (steps)",
-    "mean_steps",
-    "episode length (steps, log)",
-)
+LENGTH = ("mean_steps", "episode length (steps, log)", "log")
+GAP = Measure("gap", "optimality_gap", 100.0, "gap to the optimum, %", *LENGTH)
+STEPS = Measure("steps", "mean_steps", 1.0, "steps", *LENGTH)
 
 
 def measure_of(rows: list[dict[str, Any]]) -> Measure:
@@ -70,7 +54,8 @@ def measure_of(rows: list[dict[str, Any]]) -> Measure:
         return GAP if known else STEPS
     name = "NashConv" if column == "nash_conv" else column.replace("_", " ")
     told = name if name.endswith(unit) else f"{name} ({unit})"
-    return Measure(column, column, 1.0, told, told, column, told, logarithmic=False)
+    scale = "linear" if column == "mean_return" else "from 0"
+    return Measure(column, column, 1.0, told, column, told, scale)
 
 
 def size_of(value: Any) -> tuple[Any, ...]:

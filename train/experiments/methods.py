@@ -1,33 +1,30 @@
-"""The methods paragraph of runs: what was done with what, every fact from `config.json` and
-`results.json`, so that a paper says what ran and not what somebody remembers of it."""
+"""How runs were made, as tables: every fact from `config.json` and `results.json`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from scripted_agents.environments import AGENTS
 from train.experiments.defaults import defaults_of
 from train.experiments.forms import read_label
-from train.experiments.sweep import MEASURED, flat_plain
-from train.experiments.where_and_how import commands_told, parts_told, where_it_ran
+from train.experiments.sweep import flat_plain
 from train.files import read_json
-from train.result_table import Column, ResultTable, Row, in_markdown, words
-from train.runs.folder import CONFIG, RESULTS, RUN, SELF_PLAY, SIDE, load_results, read_config
+from train.reports.tables import Column, ResultTable, Row, one_line, plain_table, words
+from train.runs.folder import CONFIG, RESULTS, RUN, SIDE, load_results, read_config
 from train.runs.provenance import COMMAND, Records, recorded_parts
-from train.runs.saved import ADDED_HYPER
-from train.settings.self_play import LEARN, ROLES
 from train.settings.task import who_learns
 
 METHODS = "methods.md"
 METHODS_LINE = f"How these runs were made: [{METHODS}]({METHODS})."
-TOLD = (
-    *("task", "role", "maze", "algorithm", "evaluate", "seed", "variant", "kind"),
-    *MEASURED.values(),
+ALWAYS = (
+    *("task", "maze", "role", "joints", "algorithm", "chaser_algorithm", "evader_algorithm"),
+    *("chaser", "evader", "sampling", "curriculum", "opponent", "opponent_epsilon", "max_steps"),
+    *("evaluate", "budget_frames", "budget_seconds", "frames", "seconds", "clock"),
 )
-"""Settings that stand in the paragraph, and so in no table."""
+"""Settings that are told also where they are the defaults."""
+OF_OPPONENTS = ("opponent", "opponent_epsilon")
 NONE, MISSING = "none", "–"
 """What stands for no value, and for a setting that a run has not."""
 
@@ -39,8 +36,9 @@ class Facts:
     Attributes:
         name: of its folder.
         kind: of run.
-        settings: by name, without levels; mazes by their names.
+        settings: by name, without levels, as texts; mazes by their names.
         defaults: the same, as they would be if nobody had set them.
+        seed: of the run.
         results: `results.json`, checked; empty where there is none yet.
         command: that began it.
         parts: of users' own, with the hashes of their source.
@@ -48,8 +46,9 @@ class Facts:
 
     name: str
     kind: str
-    settings: Row
-    defaults: Row
+    settings: dict[str, str]
+    defaults: dict[str, str]
+    seed: int
     results: dict[str, Any]
     command: str
     parts: Records
@@ -65,27 +64,42 @@ def facts_of(folder: Path) -> Facts:
     results = load_results(folder) if (folder / RESULTS).exists() else {}
     label = read_label(folder)
     settings, defaults = flat_plain(plain), flat_plain(defaults_of(kind, plain))
-    settings = {name: one for name, one in ADDED_HYPER.items() if name in defaults} | settings
     if "maze" in settings:
-        settings["maze"] = results.get("maze") or label.get("maze") or _named(settings["maze"])
-    if settings.get("curriculum_mazes"):
-        given = label.get("curriculum_mazes", settings["curriculum_mazes"])
-        settings["curriculum_mazes"] = _named(given)
-    settings |= {n: label[n] for n in ("opponent", "chaser", "evader", "variant") if n in label}
+        settings["maze"] = results.get("maze") or label.get("maze") or settings["maze"]
+    names = ("curriculum_mazes", "opponent", "chaser", "evader", "variant")
+    settings |= {name: label[name] for name in names if name in label}
     if kind == RUN and "role" in settings:
         settings["role"] = who_learns(settings["task"], settings["role"])
+    seed = settings.pop("seed")
+    for name in OF_OPPONENTS if settings["task"] in ("maze", "reacher") else ():
+        settings.pop(name, None)
     command = read_json(folder / CONFIG).get(COMMAND, "")
-    parts = recorded_parts(folder / CONFIG)
-    return Facts(folder.name, kind, settings, defaults, results, str(command), parts)
+    return Facts(
+        folder.name,
+        kind,
+        {name: _text(value) for name, value in settings.items()},
+        {name: _text(value) for name, value in defaults.items()},
+        seed,
+        results,
+        str(command),
+        recorded_parts(folder / CONFIG),
+    )
 
 
-def _named(maze: Any) -> str:
-    """A maze by its name; one that is known by its text alone is said to be."""
-    return "given as text in config.json" if "\n" in str(maze) else str(maze)
+def _text(value: Any) -> str:
+    if value is None:
+        return NONE
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, list | tuple):
+        return " ".join(map(_text, value)) or NONE
+    # a maze that is known by its text alone
+    return "given as text in config.json" if "\n" in str(value) else str(value)
 
 
 def methods(folders: Sequence[Path | str]) -> str:
-    """What was done, as Markdown, ready for a paper's section on methods.
+    """How runs were made, as Markdown: settings and results beside the defaults, what runs differ
+    in, users' own parts, and commands.
 
     Args:
         folders: of the runs, at least one.
@@ -95,43 +109,96 @@ def methods(folders: Sequence[Path | str]) -> str:
     """
     lines = ["# Methods", ""]
     facts = [facts_of(Path(folder)) for folder in folders]
-    for form in dict.fromkeys(map(_form_of, facts)):
-        lines += _of_one_kind([run for run in facts if _form_of(run) == form])
+    for kind in dict.fromkeys(run.kind for run in facts):
+        runs = [run for run in facts if run.kind == kind]
+        lines += [settings_table(runs).markdown(), ""]
+        if varying := _varying(runs):
+            lines += ["What they differ in:", "", _differences(runs, varying).markdown(), ""]
+        lines += parts_told(run.parts for run in runs)
     return "\n".join([*lines, *commands_told(run.command for run in facts)])
 
 
-def _form_of(run: Facts) -> tuple[str, bool]:
-    """What runs must share to be told of together: their kind, and whether an arm learns."""
-    return run.kind, "joints" in run.settings
+def settings_table(runs: Sequence[Facts]) -> ResultTable:
+    """The settings that are not the defaults, or always told, and what the runs came to."""
+
+    def each(of: str, name: str) -> str:
+        return " or ".join(dict.fromkeys(getattr(run, of).get(name, MISSING) for run in runs))
+
+    rows: list[Row] = [{"setting": "runs", "value": f"{len(runs)} ({runs[0].kind})"}]
+    for name in dict.fromkeys([*ALWAYS, *(name for run in runs for name in run.settings)]):
+        value, default = each("settings", name), each("defaults", name)
+        if value != MISSING and name != "variant" and (name in ALWAYS or value != default):
+            default = "" if name.startswith("budget") else default
+            rows.append({"setting": name, "value": value, "default": default})
+    rows.append({"setting": "seeds", "value": ", ".join(map(str, sorted({r.seed for r in runs})))})
+    done = [run for run in runs if run.results]
+    rows += [{"setting": name, "value": value} for name, value in _measured(done).items() if done]
+    rows = [{"default": ""} | row for row in rows]
+    return ResultTable(rows, [words("setting"), words("value"), words("default")])
 
 
-def _of_one_kind(runs: Sequence[Facts]) -> list[str]:
-    """The paragraph of runs of one kind, and the tables that it needs."""
-    varying = _varying(runs)
-    lines = [in_markdown(" ".join(_sentences(runs))), ""]
-    shared = [
-        name
-        for name in _names(runs)
-        if name not in (*varying, *TOLD) and all(name in run.settings for run in runs)
-    ]
-    rows = [
-        {"setting": name, "value": _text(runs[0].settings[name]), "default": told}
-        for name in shared
-        if (told := _default(runs, name)) != _text(runs[0].settings[name])
-    ]
-    unknown = [row for row in rows if row["default"] == MISSING]
-    rows = [row for row in rows if row["default"] != MISSING]
-    if rows:
-        lines += [f"Settings of {_all(runs)} that differ from the defaults:", ""]
-        lines += [_settings_table(rows).markdown(), ""]
-    else:
-        lines += [f"Otherwise the settings of {_all(runs)} are the defaults.", ""]
-    if unknown:
-        table = ResultTable(unknown, [words("setting"), words("value")])
-        lines += [f"Settings of user-defined parts in {_all(runs)}:", "", table.markdown(), ""]
-    if varying:
-        lines += ["What they differ in:", "", _differences(runs, varying).markdown(), ""]
-    return lines + parts_told(run.parts for run in runs)
+def _measured(done: Sequence[Facts]) -> dict[str, str]:
+    """How long runs learned, how they were evaluated, by what, and where they ran."""
+    results = [run.results for run in done]
+    found = {
+        "frames trained": _span([each["frames"] for each in results], ","),
+        "seconds trained": _span([round(each["seconds"], 1) for each in results]),
+    }
+    if done and done[0].kind == RUN:
+        scores = [each["evaluation"] for each in results]
+        starts = _span([score["episodes"] for score in scores], ",")
+        found["evaluation"] = _each(
+            "exact, over all starts" if score["exact"] else f"{starts} episodes, held-out seeds"
+            for score in scores
+        )
+        found["reference"] = _each(
+            "none exact" if each["evaluation"]["optimal_steps"] is None
+            else "exact optimum" if each.get("least", {}).get("share_exact", 1.0) == 1.0
+            else "lower bound of the optimum"
+            for each in results
+        )  # fmt: skip
+    found["judged by"] = _each(
+        f"{each['objective']['column'].replace('_', ' ')} ({each['objective']['unit']})"
+        for each in results
+    )
+    cut = [run.name for run in done if run.results["interrupted"]]
+    found |= {"interrupted before the budget was spent": ", ".join(cut)} if cut else {}
+    return found | where_they_ran(results)
+
+
+def _each(texts: Iterable[str]) -> str:
+    return " or ".join(dict.fromkeys(texts))
+
+
+def _span(values: Sequence[float], form: str = "g") -> str:
+    low, high = min(values, default=0), max(values, default=0)
+    return f"{low:{form}}" if low == high else f"{low:{form}} to {high:{form}}"
+
+
+def _varying(runs: Sequence[Facts]) -> list[str]:
+    """The settings that are not alike in all runs.
+
+    One that only some of them have (a clip of PPO's beside A2C) counts where it is not the default.
+    """
+    found = []
+    for name in dict.fromkeys(name for run in runs for name in run.settings):
+        have = [run for run in runs if name in run.settings]
+        usual = all(run.settings[name] == run.defaults.get(name, MISSING) for run in have)
+        differs = len({run.settings[name] for run in have}) > 1
+        if name != "variant" and (differs or (len(have) < len(runs) and not usual)):
+            found.append(name)
+    return found
+
+
+def _differences(runs: Sequence[Facts], varying: Sequence[str]) -> ResultTable:
+    """A row for everything that was done with several seeds."""
+    rows: dict[str, Row] = {}
+    heads = [*(["variant"] if any("variant" in run.settings for run in runs) else []), *varying]
+    for run in runs:
+        row = {name: run.settings.get(name, MISSING) for name in heads}
+        rows.setdefault(str(row), row | {"seeds": []})["seeds"].append(run.seed)
+    seeds = Column("seeds", lambda row: ", ".join(map(str, sorted(row["seeds"]))), left=True)
+    return ResultTable(list(rows.values()), [*map(words, heads), seeds])
 
 
 def league_methods(content: Mapping[str, Any], folders: Sequence[Path]) -> str:
@@ -144,234 +211,89 @@ def league_methods(content: Mapping[str, Any], folders: Sequence[Path]) -> str:
     Raises:
         ValueError: a folder that holds no run, or a damaged one.
     """
-    how = "most probable" if content["greedy"] else "drawn"
-    exact = not any(half for row in content["ci95"] for half in row)
-    told = (
-        f"{len(content['chasers'])} chasers met {len(content['evaders'])} evaders in the task "
-        f"{content['task']} on maze {content['maze']}, at most {content['max_steps']} steps a "
-        f"game; learned policies take {how} actions, and A* makes "
-        f"{100 * content['opponent_epsilon']:g} % random moves. "
-        f"Payoffs are mean steps until capture, "
-        + ("exact over all starts" if exact else "exact over all starts where ± is missing, else ")
-        + ("" if exact else f"of {content['games']} games with their 95 % intervals")
-        + f". Ratings are of {content['games']} games of each pair, from starts that are the same "
-        f"for all and that nothing was trained with (seed {content['seed']}): Elo by maximum "
-        "likelihood (Bradley and Terry) with bootstrap intervals, openskill's Plackett-Luce model, "
-        "and Nash averaging (Balduzzi et al., 2018). " + where_it_ran([content])
+    sampled = any(half for row in content["ci95"] for half in row)
+    found = {
+        "task": content["task"],
+        "maze": content["maze"],
+        "most steps of a game": content["max_steps"],
+        "chasers": len(content["chasers"]),
+        "evaders": len(content["evaders"]),
+        "actions of learned policies": "most probable" if content["greedy"] else "drawn",
+        "random moves of A*": f"{100 * content['opponent_epsilon']:g} %",
+        "payoffs": "mean steps until capture, exact over all starts"
+        + (f"; where ± stands, of {content['games']} games (95 % intervals)" if sampled else ""),
+        "ratings": f"of {content['games']} games a pair, the same held-out starts for all (seed "
+        f"{content['seed']}): Elo by maximum likelihood (Bradley and Terry) with bootstrap "
+        "intervals, Nash averaging (Balduzzi et al., 2018)",
+    } | where_they_ran([content])
+    rows = [{"setting": name, "value": value} for name, value in found.items()]
+    lines = ["# Methods", "", plain_table(rows).markdown(), ""]
+    lines += commands_told([str(content["command"])])
+    # One role of self-play belongs to the run in the folder above.
+    runs = dict.fromkeys(
+        folder.parent if read_config(folder)[0] == SIDE else folder for folder in folders
     )
-    runs = dict.fromkeys(_run_of(folder) for folder in folders)
-    text = "\n".join(
-        ["# Methods", "", in_markdown(told), "", *commands_told([str(content["command"])])]
+    if runs:
+        lines.append(methods(list(runs)).replace("# Methods", "## Runs"))
+    return "\n".join(lines)
+
+
+# -- where and by what command ---------------------------------------------------------------------
+
+
+def where_they_ran(results: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """The versions and the machines in results."""
+    return {
+        "software": _each(_versions(each["versions"]) for each in results),
+        "machine": _each(map(_machine, results)),
+    }
+
+
+def _versions(found: Mapping[str, Any]) -> str:
+    parts = [f"{name} {value}" for name, value in found.items() if value and name != "commit"]
+    if found.get("commit"):
+        commit = str(found["commit"])
+        parts[0] += f" (commit {commit[:12]}{', changed since' if commit[-1] == '+' else ''})"
+    return ", ".join(parts)
+
+
+def _machine(results: Mapping[str, Any]) -> str:
+    found, processes = results["machine"], results.get("processes", 1)
+    parts = [str(found["processor"])]
+    if "cores" in found:
+        parts.append(f"{found['cores']} cores")
+    if "threads" in found:
+        each = f" in each of {processes} processes" if processes > 1 else ""
+        parts.append(f"torch with {found['threads']} thread(s){each}")
+    return ", ".join(parts)
+
+
+def parts_told(given: Iterable[Records]) -> list[str]:
+    """User-defined parts with the hashes of their source as lines of Markdown, each once."""
+    heads = ("setting", "name", "SHA-256 of the source")
+    found = dict.fromkeys(
+        (setting, str(part["name"]), part["sha256"] or "no source")
+        for records in given
+        for setting, part in records.items()
     )
-    return text if not runs else text + "\n" + methods(list(runs)).replace("# Methods", "## Runs")
+    rows = [dict(zip(heads, row, strict=True)) for row in found]
+    return ["User-defined parts:", "", plain_table(rows).markdown(), ""] if rows else []
 
 
-def _run_of(folder: Path) -> Path:
-    """The run that a folder belongs to: its own, or of one role of self-play the one above."""
-    return folder.parent if read_config(folder)[0] == SIDE else folder
+def commands_told(given: Iterable[str]) -> list[str]:
+    """Commands as lines of Markdown, each once."""
+    commands = list(dict.fromkeys(one_line(_as_typed(command)) for command in given if command))
+    if not commands:
+        return []
+    fence = "```"
+    while fence in "".join(commands):
+        fence += "`"
+    return [f"Command{'s' if len(commands) > 1 else ''}:", "", fence, *commands, fence, ""]
 
 
-def _names(runs: Sequence[Facts]) -> list[str]:
-    return list(dict.fromkeys(name for run in runs for name in run.settings))
-
-
-def _varying(runs: Sequence[Facts]) -> list[str]:
-    """The settings that are not alike in all runs, seeds apart.
-
-    One that only some of them have (a clip of PPO's beside A2C) counts where it is not the default.
-    """
-    found = []
-    for name in _names(runs):
-        have = [run for run in runs if name in run.settings]
-        values = {_text(run.settings[name]) for run in have}
-        usual = all(_text(run.settings[name]) == _default([run], name) for run in have)
-        differs = len(values) > 1 or (len(have) < len(runs) and not usual)
-        if differs and name not in ("seed", "variant"):
-            found.append(name)
-    return found
-
-
-def _default(runs: Sequence[Facts], name: str) -> str:
-    """What a setting is by default; all that it is, where that depends on the run.
-
-    `MISSING` for a setting of a user's own part, whose defaults are not known here.
-    """
-    return " or ".join(dict.fromkeys(_text(run.defaults.get(name, MISSING)) for run in runs))
-
-
-def _text(value: Any) -> str:
-    if value is None:
-        return NONE
-    if isinstance(value, float):
-        return f"{value:g}"
-    if isinstance(value, list | tuple):
-        return " ".join(map(str, value)) or NONE
-    return str(value)
-
-
-def _settings_table(rows: list[Row]) -> ResultTable:
-    return ResultTable(rows, [words("setting"), words("value"), words("default")])
-
-
-def _differences(runs: Sequence[Facts], varying: Sequence[str]) -> ResultTable:
-    """A row for everything that was done with several seeds."""
-    rows: dict[str, Row] = {}
-    named = any(run.settings.get("variant") for run in runs)
-    for run in runs:
-        row: Row = {"name": run.settings.get("variant") or ""} if named else {}
-        row |= {name: _text(run.settings.get(name, MISSING)) for name in varying}
-        seeds = rows.setdefault(str(row), row | {"seeds": []})["seeds"]
-        seeds.append(run.settings["seed"])
-    heads = [*(["name"] if named else []), *varying]
-    columns = [words(name) for name in heads]
-    columns.append(Column("seeds", lambda row: ", ".join(map(str, sorted(row["seeds"])))))
-    return ResultTable(list(rows.values()), columns)
-
-
-def _sentences(runs: Sequence[Facts]) -> list[str]:
-    """The paragraph."""
-
-    def each(value: Callable[[Facts], Any]) -> str:
-        return " or ".join(dict.fromkeys(_text(value(run)) for run in runs))
-
-    def setting(name: str) -> str:
-        return each(lambda run: run.settings.get(name))
-
-    pairs = runs[0].kind == SELF_PLAY
-    said = [_who(runs, setting)]
-    place = f"on maze {setting('maze')}" if "maze" in runs[0].settings else ""
-    joints = f"with {setting('joints')} joints" if "joints" in runs[0].settings else ""
-    where = " ".join(part for part in (f"the task {setting('task')}", place, joints) if part)
-    subject = "It plays" if len(runs) == 1 and not pairs else "They play"
-    said.append(f"{subject} {where}, at most {setting('max_steps')} steps an episode.")
-    if pairs:
-        said += dict.fromkeys(map(_opponents, runs))
-    elif "opponent_epsilon" in runs[0].settings and setting("task") != "maze":
-        seats = each(_opponent)
-        if setting("task") == "race" and setting("opponent") in (NONE, "astar"):
-            seats = seats.replace("A*", "nearest-goal runners")
-        said.append(f"All other seats are played by {seats}.")
-    said.append(f"{_budget(runs)}; {_seeds(runs)}.")
-    done = [run for run in runs if run.results]
-    if done:
-        said += _measured(done)
-    return said
-
-
-def _who(runs: Sequence[Facts], setting: Callable[[str], str]) -> str:
-    number = len(runs)
-    if runs[0].kind == SELF_PLAY:
-        learn = [role for role in ROLES if any(run.settings[role] == LEARN for run in runs)]
-        sides = [f"{role}s by {_learners(setting(f'{role}_algorithm'))}" for role in learn]
-        one, several = ("pair of sides", "pairs of sides") if len(learn) == 2 else ("side", "sides")
-        what = f"A {one} was" if number == 1 else f"{number} {several} were"
-        return f"{what} trained in self-play: {', '.join(sides)}."
-    role = setting("role") if "role" in runs[0].settings else "arm"
-    what = f"One agent ({role}) was" if number == 1 else f"{number} agents ({role}) were"
-    curriculum = setting("curriculum")
-    taught = "without a curriculum" if curriculum == NONE else f"with the curriculum {curriculum}"
-    return f"{what} trained by {_learners(setting('algorithm'))}, {taught}."
-
-
-def _learners(names: str) -> str:
-    return " or ".join(map(_learner, names.split(" or ")))
-
-
-def _learner(name: str) -> str:
-    """A learner as papers write it."""
-    return name.replace("_", " ") if "_" in name or ":" in name else name.upper()
-
-
-def _opponents(run: Facts) -> str:
-    """Against what the sides of self-play learn; a side that does not is said to be played."""
-    fixed = [role for role in ROLES if run.settings[role] != LEARN]
-    if not fixed and run.settings["sampling"] == "latest":
-        return "Both sides learn against each other's latest policies."
-    if not fixed:
-        return (
-            "Both sides learn against snapshots of each other, drawn by the scheme "
-            f"{run.settings['sampling']}."
-        )
-    name = str(run.settings[fixed[0]])
-    if name == "astar":
-        name = f"A* with {100 * run.settings['opponent_epsilon']:g} % random moves"
-    return f"The {fixed[0]}s do not learn; they are played by {name}."
-
-
-def _opponent(run: Facts) -> str:
-    """Who plays the seats in which nobody learns."""
-    chance = f"{100 * run.settings['opponent_epsilon']:g} % random moves"
-    name = run.settings["opponent"]
-    if name in (None, "astar"):
-        return f"A* with {chance}"
-    if name in AGENTS:
-        return str(name) if name == "random" else f"{name} with {chance}"
-    how = run.settings["opponent_policy"]
-    return f"{name} (its {how} policy where it was learned; A* with {chance} beside it)"
-
-
-def _budget(runs: Sequence[Facts]) -> str:
-    told = []
-    for name, unit in (("budget_seconds", "s"), ("budget_frames", "frames")):
-        values = dict.fromkeys(run.settings[name] for run in runs)
-        given = [value for value in values if value is not None]
-        told += [f"{value:,}".removesuffix(".0") + f" {unit}" for value in given]
-    text = f"The budget of a run is {' or '.join(told)} of training"
-    timed = [run for run in runs if run.settings["budget_seconds"] is not None]
-    own = [run for run in timed if run.settings.get("clock") == "processor"]
-    if own:
-        some = "" if len(own) == len(timed) else f" (of {len(own)} of {len(timed)} runs)"
-        text += f", in seconds{some} that the run computed, whatever else the machine did"
-    done = [run.results for run in runs if run.results]
-    if done:
-        text += f"; it took {_span([r['frames'] for r in done], 'frames', ',')} and "
-        text += _span([round(r["seconds"], 1) for r in done], "s")
-    return text
-
-
-def _span(values: Sequence[float], unit: str, form: str = "g") -> str:
-    low, high = min(values), max(values)
-    if low == high:
-        return f"{low:{form}} {unit}"
-    return f"{low:{form}} to {high:{form}} {unit}"
-
-
-def _seeds(runs: Sequence[Facts]) -> str:
-    seeds = sorted({run.settings["seed"] for run in runs})
-    return f"seed{'s' if len(seeds) > 1 else ''} {', '.join(map(str, seeds))}"
-
-
-def _measured(done: Sequence[Facts]) -> list[str]:
-    """How it was evaluated, by what, and where it ran."""
-    said = []
-    if done[0].kind == RUN:
-        kinds = " or ".join(sorted({str(run.settings["evaluate"]) for run in done}))
-        exact = {bool(run.results["evaluation"]["exact"]) for run in done}
-        played = {run.results["evaluation"]["episodes"] for run in done}
-        how = "exactly, over all starts" if exact == {True} else (
-            f"on {_span(sorted(played), 'episodes', ',')} whose starts nothing was trained with"
-        )  # fmt: skip
-        if len(exact) == 2:
-            how += " where no exact evaluation is known"
-        said.append(f"The {kinds} policy is evaluated {how}.")
-        known = [run.results["evaluation"]["optimal_steps"] is not None for run in done]
-        if all(known):
-            bound = {run.results.get("least", {}).get("share_exact", 1.0) == 1.0 for run in done}
-            optimum = "the exact optimum" if bound == {True} else "a lower bound of the optimum"
-            said.append(f"Its gap is to {optimum} of the same task and starts.")
-    columns = {(run.results["objective"]["column"], run.results["objective"]["unit"])
-               for run in done}  # fmt: skip
-    judged = " or ".join(
-        name if name.replace("_", " ").endswith(unit) else f"{name} ({unit})"
-        for name, unit in sorted(columns)
-    )
-    said.append(f"Runs are judged by {judged.replace('_', ' ')}.")
-    cut = [run.name for run in done if run.results["interrupted"]]
-    if cut:
-        said.append(f"Interrupted before their budget was spent: {', '.join(cut)}.")
-    said.append(where_it_ran([run.results for run in done]))
-    return said
-
-
-def _all(runs: Sequence[Facts]) -> str:
-    return "the run" if len(runs) == 1 else f"all {len(runs)} runs"
+def _as_typed(command: str) -> str:
+    """A command without the folder that `pursuit` is installed in."""
+    first, space, rest = command.partition(" ")
+    path = Path(first)
+    ours = path.name == "pursuit" or path.parts[-3:] == ("train", "commands", "main.py")
+    return f"pursuit{space}{rest}" if ours else command

@@ -7,14 +7,15 @@ from collections.abc import Sequence
 from itertools import count
 
 from train.experiments.statistics import least_p, power
-from train.experiments.sweep import MEASURED, Sweep, SweepRun, flat_settings
+from train.experiments.study import Study, TrainingRun
+from train.experiments.sweep import MEASURED, flat_settings
 
 LEVEL = 0.05
 EFFECTS = (0.5, 1.0, 1.5, 2.0)
 """The differences of the means for which the power is given, in standard deviations of the runs."""
 
 
-def power_lines(plan: Sweep) -> list[str]:
+def power_lines(plan: Study) -> list[str]:
     """The power of the test that the report of an ablation makes, a line each.
 
     One line for every arm that has other numbers of runs. The report of a sweep makes no test: its
@@ -30,12 +31,12 @@ def power_lines(plan: Sweep) -> list[str]:
     return _sweep(sorted(set(seeds.values())))
 
 
-def _values(run: SweepRun) -> dict[str, object]:
+def _values(run: TrainingRun) -> dict[str, object]:
     label = {MEASURED.get(name, name): value for name, value in run.label.items()}
     return flat_settings(run.settings) | label
 
 
-def _ablation(plan: Sweep, control: str) -> list[str]:
+def _ablation(plan: Study, control: str) -> list[str]:
     x = plan.report.get("x")
     runs = Counter(
         (str(run.label["variant"]), str(_values(run)[x]) if x else "") for run in plan.runs

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -10,7 +12,12 @@ from train.experiments.forms import Choices, Range, check_plain
 from train.schemas import read_as
 from train.settings.checks import check, check_seed
 
+LEAST_GAP = 1e-3
+"""Gaps below this count alike where settings are chosen."""
 FORMS = "give {low=, high=, scale='log'} or {choices=[]}"
+
+
+Trial = TypeVar("Trial")
 
 
 def draw_samples(search: dict[str, Any], limit: int) -> list[dict[str, Any]]:
@@ -63,3 +70,18 @@ def draw(spec: Range | Choices, generator: np.random.Generator) -> Any:
     else:
         value = float(generator.uniform(spec.low, spec.high))
     return round(value) if spec.whole else float(f"{value:.4g}")
+
+
+def log_gap(gap: float) -> float:
+    """The logarithm of a gap to the optimum: settings are chosen by its mean over mazes."""
+    return math.log(max(gap, LEAST_GAP))
+
+
+def best_of(scores: Mapping[Trial, Sequence[float | None]]) -> Trial | None:
+    """The trial of the least mean score, the first of those; trials with a None have failed."""
+    means = {
+        trial: sum(each) / len(each)  # type: ignore[arg-type]
+        for trial, each in scores.items()
+        if each and None not in each
+    }
+    return min(means, key=lambda trial: means[trial]) if means else None

@@ -23,19 +23,13 @@ PERMUTATIONS = POWER_DRAWS = 20_000
 Interval = tuple[float, float]
 
 
-def interquartile_means(values: ArrayLike) -> NDArray[np.float64]:
-    """[...]: the mean of the middle half along the last axis; needs at least one value.
+def interquartile_mean(values: Sequence[float]) -> float:
+    """The mean of the middle half; needs at least one value.
 
     Values at the quartiles count with the share of them that lies inside, so that it is defined for
     any number; where that is a multiple of 4 it equals `scipy.stats.trim_mean(values, 0.25)`.
     """
-    quarters = np.repeat(np.asarray(values, dtype=np.float64), 4, axis=-1)
-    return np.asarray(trim_mean(quarters, 0.25, axis=-1))
-
-
-def interquartile_mean(values: Sequence[float]) -> float:
-    """`interquartile_means` of one list."""
-    return float(interquartile_means(values))
+    return float(trim_mean(np.repeat(np.asarray(values, dtype=np.float64), 4), 0.25))
 
 
 def mean_interval(tasks: Sequence[Sequence[float]], level: float = 0.95) -> Interval:

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import io
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
-from pursuit.parts import references
-from train.experiments.forms import read_hints, read_label
+from pursuit.plugins import references
+from train.experiments.forms import Hints, read_hints, read_label
 from train.experiments.kinds import read_settings
-from train.experiments.sweep import ERROR, MEASURED, flat_plain, status_of
-from train.files import read_json, write_beside
-from train.runs.folder import CONFIG, METRICS, RESULTS, RUN, read_config, read_metrics
+from train.experiments.study import ERROR, status_of
+from train.experiments.sweep import MEASURED, flat_plain
+from train.files import write_beside
+from train.runs.folder import CONFIG, METRICS, RESULTS, RUN, load_results, read_config, read_metrics
 from train.runs.provenance import check_sources
 from train.runs.tasks import maze_called
-from train.schemas import read_as
 from train.settings.checks import check
 from train.settings.self_play import ROLES
 from train.settings.task import who_learns
@@ -27,40 +25,6 @@ if TYPE_CHECKING:
 
 KINDS = {"random": "random_steps", "learned": "greedy_steps", "learned, sampled": "sampled_steps"}
 RUNS, CURVES = "results.parquet", "curves.parquet"
-
-
-class Steps(msgspec.Struct):
-    """What somebody needs in the task."""
-
-    name: str
-    mean_steps: float | None
-
-
-class Judged(msgspec.Struct):
-    """What a run is judged by."""
-
-    column: str
-    unit: str
-
-
-class Machine(msgspec.Struct):
-    """What it ran on."""
-
-    processor: str
-
-
-class Outcome(msgspec.Struct):
-    """What a table takes of `results.json`."""
-
-    frames: int
-    seconds: float
-    frames_per_second: float
-    evaluation: dict[str, bool | int | float | str | None]
-    objective: Judged
-    versions: dict[str, str | None]
-    machine: Machine
-    scores: list[Steps] = msgspec.field(default_factory=list)
-    at_start: dict[str, float | None] = msgspec.field(default_factory=dict)
 
 
 def collect(out: Path | str) -> tuple[polars.DataFrame, polars.DataFrame]:
@@ -97,6 +61,36 @@ def collect(out: Path | str) -> tuple[polars.DataFrame, polars.DataFrame]:
     return runs, curves
 
 
+@dataclass
+class FinishedStudy:
+    """The runs of a sweep or of an ablation, as its report reads them.
+
+    Attributes:
+        hints: what the report is to show.
+        rows: of the complete runs; `everything` of all.
+        columns: the names in them.
+        by_run: the evaluations of each run.
+    """
+
+    hints: Hints
+    rows: list[dict[str, Any]]
+    everything: list[dict[str, Any]]
+    columns: list[str]
+    by_run: dict[str, list[dict[str, Any]]]
+
+
+def read_study(out: Path) -> FinishedStudy:
+    """The runs in a folder, collected; ValueError where none is complete."""
+    runs, evaluations = collect(out)
+    everything = runs.to_dicts()
+    rows = [row for row in everything if row["status"] == "complete"]
+    check(bool(rows), f"{out}: no run is complete yet; the command that began it goes on with it")
+    by_run: dict[str, list[dict[str, Any]]] = {}
+    for row in evaluations.to_dicts():
+        by_run.setdefault(row["run"], []).append(row)
+    return FinishedStudy(read_hints(out), rows, everything, runs.columns, by_run)
+
+
 def write_parquet(path: Path, frame: polars.DataFrame) -> None:
     """`frame` as a Parquet file, atomically; OSError naming `path` where it cannot be written."""
     data = io.BytesIO()  # given a path, polars raises an error of its own on a full disk
@@ -131,29 +125,23 @@ def row_of(folder: Path) -> dict[str, Any]:
     measured = {MEASURED.get(name, name): value for name, value in label.items()}
     row |= {n: value for n, value in measured.items() if n not in row or n in files}
     if (folder / RESULTS).exists():
-        found = read_outcome(folder)
-        row |= {n: getattr(found, n) for n in ("frames", "seconds", "frames_per_second")}
-        row |= found.evaluation
-        row |= {f"{name}_at_start": value for name, value in found.at_start.items()}
-        for score in found.scores:
-            if score.name in KINDS:
-                row[KINDS[score.name]] = score.mean_steps
-            elif not score.name.startswith(("learned", "optimal")):
-                row["scripted"], row["scripted_steps"] = score.name, score.mean_steps
-        row["objective"], row["unit"] = found.objective.column, found.objective.unit
-        row |= {f"{name}_version": value for name, value in found.versions.items()}
+        found = load_results(folder)
+        row |= {n: found[n] for n in ("frames", "seconds", "frames_per_second")}
+        row |= found["evaluation"]
+        row |= {f"{name}_at_start": value for name, value in found["at_start"].items()}
+        for score in found["scores"]:
+            if score["name"] in KINDS:
+                row[KINDS[score["name"]]] = score["mean_steps"]
+            elif not score["name"].startswith(("learned", "optimal")):
+                row["scripted"], row["scripted_steps"] = score["name"], score["mean_steps"]
+        row |= {"objective": found["objective"]["column"], "unit": found["objective"]["unit"]}
+        row |= {f"{name}_version": value for name, value in found["versions"].items()}
         row["commit"] = row.pop("commit_version", None)
-        row["machine"] = found.machine.processor
+        row["machine"] = found["machine"]["processor"]
     elif (folder / METRICS).exists() and (rows := read_metrics(folder)):
         row |= rows[-1]
     row["error"] = error_of(folder)
     return row
-
-
-def read_outcome(folder: Path) -> Outcome:
-    """What a table takes of `results.json`; ValueError where it is none."""
-    remedy = "restore it from a copy, or remove that folder and run the sweep again"
-    return read_as(Outcome, read_json(folder / RESULTS), folder / RESULTS, remedy)
 
 
 def error_of(folder: Path) -> str | None:

@@ -1,9 +1,9 @@
-"""Several runs of a sweep, each in a process of its own that need not import everything anew.
+"""Several jobs of a study, each in a process of its own that need not import everything anew.
 
-To import torch and what else a run needs takes seconds. So one process imports it, once, has one
-thread only, and forks for every run; a forked process is what `worker.start_worker` would have
+To import torch and what else a job needs takes seconds. So one process imports it, once, has one
+thread only, and forks for every job; a forked process is what `worker.start_worker` would have
 started, from its imports on. `multiprocessing` has a fork server, but what that forks imports the
-caller's `__main__`: a user's script without a guard would begin its sweep again in every run.
+caller's `__main__`: a user's script without a guard would begin its study again in every job.
 
 The sweep asks in lines of JSON, [number, verb, ...], on the standard input of that process, which
 answers [number, value]. The standard input of what it forks is a pipe whose other end it alone
@@ -14,12 +14,14 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import importlib
 import json
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -37,7 +39,11 @@ from train.runs.threads import can_fork
 
 
 class Process(Protocol):
-    """Whoever does a run; as `subprocess.Popen` has it."""
+    """Whoever does a job; as `subprocess.Popen` has it."""
+
+    @property
+    def pid(self) -> int:
+        """Its number."""
 
     def poll(self) -> int | None:
         """Its exit status, negative where a signal ended it; None while it runs."""
@@ -52,23 +58,20 @@ class Process(Protocol):
 # -- the process that forks ------------------------------------------------------------------------
 
 
-def serve() -> tuple[Path, int] | None:
-    """Answer until the sweep is gone, then None; in what is forked, the folder and episodes of its
-    run."""
+def serve() -> Path | None:
+    """Answer until the study is gone, then None; in what is forked, the folder of its job."""
     codes: dict[int, int | None] = {}
     heard, held = os.pipe()
     gc.freeze()  # nobody looks through what was imported, which would copy its memory
     for line in sys.stdin:
         number, verb, *given = json.loads(line)
         answer: Any = None
-        if verb == "ready":
-            answer = can_fork()
-        elif verb == "start":
+        if verb == "start":
             answer = os.fork()
             if not answer:
                 os.close(held)
                 begin(Path(given[0]), heard)
-                return Path(given[0]), given[1]
+                return Path(given[0])
             codes[answer] = None
         else:  # of a process that is not waited for the number is nobody else's
             process, *others = given
@@ -102,12 +105,12 @@ class Gone(Exception):
 
 
 class Warm:
-    """The process that forks, as the sweep sees it."""
+    """The process that forks, as the study sees it; `modules` are those that jobs need, too."""
 
-    def __init__(self) -> None:
+    def __init__(self, modules: Iterable[str] = ()) -> None:
         self._asked = 0
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "train.experiments.warm"],
+            [sys.executable, "-P", "-m", "train.experiments.warm", *modules],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,  # where it cannot import, the runs' own processes say why
@@ -143,23 +146,25 @@ class Warm:
 
 
 class Forked:
-    """The process of a run that was forked; a new one, where the one that forks has gone."""
+    """The process of a job that was forked; a new one, where the one that forks has gone."""
 
-    def __init__(self, warm: Warm, folder: Path, episodes: int) -> None:
-        self._warm, self._folder, self._episodes = warm, folder, episodes
+    def __init__(self, warm: Warm, folder: Path) -> None:
+        self._warm, self._folder = warm, folder
         self._code: int | None = None
         self._new: Process | None = None
-        self._number = 0
-        with contextlib.suppress(Gone):
-            self._number = warm.ask("start", str(folder), episodes)
+        try:
+            self.pid = warm.ask("start", str(folder))
+        except Gone:
+            self._new = start_worker(folder)
+            self.pid = self._new.pid
 
     def poll(self) -> int | None:
         """Its exit status, negative where a signal ended it; None while it runs."""
         if self._new is None and self._code is None:
             try:
-                self._code = self._warm.ask("poll", self._number)
+                self._code = self._warm.ask("poll", self.pid)
             except Gone:  # the run has heard of it: the new one waits until it has saved
-                self._new = start_worker(self._folder, self._episodes)
+                self._new = start_worker(self._folder)
         return self._code if self._new is None else self._new.poll()
 
     def wait(self) -> int:
@@ -174,35 +179,36 @@ class Forked:
             self._new.send_signal(number)
         elif self._code is None:
             try:
-                self._code = self._warm.ask("signal", self._number, number)
+                self._code = self._warm.ask("signal", self.pid, number)
             except Gone:  # it ends anyway
                 self._code = -number
 
 
 @contextlib.contextmanager
-def starter(runs: int) -> Iterator[Callable[[Path, int], Process]]:
-    """What starts the process of a run, given its folder and episodes.
+def starter(jobs: int, modules: Iterable[str] = ()) -> Iterator[Callable[[Path], Process]]:
+    """What starts the process of a job, given its folder.
 
-    For several runs it forks, where that is sound; else it is `start_worker`. The results are the
+    For several jobs it forks, where that is sound; else a new process does it. The results are the
     same. Processes that still run when it is left save and end.
+
+    Args:
+        jobs: how many there are.
+        modules: that they need, imported once.
     """
-    if runs < 2 or not hasattr(os, "fork"):
+    if jobs < 2 or not hasattr(os, "fork"):
         yield start_worker
         return
-    warm = Warm()
+    warm = Warm(modules)
     try:
-        ready = False
-        with contextlib.suppress(Gone):
-            ready = warm.ask("ready")
-        if not ready:
-            warm.close()
-        yield (lambda folder, episodes: Forked(warm, folder, episodes)) if ready else start_worker
+        yield partial(Forked, warm)
     finally:
         warm.close()
 
 
 if __name__ == "__main__":
-    job = serve()
+    for needed in sys.argv[1:]:
+        importlib.import_module(needed)
+    job = serve() if can_fork() else None  # whoever asks hears that this process has ended
     if job is not None:
         end_with_the_sweep()
-        perform(*job)
+        perform(job)

@@ -1,7 +1,7 @@
-"""A run of a sweep in a process of its own: here, or on another machine of a cluster.
+"""A job of a study in a process of its own: here, or on another machine of a cluster.
 
 The process ends when whoever started it is gone, however that ended: it hears so from the pipe that
-is its standard input. And only one process at a time works on the folder of a run: the next waits.
+is its standard input. And only one process at a time works on the folder of a job: the next waits.
 """
 
 from __future__ import annotations
@@ -14,21 +14,23 @@ import signal
 import subprocess
 import sys
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from pkgutil import resolve_name
 from tempfile import TemporaryDirectory
 from threading import Thread
 
 from filelock import FileLock
 
-from pursuit.parts import allow, environment, look_in
+from pursuit.plugins import allow, environment, look_in
 from train.experiments.forms import LABEL
 from train.experiments.identity import INPUTS, MODEL, named_policies, policy_files, put_policies
 from train.experiments.identity import put_files as put
-from train.experiments.kinds import is_complete, open_run
-from train.experiments.sweep import ERROR, PROGRESS, STOPPED
+from train.experiments.kinds import open_run
+from train.experiments.study import CALL, ERROR, OUTCOME, PROGRESS, status_of
 from train.files import read_json, write_json, write_text
-from train.runs.folder import CHECKPOINT, CONFIG, RESULTS
+from train.runs.folder import CHECKPOINT, CONFIG, RESULTS, load_final
 from train.runs.loop import Run
 from train.runs.provenance import SOURCES, source_files
 
@@ -46,21 +48,30 @@ has saved; answers whether it is to stop."""
 # -- the process -----------------------------------------------------------------------------------
 
 
-def perform(folder: Path, episodes: int) -> None:
-    """Do the run in `folder`, or go on with it, to its results."""
+def perform(folder: Path) -> None:
+    """Do the job in `folder`, or go on with it, to its results."""
     with FileLock(folder / ".worker.lock"):  # a worker of a killed sweep may still be saving
-        if is_complete(folder):
+        if status_of(folder) == "complete":
             return
-        run = open_run(folder)
+        if (folder / CONFIG).exists():
+            train(folder)
+        else:
+            call = read_json(folder / CALL)
+            write_json(folder / OUTCOME, resolve_name(call["function"])(**call["given"]))
 
-        def report(run: Run, row: dict[str, float]) -> None:
-            if row:  # the checkpoint has been written, and all that belongs to it
-                write_text(folder / PROGRESS, str(run.progress))
 
-        if run.progress < 1.0:
-            run.train(report)
-        if not run.stopped:
-            run.results(episodes)
+def train(folder: Path) -> None:
+    """Do the run of a learner, and evaluate what it learned."""
+    run = open_run(folder)
+
+    def report(run: Run, row: dict[str, float]) -> None:
+        if row:  # the checkpoint has been written, and all that belongs to it
+            write_text(folder / PROGRESS, str(run.progress))
+
+    if run.progress < 1.0:
+        run.train(report)
+    if not run.stopped:
+        run.results(load_final(folder).episodes)
 
 
 def end_with_the_sweep() -> None:
@@ -90,18 +101,41 @@ def worker_environment() -> dict[str, str]:
     return found
 
 
-def start_worker(folder: Path, episodes: int) -> subprocess.Popen[bytes]:
-    """A process that does the run in `folder`; what it says goes to `log.txt`."""
+def start_worker(folder: Path) -> subprocess.Popen[bytes]:
+    """A process that does the job in `folder`; what it says goes to `log.txt`."""
     with (folder / LOG).open("ab") as log:
         return subprocess.Popen(
             # -P: a train.py where the user happens to be must not stand in for ours.
-            [sys.executable, "-P", "-m", "train.experiments.worker", str(folder), str(episodes)],
+            [sys.executable, "-P", "-m", "train.experiments.worker", str(folder)],
             stdin=subprocess.PIPE,  # closed when this process ends, however it ends
             stdout=log,
             stderr=subprocess.STDOUT,
             env=worker_environment(),
             start_new_session=True,  # Ctrl-C reaches the sweep alone, which passes it on once
         )
+
+
+class Performed:
+    """A job that was done in this process, as a process that has ended."""
+
+    pid = 0
+
+    def __init__(self, folder: Path) -> None:
+        self._code = 0
+        try:
+            perform(folder)
+        except Exception:  # whatever a job raises: the others go on
+            self._code = 1
+            write_text(folder / LOG, traceback.format_exc())
+
+    def poll(self) -> int:
+        """Its exit status."""
+        return self._code
+
+    wait = poll
+
+    def send_signal(self, number: int) -> None:
+        """Nothing: it has ended."""
 
 
 def record_end(folder: Path, code: int) -> None:
@@ -129,7 +163,6 @@ def progress_of(folder: Path) -> float:
 
 def work_elsewhere(
     files: dict[str, bytes],
-    episodes: int,
     tell: Tell = lambda progress, files: False,
     trusted: Sequence[str] = (),
 ) -> dict[str, bytes]:
@@ -140,7 +173,6 @@ def work_elsewhere(
 
     Args:
         files: what `shipment` gave.
-        episodes: of the final evaluation.
         tell: hears of it; when it says so, the run saves and stops.
         trusted: modules that the files may name; users' own come with them.
 
@@ -150,7 +182,7 @@ def work_elsewhere(
     with TemporaryDirectory(prefix="pursuit-") as temporary:
         folder = Path(temporary)
         unpack(folder, files, trusted)
-        process = start_worker(folder, episodes)
+        process = start_worker(folder)
         told, stopping = None, False
         try:
             while process.poll() is None:
@@ -189,7 +221,7 @@ def when_saved(folder: Path) -> tuple[int, int] | None:
 
 def files_of(folder: Path) -> dict[str, bytes]:
     """The files of a run by their paths in the folder, without settings and what the sweep adds."""
-    others = {CONFIG, LABEL, PROGRESS, STOPPED}
+    others = {CONFIG, LABEL, PROGRESS}
     found = {}
     for path in folder.rglob("*"):
         inner = path.relative_to(folder)
@@ -238,4 +270,4 @@ def put_files(folder: Path, files: dict[str, bytes]) -> None:
 
 if __name__ == "__main__":
     end_with_the_sweep()
-    perform(Path(sys.argv[1]), int(sys.argv[2]))
+    perform(Path(sys.argv[1]))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import torch
-from tensordict import TensorDictBase
 from torch import nn
 from torchrl.modules import MultiAgentMLP
 
@@ -144,9 +144,9 @@ class ActorCritic(nn.Module):
             observation: [games, *shape].
             state: [games, sum of `sizes`] before it.
         """
-        hidden, value_hidden = self.hidden(self.policy_trunk.prepare(observation))
         if self.policy_memory is None:
-            return self.policy_head(hidden), self.value_head(value_hidden), state
+            return *self(observation), state
+        hidden, value_hidden = self.hidden(self.policy_trunk.prepare(observation))
         own, other = torch.split(state, list(self.sizes), dim=-1)
         hidden, own = self.policy_memory.step(hidden, own)
         if self.shared:
@@ -156,26 +156,32 @@ class ActorCritic(nn.Module):
         state = torch.cat([own, other], dim=-1)
         return self.policy_head(hidden), self.value_head(value_hidden), state
 
-    def through(self, frames: TensorDictBase) -> tuple[torch.Tensor, torch.Tensor, TensorDictBase]:
+    def through(
+        self, frames: Mapping[str, torch.Tensor]
+    ) -> tuple[torch.Tensor, torch.Tensor, Mapping[str, torch.Tensor]]:
         """What the heads work on, [frames, width] each, and the other columns of these frames.
 
         Args:
-            frames: [frames] with "prepared"; of a network that remembers [games], each of which has
-                a sequence: columns are [games, steps, ...], "fresh" says where episodes begin,
-                "state" [games, sum of `sizes`] what is remembered before the first step, and
-                "counts", where there is one, which frames are to be learned from.
+            frames: [frames] with "observation", or "prepared" by `Trunk.prepare`; of a network that
+                remembers [games], each of which has a sequence: columns are [games, steps, ...],
+                "episode_start" says where episodes begin, "state" [games, sum of `sizes`] what is
+                remembered before the first step, and "loss_mask", where there is one, which frames
+                are to be learned from.
         """
+        prepared = frames.get("prepared", None)
+        if prepared is None:
+            prepared = self.policy_trunk.prepare(frames["observation"])
+        hidden, value_hidden = self.hidden(prepared)
         if self.policy_memory is None:
-            return *self.hidden(frames["prepared"]), frames
+            return hidden, value_hidden, frames
         own, other = torch.split(frames["state"], list(self.sizes), dim=-1)
-        hidden, value_hidden = self.hidden(frames["prepared"])
-        hidden = self.policy_memory(hidden, own, frames["fresh"])[0]
+        hidden = self.policy_memory(hidden, own, frames["episode_start"])[0]
         if self.shared:
             value_hidden = hidden
         elif self.value_memory is not None:
-            value_hidden = self.value_memory(value_hidden, other, frames["fresh"])[0]
-        columns = {"hidden": hidden, "value_hidden": value_hidden}
-        flat = flattened(frames, columns)
+            value_hidden = self.value_memory(value_hidden, other, frames["episode_start"])[0]
+        columns = {**frames, "hidden": hidden, "value_hidden": value_hidden}
+        flat = flattened(columns)
         return flat.pop("hidden"), flat.pop("value_hidden"), flat
 
 

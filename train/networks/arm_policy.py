@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from pursuit.reacher.observations import space_of
 from pursuit.reacher.policy import ArmView
 from pursuit.reacher.task import ReacherTask
-from train.networks.features import Features
+from train.networks.features import Features, seen_by
 from train.networks.policy import ActionNetwork, PolicyNetwork
+from train.networks.remembering import chosen_from, probabilities_of
 
 
 @dataclass(frozen=True)
@@ -24,10 +25,12 @@ class ArmSeat:
     Attributes:
         task: the rules and settings.
         encoding: what it observes.
+        network: what sees it, by its name in the settings.
     """
 
     task: ReacherTask
     encoding: str = "positions"
+    network: str = "auto"
 
     @property
     def continuous(self) -> bool:
@@ -57,7 +60,7 @@ class ArmSeat:
         PPO (one core) an arm of 8 joints reached 87 % of its targets, and 57 % so scaled in 60 s.
         """
         shape = space_of(self.task, self.encoding).shape
-        return Features("flat", shape, np.ones(shape))
+        return seen_by(Features("flat", shape, np.ones(shape)), self.network)
 
     def policy(self, network: Any, greedy: bool = True) -> ArmNetworkPolicy:
         """A network that moves the arm: an `ActionNetwork`, or a `PolicyNetwork` of choices."""
@@ -102,9 +105,5 @@ class ArmNetworkPolicy:
                 acted: torch.Tensor = self.network.act(observed.to(device), noise)
                 return acted.double().clamp(-1.0, 1.0).cpu().numpy()
             logits = self.network.logits(observed.to(device))
-            if self.greedy:
-                return task.actions_of(logits.argmax(dim=-1).cpu().numpy())
-            cumulative = logits.double().softmax(dim=-1).cumsum(dim=-1).cpu().numpy()
-        scaled = view.uniform()[:, None] * cumulative[:, -1:]
-        chosen = (scaled >= cumulative).sum(axis=-1).clip(max=self.seat.num_actions - 1)
-        return task.actions_of(chosen)
+        draws = None if self.greedy else view.uniform()
+        return task.actions_of(chosen_from(probabilities_of(logits, None, self.greedy), draws))

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.observations import Encoder
-from pursuit.own_observations import is_ours
+from pursuit.observations.observations import Encoder
+from pursuit.observations.own import is_ours
+
+SEEN_AS: dict[str, Literal["planes", "grid", "flat"]] = {
+    "auto": "planes",
+    "convolutions": "planes",
+    "planning": "grid",
+    "mlp": "flat",
+    "flat": "flat",
+}
+"""What planes are to our networks, by their names in the settings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +36,7 @@ class Features:
         pairs: of "index": the kind of pair that an agent itself makes with each other number of an
             observation, from 0 on; -1 for none. Empty where pairs are not to be had.
         num_cells: of the largest maze, on "index" with pairs.
+        network: a user's own that sees them, by its name; "" for ours.
     """
 
     kind: Literal["index", "planes", "grid", "flat"]
@@ -36,6 +46,7 @@ class Features:
     num_rows: int = 0
     pairs: tuple[int, ...] = ()
     num_cells: int = 0
+    network: str = ""
 
     @property
     def num_pairs(self) -> int:
@@ -67,3 +78,10 @@ def features_of(encoder: Encoder, num_agents: int) -> Features:
     rows = (np.array(blocks)[:, None] * cells + np.arange(cells)).ravel()
     pairs = tuple(block - 1 for block in blocks[1:-1])
     return Features("index", shape, high, np.append(rows, num_rows), num_rows, (*pairs, -1), cells)
+
+
+def seen_by(features: Features, network: str) -> Features:
+    """The features as a network is given them, by its name in the settings."""
+    if network not in SEEN_AS:
+        return replace(features, network=network)
+    return replace(features, kind=SEEN_AS[network]) if features.kind == "planes" else features

@@ -16,6 +16,8 @@ from torch import nn
 
 from train.networks.features import Features
 from train.networks.planning import Planning
+from train.settings.checks import check
+from train.settings.common import NETWORKS
 
 FirstLayerForm = Literal["bag", "dense"]
 
@@ -197,12 +199,57 @@ class Convolutions(nn.Module):
         return hidden.reshape(*prepared.shape[:-3], -1)
 
 
+class Own(nn.Module):
+    """A user's network of `NETWORKS`, from observations to `width` numbers.
+
+    Of "index" it is given the numbers (int64), of all else float32 scaled to about [-1, 1]:
+    [batch, *shape] each.
+
+    Raises:
+        ValueError: it is no module, or does not give [batch, width].
+    """
+
+    def __init__(self, features: Features, width: int) -> None:
+        super().__init__()
+        self.shape, self.form = features.shape, torch.float32
+        high = torch.as_tensor(features.high, dtype=torch.float32)
+        self.register_buffer("scale", 1.0 / high.clamp(min=1.0), False)
+        if features.kind == "index":
+            self.form, self.scale = torch.int64, torch.ones((), dtype=torch.int64)
+        made = NETWORKS.get(features.network)(features, width)
+        check(isinstance(made, nn.Module), f"network {features.network!r} made no torch.nn.Module")
+        with torch.no_grad():  # also what a lazy layer needs to know its inputs
+            given = made.eval()(torch.zeros(2, *self.shape, dtype=self.form))
+        found = tuple(given.shape)
+        check(
+            found == (2, width),
+            f"network {features.network!r} made {found} of 2 observations; it must give "
+            f"[batch, width], here {(2, width)}",
+        )
+        self.network = made.train()
+
+    def prepare(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., *shape]."""
+        return observation.to(self.form) * self.scale
+
+    def forward(self, prepared: torch.Tensor) -> torch.Tensor:
+        """[..., width] from [..., *shape]."""
+        hidden: torch.Tensor = self.network(prepared.reshape(-1, *self.shape))
+        return hidden.reshape(*prepared.shape[: prepared.dim() - len(self.shape)], -1)
+
+
 class Trunk(nn.Module):
-    """Two hidden layers on any features; parameters and outputs are float32."""
+    """Two hidden layers on any features, or a user's network; outputs are float32."""
+
+    first: IndexLayer | Flat | Convolutions | Planning | Own
 
     def __init__(self, features: Features, hidden: Hidden) -> None:
         super().__init__()
         width = hidden.width
+        self.autocast_bfloat16, self.casts = hidden.bfloat16, False
+        if features.network:
+            self.first, self.rest = Own(features, width), nn.Sequential()
+            return
         first: IndexLayer | Flat | Convolutions | Planning
         if features.kind == "index":
             pairs = hidden.pairs and features.num_pairs > 0
@@ -217,7 +264,6 @@ class Trunk(nn.Module):
         nn.init.zeros_(second.bias)
         between = nn.Tanh if hidden.activation == "tanh" else nn.ReLU
         self.first, self.rest = first, nn.Sequential(between(), second, between())
-        self.autocast_bfloat16 = hidden.bfloat16
         self.casts = hidden.bfloat16 and isinstance(first, IndexLayer) and first.form == "dense"
 
     def prepare(self, observation: torch.Tensor) -> torch.Tensor:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.compiled import allocating
+from pursuit.compilation.compiled import allocating
 
 HERE = 4
 CHANNELS = 8

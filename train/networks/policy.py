@@ -6,22 +6,22 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pursuit.masks import action_masks
-from pursuit.maze import Maze
-from pursuit.maze_arrays import lay_out
-from pursuit.observations import Encoder
-from pursuit.own_observations import is_ours
-from pursuit.policy import GameView, pairs_of_cells
+from pursuit.mazes.maze import Maze
+from pursuit.mazes.maze_arrays import lay_out
+from pursuit.observations.masks import action_masks
+from pursuit.observations.observations import Encoder
+from pursuit.observations.own import is_ours
 from pursuit.rules.layout import Games
-from pursuit.simulator import Simulator
-from pursuit.task import Task
-from train.networks.features import Features, features_of
+from pursuit.simulator.policy import GameView, pairs_of_cells
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task
+from train.networks.features import Features, features_of, seen_by
 from train.networks.frames import stacked
 from train.networks.remembering import (
     RememberingPolicy,
@@ -108,8 +108,7 @@ class Seat:
         encoding: what it observes.
         mask_bumps: whether moves into walls are forbidden to it, as it learns and as it plays.
         frame_stack: how many observations its network is given at once, the last of the episode.
-        planes_as: what planes are to its network: "planes" (for convolutions), "grid" (to plan in)
-            or "flat" (one vector).
+        network: what sees it, by its name in the settings.
     """
 
     task: Task
@@ -117,7 +116,7 @@ class Seat:
     encoding: str = "index"
     mask_bumps: bool = False
     frame_stack: int = 1
-    planes_as: Literal["planes", "grid", "flat"] = "planes"
+    network: str = "auto"
     continuous: ClassVar[bool] = False
 
     @property
@@ -160,8 +159,7 @@ class Seat:
     @cached_property
     def features(self) -> Features:
         """Of what its network is given."""
-        found = stacked(self.seen, self.frame_stack)
-        return replace(found, kind=self.planes_as) if found.kind == "planes" else found
+        return seen_by(stacked(self.seen, self.frame_stack), self.network)
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> Any:
         """A network in this seat; one that sees cells only is known as a distribution over them,

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import torch
-from tensordict import TensorDict, TensorDictBase
 from torch import nn
 
 from train.networks.layers import Hidden
@@ -68,21 +67,21 @@ class Cell(nn.Module):
         return inputs + hidden, torch.cat([hidden, cell], dim=-1)
 
     def forward(
-        self, inputs: torch.Tensor, state: torch.Tensor, fresh: torch.Tensor
+        self, inputs: torch.Tensor, state: torch.Tensor, episode_start: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """A step after the other, with gradients through all of them.
 
         Args:
             inputs: [games, steps, width].
             state: [games, size] before the first step.
-            fresh: [games, steps] bool: an episode begins here, so nothing is remembered.
+            episode_start: [games, steps] bool: an episode begins here, so nothing is remembered.
 
         Returns:
             What comes out [games, steps, width], and the states [games, steps, size] after every
             step, which have no gradient.
         """
         gates = nn.functional.linear(inputs.transpose(0, 1), self.weight_ih, self.bias_ih)
-        keep = (~fresh.T).to(gates.dtype)[:, :, None]
+        keep = (~episode_start.T).to(gates.dtype)[:, :, None]
         run: Any = GRUSteps if self.kind == "gru" else LSTMSteps
         hidden, states = run.apply(gates, state, keep, self.weight_hh, self.bias_hh)
         return inputs + hidden.transpose(0, 1), states.transpose(0, 1)
@@ -93,22 +92,19 @@ def cell_of(hidden: Hidden) -> Cell | None:
     return Cell(hidden.recurrent, hidden.width) if hidden.recurrent else None
 
 
-def flattened(frames: TensorDictBase, more: Mapping[str, torch.Tensor]) -> TensorDict:
+def flattened(frames: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
     """Sequences as frames in a row.
 
     Args:
-        frames: [games], columns [games, steps, ...]; "counts" [games, steps] bool leaves out those
-            that are not to be learned from. "prepared", "state", "fresh" and "counts" are left out.
-        more: further columns.
+        frames: columns [games, steps, ...]; "loss_mask" [games, steps] bool leaves out those that
+            are not to be learned from. What only a sequence has is left out.
     """
-    spent = {"prepared", "state", "fresh", "counts"}
-    columns = {name: column for name, column in frames.items() if name not in spent} | dict(more)
-    flat = {name: column.flatten(0, 1) for name, column in columns.items()}
-    counts = frames.get("counts", None)
-    if counts is not None:
-        chosen = counts.flatten().nonzero().squeeze(-1)
+    spent = {"observation", "prepared", "state", "episode_start", "loss_mask"}
+    flat = {name: column.flatten(0, 1) for name, column in frames.items() if name not in spent}
+    if "loss_mask" in frames:
+        chosen = frames["loss_mask"].flatten().nonzero().squeeze(-1)
         flat = {name: column.index_select(0, chosen) for name, column in flat.items()}
-    return TensorDict(flat, batch_size=[len(next(iter(flat.values())))])
+    return flat
 
 
 class GRUSteps(torch.autograd.Function):

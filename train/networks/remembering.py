@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pursuit.policy import GameView, Memory
-from pursuit.task import Task
+from pursuit.simulator.policy import GameView, Memory
+from pursuit.tasks.task import Task
 from train.networks.features import Features
 from train.networks.frames import FrameStack, shift
 from train.networks.masks import masked

@@ -1,1 +1,1 @@
-"""A person in a seat: games by hand, their page and their terminal, and what is kept of them."""
+"""Games by hand: the session, its page, and the replays that are kept."""

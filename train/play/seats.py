@@ -6,20 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pursuit.policy import Policy
-from pursuit.task import Task
 from scripted_agents import InverseKinematics, LeastStepsPolicy, RandomArm
-from scripted_agents.environments import (
-    AGENTS,
-    check_agent,
-    is_own_policy,
-    own_policy,
-    scripted_policy,
-)
-from train.play.arm_session import ArmSession
-from train.play.session import MazeSession, Session
-from train.runs.folder import CONFIG, SELF_PLAY, load_config
-from train.runs.opponents import check_fits, load_opponent, load_policy
+from train.play.session import ArmSession, MazeSession, Session
+from train.runs.folder import CONFIG
+from train.runs.opponents import check_fits, is_self_play, load_policy, policy_in_seat
 from train.runs.saved import load_settings
 from train.runs.tasks import check_one_maze
 from train.runs.worlds import GridWorld
@@ -50,7 +40,7 @@ def session_of(settings: AnyTask, beside: str, seed: int) -> Session:
     for role, policy in world.opponents.items():
         check_fits(policy, role, world.task, str(world.settings.opponent))
     role = world.agent.split("_")[0]
-    policy = agent_in_seat(beside, world.task, role)
+    policy = policy_in_seat(beside, world.task, role)
     contest: Any = world.contest(2)
     return MazeSession(contest, name_of(beside, role), policy, seed, world.settings.opponent)
 
@@ -64,7 +54,7 @@ def game_of_run(against: str) -> TaskSettings | None:
     folder = Path(against)
     if not (folder / CONFIG).exists():
         return None
-    if load_config(folder)[0] == SELF_PLAY:
+    if is_self_play(folder):
         folder = next((folder / r for r in ROLES if (folder / r / CONFIG).exists()), folder)
     learned = in_maze(load_settings(folder).task, against)
     role = learned.agent.split("_")[0]
@@ -80,29 +70,6 @@ def of_side(settings: TaskSettings) -> TaskSettings:
         return settings
     other = ROLES[1 - ROLES.index(role)]
     return replace(settings, opponent=str(folder / other))
-
-
-def is_self_play(folder: Path) -> bool:
-    """Whether a folder holds both sides of self-play."""
-    return (folder / CONFIG).exists() and load_config(folder)[0] == SELF_PLAY
-
-
-def agent_in_seat(name: str, task: Task, role: str) -> Policy:
-    """An agent by its name, for a seat of `role`.
-
-    Raises:
-        ValueError: nobody of this name, or somebody who does not play this role in this game.
-    """
-    if name in AGENTS:
-        check_agent(name, task, role)
-        order: Any = task.move_order
-        return scripted_policy(name, role, move_order=order)
-    if is_own_policy(name):
-        return own_policy(name, task, role)
-    folder = Path(name)
-    learned = load_opponent(folder / role if is_self_play(folder) else folder)
-    check_fits(learned, role, task, name)
-    return learned
 
 
 def arm_agent(name: str, settings: ReacherSettings) -> tuple[str, Any]:

@@ -20,7 +20,7 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 import bottle
 
-from pursuit.viewer.page import page
+from pursuit.replays.viewer.page import page
 from train.play.outcome import total_line
 from train.play.session import Session
 

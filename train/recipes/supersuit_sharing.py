@@ -10,28 +10,25 @@ values are not bootstrapped at the time limit.
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from pursuit import race_v0
-from pursuit.policy import Policy
-from pursuit.simulator import Simulator
+from pursuit.simulator.policy import Policy
+from pursuit.simulator.simulator import Simulator
 from scripted_agents import NearestGoalRunner, RandomAgent
-from train.commands.parse import fail, parse
+from train.recipes.common import LibraryRecipe, main_of
 from train.runs.tasks import task_of
 from train.runs.third_party import load_stable_baselines, save_stable_baselines
 from train.settings.checks import EVALUATION_SEED, check
 from train.settings.task import TaskSettings
 
 
-@dataclass(frozen=True)
-class Recipe:
+@dataclass(frozen=True, kw_only=True)
+class Recipe(LibraryRecipe):
     """Train two runners that share one network, and compare them with scripted ones."""
 
     maze: str = "5x5"
@@ -40,19 +37,12 @@ class Recipe:
     """Goals that the two collect."""
     games: int = 16
     """Games that SuperSuit steps one after the other."""
-    seconds: float = 60.0
-    """Budget of training time."""
-    frames: int | None = None
-    """Budget in frames instead, which repeats better than seconds."""
     out: Path = Path("runners.zip")
     """A new .zip file for the model; its description goes beside it."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check(self.games >= 1, f"games={self.games}; at least 1")
-        check(self.seconds > 0, f"seconds={self.seconds}; it is above 0")
-        check(self.frames is None or self.frames > 0, f"frames={self.frames}; it is above 0")
-        check(self.out.suffix == ".zip", f"{self.out}: give a .zip file")
-        check(not self.out.exists(), f"{self.out}: exists already; give a new file")
 
     @property
     def task(self) -> TaskSettings:
@@ -75,15 +65,6 @@ def run(recipe: Recipe) -> None:
     """Train, save, load the weights again, and compare."""
     import supersuit
     from stable_baselines3 import PPO
-    from stable_baselines3.common.callbacks import BaseCallback
-
-    class Budget(BaseCallback):
-        """Ends the training when its time is over."""
-
-        began = perf_counter()
-
-        def _on_step(self) -> bool:
-            return bool(recipe.frames) or perf_counter() - self.began < recipe.seconds
 
     env = race_v0.parallel_env(
         maze=task_of(recipe.task).mazes[0],
@@ -106,7 +87,7 @@ def run(recipe: Recipe) -> None:
         # No seed: Stable-Baselines3 would seed the environments as well, which SuperSuit cannot.
         device="cpu",
     )
-    model.learn(recipe.frames or 10**12, callback=Budget())
+    recipe.train(model)
     save_stable_baselines(model, recipe.out, "ppo", recipe.task, "one_hot")
     print(f"race on {recipe.maze}, 2 runners, {recipe.num_goals} goals; all seats play alike")
     print(f"{model.num_timesteps:,} frames of single agents")
@@ -120,13 +101,7 @@ def run(recipe: Recipe) -> None:
         print(f"{name:<26}{mean_length(recipe.task, policy):8.2f} steps")
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """The command line; errors are one line and exit status 2."""
-    try:
-        run(parse(Recipe, sys.argv[1:] if arguments is None else arguments, "recipe"))
-    except (ValueError, OSError, ImportError) as error:
-        fail(str(error))
-
+main = main_of(Recipe, run)
 
 if __name__ == "__main__":
     main()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
-from pursuit.rewards import ROLES, is_coefficients, rewards_from_text
+from pursuit.tasks.rewards import ROLES, is_coefficients, rewards_from_text
 from train.runs.tasks import task_of
 from train.settings.checks import check, check_default
 from train.settings.self_play import SelfPlaySettings, self_play_ppo

@@ -10,9 +10,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pursuit.maze import library_names
-from pursuit.parts import check_trusted
-from pursuit.suite_files import is_suite
+from pursuit.mazes.maze import library_names
+from pursuit.mazes.suite_files import is_suite
+from pursuit.plugins import check_trusted
 from train.files import LOCK, check_utf8, is_leftover, read_json, write_csv, write_json
 from train.runs import forms
 from train.runs.provenance import COMMAND, PARTS, command_line, provenance
@@ -148,21 +148,8 @@ def load_checkpoint(folder: Path | str) -> dict[str, Any]:
     return state
 
 
-def part_of(state: dict[str, Any], *names: str) -> dict[str, Any]:
-    """The table of these names in a checkpoint, one within the other; Misfit if there is none."""
-    from train.tensors import Misfit  # torch is slow to import
-
-    found: Any = state
-    for number, name in enumerate(names, start=1):
-        found = found.get(name)
-        if not isinstance(found, dict):
-            raise Misfit(f"{'.'.join(names[:number])}: a table needed, there is none")
-    return dict(found)
-
-
 MISFITS = (ValueError, KeyError, IndexError, RuntimeError, TypeError, AttributeError, OverflowError)
-"""What loading the checkpoint of other settings leads to: Misfit, or whatever a learner that is not
-ours makes of it."""
+"""What loading the checkpoint of other settings leads to."""
 
 
 def misfit(folder: Path, error: Exception) -> ValueError:

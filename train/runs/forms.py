@@ -6,7 +6,7 @@ Names beyond these are left to whoever reads them: later versions may add some.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 
@@ -100,10 +100,8 @@ class Results(msgspec.Struct, kw_only=True):
 class Description(msgspec.Struct):
     """What lies beside the model of another library."""
 
-    algorithm: Literal["ppo", "a2c", "dqn"]
     task: dict[str, Any]
     observation: str
-    net_arch: list[int] | dict[Literal["pi", "vf"], list[int]] | None = None
 
 
 def read_results(path: Path, alone: str) -> dict[str, Any]:

@@ -9,8 +9,8 @@ import torch
 
 from train.runs.memories import memories_of, put_memories
 from train.runs.parts import Parts
+from train.settings.checks import check
 from train.teaching.teacher import Teacher
-from train.tensors import Misfit, check_like
 
 
 def begin(parts: Parts, state: dict[str, Any] | None) -> tuple[Any, Teacher | None, Any]:
@@ -21,14 +21,14 @@ def begin(parts: Parts, state: dict[str, Any] | None) -> tuple[Any, Teacher | No
     """
     env, teacher = parts.games()
     if state is not None:  # before there is a collector, which begins with what it finds
-        put_games(env.simulator, state.get("simulator"), "trainee.simulator")
+        put_games(env.simulator, state["simulator"])
         if teacher is not None:
             teacher.load_state_dict(state["teacher"])
-        put_memories(env, state.get("memories"), "trainee.memories")
+        put_memories(env, state["memories"])
         env.resume = True
     learner = parts.algorithm.build(parts.hyper, env, parts.build)
     if state is not None:
-        check_like(state.get("learner"), learner.state_dict(), "trainee.learner")
+        check(state["learner"].keys() == learner.state_dict().keys(), "of another learner")
         learner.load_state_dict(state["learner"])
     return env, teacher, learner
 
@@ -52,20 +52,8 @@ def plain_games(simulator: Any) -> dict[str, torch.Tensor]:
     }
 
 
-def put_games(simulator: Any, saved: Any, where: str) -> None:
-    """Put what `plain_games` gave of such games into `simulator`, which checks what it takes.
-
-    Raises:
-        Misfit: it is something else, or a game in it is none that can be played on.
-    """
-    fresh = plain_games(simulator)
-    if isinstance(saved, dict) and "collected" in fresh:  # older checkpoints do not hold it
-        saved = {"collected": torch.zeros_like(fresh["collected"]), **saved}
-    check_like(saved, fresh, where)
+def put_games(simulator: Any, saved: dict[str, torch.Tensor]) -> None:
+    """Put what `plain_games` gave of such games into `simulator`, which checks what it takes."""
     arrays = {name: tensor.numpy() for name, tensor in saved.items()}
     form = type(simulator.get_state())
-    state = form(**{**arrays, "streams": arrays["streams"].view(np.uint64)})
-    try:
-        simulator.set_state(state)
-    except ValueError as error:
-        raise Misfit(f"{where}: {error}") from None
+    simulator.set_state(form(**{**arrays, "streams": arrays["streams"].view(np.uint64)}))

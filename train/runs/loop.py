@@ -29,7 +29,7 @@ from train.runs.folder import (
 from train.runs.interruption import Diverged, Interruption
 from train.runs.provenance import recorded_parts
 from train.runs.threads import ThreadChoice, random_states, set_random_states
-from train.tensors import Misfit, check_like, first_not_finite
+from train.tensors import first_not_finite
 
 EVALUATIONS = 20
 """How often a run is evaluated, and its checkpoint saved, over its budget."""
@@ -165,10 +165,6 @@ class Run:
         self.lock: Any = None
         self._saved_frames = 0
         if state is not None:
-            own = {**self._own_state(), "cuda_rng": []}  # of however many GPUs there were
-            check_like({name: state.get(name) for name in own}, own)
-            if not 0 <= state["evaluations"] <= EVALUATIONS or state["seconds"] < 0:
-                raise Misfit("evaluations, seconds: numbers from 0 on needed")
             self.seconds, self.evaluations = state["seconds"], state["evaluations"]
             set_random_states(state)
             self._saved_frames = trainee.frames

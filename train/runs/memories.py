@@ -13,8 +13,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from train.tensors import check_like
-
 Memories = dict[str, dict[str, torch.Tensor]]
 
 
@@ -26,19 +24,13 @@ def memories_of(env: Any) -> Memories:
     }
 
 
-def put_memories(env: Any, saved: Any, where: str) -> None:
+def put_memories(env: Any, saved: Memories) -> None:
     """Put what `memories_of` gave of such an environment back, before it is stepped.
 
     An opponent that is not there any more is passed over; one that was not there begins afresh.
-
-    Raises:
-        Misfit: something else was saved.
     """
-    check_like(saved, {}, where)
     for place, arrays in _arrays(env):
         if place in saved:
-            like = {name: torch.from_numpy(_plain(array)) for name, array in arrays.items()}
-            check_like(saved[place], like, f"{where}.{place}")
             for name, array in arrays.items():
                 _plain(array)[:] = saved[place][name].numpy()
 

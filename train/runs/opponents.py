@@ -5,21 +5,25 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pursuit.declared import truth
-from pursuit.policy import Policy
-from pursuit.task import Task
+from pursuit.simulator.policy import Policy
+from pursuit.tasks.task import Task
+from pursuit.validation import truth
 from scripted_agents.environments import (
-    AGENTS,
-    check_agent,
+    chosen_policies,
     default_policies,
-    is_own_policy,
-    own_policy,
-    scripted_policy,
+    is_agent,
+    named_policy,
 )
 from train.algorithms.registry import entry
-from train.runs.folder import MISFITS, load_checkpoint, misfit, part_of
-from train.runs.saved import load_settings
-from train.runs.tasks import player_of
+from train.runs.folder import (
+    CONFIG,
+    MISFITS,
+    SELF_PLAY,
+    load_checkpoint,
+    load_config,
+    misfit,
+)
+from train.runs.saved import load_settings, player_of
 from train.runs.third_party import load_stable_baselines
 from train.settings.checks import check
 from train.settings.task import in_maze
@@ -45,8 +49,7 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
     )
     seat = player_of(settings)
     try:
-        learner = part_of(state, "trainee", "learner")
-        return algorithm.load(settings.hyper, seat, learner, greedy)
+        return algorithm.load(settings.hyper, seat, state["trainee"]["learner"], greedy)
     except MISFITS as error:
         raise misfit(folder, error) from None
 
@@ -98,40 +101,54 @@ def opponents_of(
     Raises:
         ValueError: no policy at `opponent`, or one that cannot play against the learner.
     """
-    policies = default_policies(task, epsilon, own=agent)
-    if opponent in AGENTS:
-        roles = set(task.seat_roles) - {agent.split("_")[0]}
-        check(
-            bool(roles),
-            f"opponent={opponent!r}, but task {task.name!r} has nobody of another role; leave it "
-            "out",
-        )
-        for other in roles:
-            check_agent(str(opponent), task, other)
-            rest: Any = (epsilon, task.move_order)
-            policies[other] = scripted_policy(str(opponent), other, *rest)
-    elif opponent is not None and is_own_policy(opponent):
-        check(
-            task.num_agents > 1,
-            f"opponent={opponent!r}; task {task.name!r} has no other seats; leave it out",
-        )
-        learner = agent.split("_")[0]
-        for other in set(task.seat_roles) - {learner} or {learner}:
-            policies[other] = own_policy(opponent, task, other)
-    elif opponent is not None:
-        seat = task.seat(agent)
-        others = [r for s, r in enumerate(task.seat_roles) if s != seat]
-        first = next((r for r in others if r != task.seat_roles[seat]), task.seat_roles[seat])
-        trained = {"task": task, "agent": first, "observation": observation}
-        policy: Any = load_opponent(opponent, played, **trained)
-        role = role_of(policy)
-        check(
-            role in others,
-            f"opponent={opponent!r} learned to be {role!r}; the other seats of task "
-            f"{task.name!r} are {', '.join(others) or 'none'}; give a policy of another role",
-        )
-        policies[role] = policy
-    return policies
+    if opponent is None or is_agent(opponent):
+        return chosen_policies(task, agent, opponent, epsilon)
+    seat = task.seat(agent)
+    others = [r for s, r in enumerate(task.seat_roles) if s != seat]
+    first = next((r for r in others if r != task.seat_roles[seat]), task.seat_roles[seat])
+    trained = {"task": task, "agent": first, "observation": observation}
+    policy: Any = load_opponent(opponent, played, **trained)
+    role = role_of(policy)
+    check(
+        role in others,
+        f"opponent={opponent!r} learned to be {role!r}; the other seats of task "
+        f"{task.name!r} are {', '.join(others) or 'none'}; give a policy of another role",
+    )
+    return {**default_policies(task, epsilon, own=agent), role: policy}
+
+
+def policy_in_seat(
+    name: str,
+    task: Task,
+    role: str,
+    epsilon: float = 0.0,
+    played: str = "sampled",
+    observation: str | None = None,
+) -> Policy:
+    """The policy of this name in a role of a task.
+
+    Args:
+        name: of a scripted agent, a user's own policy, the folder of a run (of self-play: of both
+            sides) or a model's .zip.
+        task, role: the games, and whose policy is asked for.
+        epsilon: share of random moves of a scripted agent.
+        played, observation: as of `opponents_of`.
+
+    Raises:
+        ValueError: no policy of this name, or one of another role or of other games.
+    """
+    if is_agent(name):
+        return named_policy(name, task, role, epsilon)
+    folder = Path(name)
+    path = folder / role if is_self_play(folder) else folder
+    policy = load_opponent(path, played, task=task, agent=role, observation=observation)
+    check_fits(policy, role, task, name)
+    return policy
+
+
+def is_self_play(folder: Path) -> bool:
+    """Whether a folder holds both sides of self-play."""
+    return (folder / CONFIG).exists() and load_config(folder)[0] == SELF_PLAY
 
 
 def role_of(policy: Any) -> str:

@@ -13,8 +13,8 @@ from typing import Any
 from train.algorithms.registry import Algorithm, Build, entry
 from train.evaluation.suite_contest import SuiteContest
 from train.networks.policy import NO_WALLS
+from train.runs.saved import player_of, unchecked_settings
 from train.runs.sizes import check_memory
-from train.runs.tasks import player_of
 from train.runs.threads import uses_bfloat16
 from train.runs.worlds import GridWorld, World, world_of
 from train.settings.algorithms import Hyperparameters, PPOSettings
@@ -109,10 +109,24 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
     return Parts(world, plan, seat, algorithm, hyper, build, settings.processes, rank)
 
 
+def settings_of(**flat: Any) -> TrainSettings[Any]:
+    """Settings by their names on the command line, with `preset` for what is left out; checked.
+
+    `settings_of(algorithm="dqn", maze="7x7", task="maze", seconds=60, learning_rate=1e-3)`.
+
+    Raises:
+        ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
+    """
+    settings = unchecked_settings(**flat)
+    parts_of(settings)
+    return settings
+
+
 def build_of(settings: TrainSettings[Any]) -> Build:
     """How a learner is to be built on this machine."""
     bfloat16 = uses_bfloat16(settings.precision, settings.device)
-    return Build(settings.device, bfloat16, settings.first_layer, settings.seed)
+    fused = settings.fused == "auto"
+    return Build(settings.device, bfloat16, settings.first_layer, settings.seed, fused)
 
 
 def check_mazes(settings: TrainSettings[Any], algorithm: Algorithm, world: World) -> None:

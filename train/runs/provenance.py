@@ -10,14 +10,16 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypedDict
 
-from pursuit.own_observations import OBSERVATIONS
-from pursuit.parts import Registry, is_reference, sha256_of, source_of
-from pursuit.rewards import REWARDS
+from pursuit.observations.own import OBSERVATIONS
+from pursuit.plugins import Registry, is_reference, sha256_of, source_of
+from pursuit.tasks.rewards import REWARDS
 from scripted_agents.environments import POLICIES
 from train.files import read_json
 from train.schemas import read_as
 from train.settings.algorithms import LEARNERS
+from train.settings.common import NETWORKS
 from train.settings.curricula import AXIS_PARTS, CURRICULUM_PARTS
+from train.settings.self_play import SAMPLING_PARTS
 
 PARTS, COMMAND = "parts", "command"
 """Keys of `config.json` beside the settings."""
@@ -36,6 +38,8 @@ KINDS: dict[str, Registry[Any]] = {
     "algorithm": LEARNERS,
     "chaser_algorithm": LEARNERS,
     "evader_algorithm": LEARNERS,
+    "sampling": SAMPLING_PARTS,
+    "network": NETWORKS,
 }
 """Which settings name parts, and of which kind."""
 
@@ -69,7 +73,7 @@ def provenance(settings: Any) -> Records:
     """{"rewards": {"name": "my_parts:shaped", "sha256": ...}, ...}: every user's part.
 
     The hash is that of the module's source file, or of all files of its package
-    (`pursuit.parts.sha256_of`); None where there is no source. Nothing is imported for it.
+    (`pursuit.plugins.sha256_of`); None where there is no source. Nothing is imported for it.
     """
     return {
         setting: {"name": name, "sha256": sha256_of(module)}
@@ -124,16 +128,14 @@ def check_sources(config: Path, settings: Any, resuming: bool = False) -> None:
     """
     recorded = recorded_parts(config)
     for setting, now in provenance(settings).items():
-        before = recorded.get(setting)
-        missing = now["sha256"] is None and not resuming  # nothing that it could be held against
-        named = before is not None and before["name"] == now["name"]
-        same = before is None or not named or before["sha256"] == now["sha256"]
-        if not same and not missing:
-            name = now["name"]
-            module = name.partition(":")[0] if is_reference(name) else name
-            told = f"{config.parent}: the source of {module} has changed since this run began"
-            if resuming:
-                raise ValueError(f"{told}; restore it, or start a new run")
+        before, name = recorded.get(setting), now["name"]
+        if before is None or before["name"] != name or before["sha256"] == now["sha256"]:
+            continue
+        module = name.partition(":")[0] if is_reference(name) else name
+        told = f"{config.parent}: the source of {module} has changed since this run began"
+        if resuming:
+            raise ValueError(f"{told}; restore it, or start a new run")
+        if now["sha256"] is not None:  # else there is nothing that it could be held against
             warnings.warn(f"{told}; what was learned with it may mean something else", stacklevel=2)
 
 

@@ -7,13 +7,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pursuit.task import Task
-from pursuit.viewer.data import Builder, Extras
+from pursuit.replays.viewer.data import Builder, Extras
+from pursuit.tasks.task import Task
 from train.evaluation.closeups import Losses, losses_of, recorded, sides_of
 from train.evaluation.hidden_contest import Certificate
-from train.evaluation.scores import Reference
+from train.evaluation.scores import Reference, Score, score_table
 from train.files import read_json
-from train.pages import PLAYER_ROOM, details, pairs, paragraph, picture, section, table, write_page
+from train.reports.pages import PLAYER_ROOM, details, pairs, picture, section, write_page
+from train.reports.tables import ResultTable, in_markdown, numeric, words
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
 from train.settings.run import TrainSettings
 
@@ -61,16 +62,17 @@ def write_report(
     )
     builder.add(replay, extras)
     title = contest.line().split(", at most")[0]
+    scores = [Score(**score) for score in results["scores"]]
+    table = score_table(scores, certificate_in(results), contest.measure)
+    about = f"Run {folder.name}: {settings.algorithm}, curriculum {settings.curriculum}."
     parts = [
-        paragraph(
-            f"{folder.name}: {settings.algorithm}, curriculum {settings.curriculum}", "faint"
-        ),
-        summary(results),
+        in_markdown(about),
+        in_markdown(summary(results)),
         PLAYER_ROOM,
-        section("Scores", score_table(results)),
-        section("Where it loses steps", *lost_parts(contest, losses)),
-        section("Learning", picture(folder / CURVE, "mean steps, gap and curriculum over frames")),
-        section("How it was made", provenance_parts(folder, settings, results)),
+        *section("Scores", table.markdown()),
+        *section("Where it loses steps", *lost_parts(contest, losses)),
+        *section("Learning", picture(folder / CURVE, "mean steps, gap and curriculum over frames")),
+        *section("How it was made", *provenance_parts(folder, settings, results)),
     ]
     path = path or folder / REPORT
     write_page(path, title, parts, builder.data(title))
@@ -180,37 +182,7 @@ def summary(results: Mapping[str, Any]) -> str:
         told += f" (floor of the objective: {', '.join(known)})"
     told += f". {results['frames']:,} frames in {results['seconds']:.1f} s"
     told += " of the processor" if results.get("clock") == "processor" else ""
-    return paragraph(told + (", interrupted." if results["interrupted"] else "."))
-
-
-def score_table(results: Mapping[str, Any]) -> str:
-    """The learned policy beside the references."""
-    optimum = results["evaluation"]["optimal_steps"]
-    certificate = certificate_in(results)
-    column = results["objective"]["column"]
-    own = () if column == "mean_steps" else (results["objective"]["unit"],)
-    rows = []
-    for score in results["scores"]:
-        gap = score["mean_steps"] / optimum - 1.0 if optimum else None
-        shown = "" if gap is None or score["name"] == "optimal" else f"{100 * gap:+.2f} %"
-        rows.append(
-            (
-                "optimal steps" if own and score["name"] == "optimal" else score["name"],
-                *(
-                    (f"{score[column]:.3f}" if score.get(column) is not None else "",)
-                    if own
-                    else ()
-                ),
-                score["mean_steps"],
-                "exact" if score["exact"] else f"{score['ci95']:.3f}",
-                f"{100 * score['success_rate']:.1f} %",
-                *([] if own else [shown]),
-                *(() if certificate is None else _certified(certificate, score)),
-            )
-        )
-    gaps = () if own else ("gap to optimum",)
-    more = () if certificate is None else ("discounted", certificate.head)
-    return table(("", *own, "steps", "± 95 %", "success", *gaps, *more), rows)
+    return told + (", interrupted." if results["interrupted"] else ".")
 
 
 def certificate_in(results: Mapping[str, Any]) -> Certificate | None:
@@ -222,37 +194,29 @@ def certificate_in(results: Mapping[str, Any]) -> Certificate | None:
     return Certificate(results["role"], found["discount"], *interval)
 
 
-def _certified(certificate: Certificate, score: Mapping[str, Any]) -> tuple[str, str]:
-    """The discounted steps of a score, and their gap to the end of the interval."""
-    steps = score["discounted_steps"]
-    if steps is None:
-        return "", ""
-    return f"{steps:.3f}", f"{100 * certificate.gap(steps):+.2f} %"
-
-
 def lost_parts(contest: Any, losses: Losses) -> list[str]:
     """The starts with the largest gap; nothing where no optimum is known."""
     if losses.optimal is None:
-        return [paragraph("The optimum of single starts is not known for this task.", "faint")]
-    worst = worst_starts(contest, losses)
+        return ["The optimum of single starts is not known for this task."]
+    worst, lost = worst_starts(contest, losses), losses.lost
     if not worst:
-        return [paragraph("From every start that was played it is as good as the optimum.")]
-    lost = losses.lost
+        return ["From every start that was played it is as good as the optimum."]
     told = (
         f"{100 * (lost > 0.01).mean():.1f} % of {len(lost)} starts lose more than a hundredth of a "
         f"step; a tenth of the starts loses {100 * losses.share_of_worst_tenth:.0f} % of all that "
         "is lost."
     )
     rows = [
-        (
-            start_in_words(contest, game),
-            float(losses.lengths[game]),
-            float(losses.optimal[game]),
-            float(lost[game]),
-        )
+        {
+            "start": start_in_words(contest, game),
+            "steps": losses.lengths[game],
+            "optimum": losses.optimal[game],
+            "lost": lost[game],
+        }
         for game in worst
     ]
-    return [paragraph(told), table(("start", "steps", "optimum", "lost"), rows)]
+    numbers = [numeric(name, name, ".4g") for name in ("steps", "optimum", "lost")]
+    return [told, ResultTable(rows, [words("start"), *numbers]).markdown()]
 
 
 def start_in_words(contest: Any, game: int) -> str:
@@ -273,17 +237,21 @@ def start_in_words(contest: Any, game: int) -> str:
     return "; ".join(told + ([f"goals {' / '.join(goals)}"] if goals else []))
 
 
-def provenance_parts(folder: Path, settings: TrainSettings[Any], results: Mapping[str, Any]) -> str:
+def provenance_parts(
+    folder: Path, settings: TrainSettings[Any], results: Mapping[str, Any]
+) -> list[str]:
     """Settings, versions, machine and command."""
-    config = read_json(folder / CONFIG)
     plain = asdict(settings)
-    found = []
-    for name in ("task", "hyper", "lessons"):
-        found.append(details(f"{name} settings", pairs(plain.pop(name))))
-    found.insert(0, details("settings of the run", pairs(plain)))
-    made = {
-        "command": config.get("command", ""),
-        "machine": ", ".join(f"{name} {told}" for name, told in results["machine"].items()),
-        "versions": ", ".join(f"{name} {told}" for name, told in results["versions"].items()),
+    parts = {f"{name} settings": plain.pop(name) for name in ("task", "hyper", "lessons")}
+    folded = {"settings of the run": plain} | parts
+    made = made_with(read_json(folder / CONFIG).get("command", ""), results)
+    return [made, *(details(name, pairs(found)) for name, found in folded.items() if found)]
+
+
+def made_with(command: str, results: Mapping[str, Any]) -> str:
+    """The command of a run, its machine and versions, as a table."""
+    told = {
+        name: ", ".join(f"{key} {value}" for key, value in results[name].items())
+        for name in ("machine", "versions")
     }
-    return pairs(made) + "\n".join(found)
+    return pairs({"command": command} | told)

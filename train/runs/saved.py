@@ -1,58 +1,49 @@
-"""The settings of saved runs, read back from their folders."""
+"""The settings of runs from keyword arguments and from `config.json`, and who learns in them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
-import msgspec
-
+from pursuit.observations.own import is_ours
 from train.algorithms.registry import entry
+from train.networks.arm_policy import ArmSeat
+from train.networks.policy import Seat
 from train.runs.folder import CONFIG, RUN, SIDE, load_config
 from train.runs.forms import RESTORE
 from train.runs.provenance import check_sources
-from train.runs.tasks import player_of
-from train.schemas import read_as
+from train.runs.tasks import agent_of, default_settings, task_of
 from train.settings.checks import check
+from train.settings.common import with_memory
 from train.settings.curricula import curriculum_form
+from train.settings.presets import TUNED
+from train.settings.reading import check_names, names_of, picked, read_from, typed, whole
 from train.settings.run import TrainSettings
-from train.settings.task import task_form
-
-ADDED = {"clock": "wall", "processes": 1}
-"""Settings that came after folders had been written without them, and what they were there."""
-
-REMOVED = {"graphs"}
-"""Settings that older folders have, and that are ignored."""
-
-ADDED_HYPER = {"gamma_end": None}
-"""Those of algorithms."""
+from train.settings.task import ReacherSettings, task_form
+from train.teaching.plan import training_task
 
 
-def read_own(form: type[Any], plain: Mapping[str, Any], where: str, inner: set[str]) -> Any:
-    """The fields of the dataclass `form` but for those in `inner`, as attributes, checked.
+def unchecked_settings(**flat: Any) -> TrainSettings[Any]:
+    """Settings by their names on the command line, with `preset` for what is left out.
 
     Raises:
-        ValueError: a field missing, unknown or of another type.
+        ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
     """
-    hints = get_type_hints(form)
-    own = [(field.name, hints[field.name]) for field in fields(form) if field.name not in inner]
-    shape = msgspec.defstruct(form.__name__, own, forbid_unknown_fields=True, kw_only=True)
-    there = {name: value for name, value in ADDED.items() if name in hints}
-    content = there | {k: v for k, v in plain.items() if k not in inner | REMOVED}
-    return read_as(shape, content, where, RESTORE)
-
-
-def read_part(form: type[Any], plain: Mapping[str, Any], name: str, where: str) -> Any:
-    """The dataclass `form` from the part `name` of plain values; ValueError where it is none."""
-    check(name in plain, f"{where}: field {name!r} is missing; {RESTORE}")
-    part = plain[name]
-    if name == "hyper" and isinstance(part, dict):
-        part = {f.name: ADDED_HYPER[f.name] for f in fields(form) if f.name in ADDED_HYPER} | part
-    missing = [f.name for f in fields(form) if isinstance(part, dict) and f.name not in part]
-    check(not missing, f"{where}: field {name}.{'.'.join(missing[:1])} is missing; {RESTORE}")
-    return read_as(form, part, f"{where}: {name}", RESTORE)
+    flat = with_memory(flat)
+    form = task_form(flat.get("task"))
+    chosen = {n: flat.get(n) for n in ("algorithm", "curriculum", "recurrent", "gamma")}
+    preset = flat.get("preset", TUNED)
+    default = default_settings(picked(form, flat, {}), preset=preset, **chosen)
+    hyper, lessons = default["hyper"], default["lessons"]
+    check_names(
+        flat,
+        {*names_of(form, type(hyper), type(lessons), TrainSettings), "preset"},
+        f" for algorithm {default['algorithm']!r} and curriculum {default['curriculum']!r}",
+    )
+    default["hyper"] = picked(type(hyper), flat, vars(hyper))
+    default["lessons"] = picked(type(lessons), flat, vars(lessons))
+    return TrainSettings(**{**typed(TrainSettings, flat), **default})
 
 
 def from_plain(plain: Mapping[str, Any], where: str) -> TrainSettings[Any]:
@@ -61,24 +52,16 @@ def from_plain(plain: Mapping[str, Any], where: str) -> TrainSettings[Any]:
     Raises:
         ValueError: missing or unknown settings, or values that are not allowed.
     """
-    own = read_own(TrainSettings, plain, where, {"task", "hyper", "lessons"})
-    try:
-        forms: tuple[type[Any], ...] = (
-            task_form(plain.get("task", {}).get("task")),
-            entry(own.algorithm).settings,
-            curriculum_form(own.curriculum),
-        )
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
-    parts = {
-        name: read_part(form, plain, name, where)
-        for name, form in zip(("task", "hyper", "lessons"), forms, strict=True)
-    }
-    try:
-        settings = TrainSettings(**parts, **msgspec.structs.asdict(own))
+    with read_from(where, RESTORE):
+        own = whole(TrainSettings, plain)
+        forms: dict[str, type[Any]] = {
+            "task": task_form(plain.get("task", {}).get("task")),
+            "hyper": entry(own["algorithm"]).settings,
+            "lessons": curriculum_form(own["curriculum"]),
+        }
+        parts = {name: form(**whole(form, plain.get(name), name)) for name, form in forms.items()}
+        settings: TrainSettings[Any] = TrainSettings(**own, **parts)
         player_of(settings)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}; {RESTORE}") from None
     return settings
 
 
@@ -97,3 +80,23 @@ def load_settings(folder: Path | str) -> TrainSettings[Any]:
     )
     check_sources(folder / CONFIG, plain)
     return from_plain(plain, str(folder / CONFIG))
+
+
+def player_of(settings: TrainSettings[Any]) -> Seat | ArmSeat:
+    """Who learns in a run, as its training games have it; ValueError for settings of none."""
+    given = settings.task
+    if isinstance(given, ReacherSettings):
+        check(
+            settings.frame_stack == 1,
+            f"frame_stack={settings.frame_stack} on an arm, which sees all that there is; leave it "
+            "out",
+        )
+        return ArmSeat(given.build(), settings.observation, settings.network)
+    task = task_of(given)
+    agent = agent_of(given, task)
+    played = training_task(settings.curriculum, settings.lessons, task)
+    unseen = agent.startswith("runner") and len(task.mazes) > 1 and is_ours(settings.observation)
+    plans = settings.network == "auto" and settings.device == "cpu" and unseen
+    network = "planning" if plans else settings.network
+    how = (settings.observation, given.mask_bumps, settings.frame_stack, network)
+    return Seat(played, agent, *how)

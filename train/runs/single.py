@@ -22,10 +22,10 @@ from train.evaluation.scores import (
     Score,
     optimality_gap,
 )
-from train.runs.folder import MISFITS, RUN, misfit, part_of
+from train.runs.data_parallel import Partner
+from train.runs.folder import MISFITS, RUN, misfit
 from train.runs.in_play import begin, state_in_play
 from train.runs.loop import Budget, Clock, Objective, Run
-from train.runs.partner import Partner
 from train.runs.parts import Parts, parts_of
 from train.runs.threads import check_device, prepare_torch
 from train.settings.checks import check
@@ -166,7 +166,13 @@ class SingleAgent:
             **evaluation_of(scores, self.evaluated, floor, certificate, contest),
             "device": build.device,
             "precision": "bfloat16" if build.bfloat16 else "float32",
+            **self._update(),
         }
+
+    def _update(self) -> dict[str, str]:
+        """Which form of the gradient step runs, where there is one."""
+        form = getattr(self.learner, "update_form", None)
+        return {} if form is None else {"update": form}
 
     def state_dict(self) -> dict[str, Any]:
         """Learner, teacher and games, with what is remembered of them; the partner's as well."""
@@ -271,7 +277,7 @@ def make_run(
     prepare_torch(budget.first_threads, settings.seed)
     parts = parts_of(settings)
     try:
-        before = None if state is None else part_of(state, "trainee")
+        before = None if state is None else state["trainee"]
         with contextlib.ExitStack() as undo:
             partner = None
             if settings.processes > 1:

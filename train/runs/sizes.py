@@ -26,7 +26,7 @@ def bytes_of(hyper: Hyperparameters, seat: Player) -> dict[str, int]:
     if "width" in given:
         width = given["width"]
         inputs = seat.features.num_rows or prod(seat.features.shape)
-        if seat.features.kind == "planes":  # convolutions come before it
+        if seat.features.kind == "planes" or seat.features.network:  # convolutions come before it
             inputs = 1
         weights = width * (inputs + width + seat.num_actions)
         if "tau" in given:  # an actor and a critic at least, and a target of each
@@ -56,8 +56,6 @@ def check_memory(hyper: Hyperparameters, seat: Player) -> None:
 
 def in_units(size: int) -> str:
     """A number of bytes, in the unit that suits it."""
-    power = 0
-    while size >= 1000 ** (power + 1) and power < len(UNITS) - 1:
-        power += 1
+    power = min((len(str(size)) - 1) // 3, len(UNITS) - 1)
     scaled = size / 1000**power if size < 10**30 else float("inf")
     return f"{scaled:,.3g} {UNITS[power]}" if scaled < 1000 else f"{scaled:,.0f} {UNITS[power]}"

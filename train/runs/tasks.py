@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import fields, replace
+from typing import Any
 
-from pursuit.maze import Maze, load_maze
-from pursuit.own_observations import is_ours
-from pursuit.suite_files import PREFIX, is_suite
-from pursuit.task import Task, make_task
+from pursuit.mazes.maze import Maze, load_maze
+from pursuit.mazes.suite_files import PREFIX, is_suite
+from pursuit.tasks.task import Task, make_task
 from train.settings.checks import check
-from train.settings.presets import Setting
-from train.settings.run import TrainSettings
+from train.settings.presets import (
+    TUNED,
+    Setting,
+    hyperparameters,
+    lessons_for,
+    preset_algorithm,
+)
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
-
-if TYPE_CHECKING:
-    from train.networks.arm_policy import ArmSeat
-    from train.networks.policy import Seat
-
-PLANES_AS: dict[str, Literal["planes", "grid", "flat"]] = {
-    "auto": "planes",
-    "convolutions": "planes",
-    "planning": "grid",
-    "flat": "flat",
-}
-"""What planes are to the network, by its name in the settings."""
 
 
 def task_of(settings: TaskSettings) -> Task:
@@ -83,9 +75,10 @@ def maze_called(maze: str) -> str:
 
 def maze_text_of(settings: AnyTask) -> str | None:
     """The maze as text; None where there is none, and of a suite, which has its own files."""
-    if isinstance(settings, ReacherSettings) or is_suite(settings.maze):
+    if isinstance(settings, ReacherSettings):
         return None
-    return task_of(settings).mazes[0].to_text()
+    maze = maze_of(settings.maze)
+    return None if isinstance(maze, str) else maze.to_text()
 
 
 def agent_of(settings: TaskSettings, task: Task) -> str:
@@ -115,26 +108,32 @@ def setting_of(settings: AnyTask) -> Setting:
     )
 
 
-def player_of(settings: TrainSettings[Any]) -> Seat | ArmSeat:
-    """Who learns in a run, as its training games have it; ValueError for settings of none."""
-    # torch is slow to import, and no option of the command line needs it.
-    from train.networks.arm_policy import ArmSeat
-    from train.networks.policy import Seat
-    from train.teaching.plan import training_task
+def default_settings(
+    task: AnyTask,
+    algorithm: str | None = None,
+    preset: str = TUNED,
+    curriculum: str | None = None,
+    recurrent: str | None = None,
+    gamma: float | None = None,
+) -> dict[str, Any]:
+    """What a run of this task has where nothing else is given: task, hyper, lessons and names.
 
-    given = settings.task
-    if isinstance(given, ReacherSettings):
-        check(
-            settings.frame_stack == 1,
-            f"frame_stack={settings.frame_stack} on an arm, which sees all that there is; leave it "
-            "out",
-        )
-        return ArmSeat(given.build(), settings.observation)
-    task = task_of(given)
-    agent = agent_of(given, task)
-    played = training_task(settings.curriculum, settings.lessons, task)
-    unseen = agent.startswith("runner") and len(task.mazes) > 1 and is_ours(settings.observation)
-    plans = settings.network == "auto" and settings.device == "cpu" and unseen
-    planes_as = "grid" if plans else PLANES_AS[settings.network]
-    how = (settings.observation, given.mask_bumps, settings.frame_stack, planes_as)
-    return Seat(played, agent, *how)
+    Args:
+        task: its settings.
+        algorithm, curriculum: by their names; those of the preset if left out.
+        preset: by its name.
+        recurrent, gamma: what is given for these settings.
+
+    Raises:
+        ValueError: an unknown name, a task that makes no game, or a preset of another algorithm.
+    """
+    algorithm = algorithm or preset_algorithm(preset) or "ppo"
+    setting = replace(setting_of(task), recurrent=recurrent is not None)
+    curriculum, lessons = lessons_for(algorithm, setting, preset, curriculum)
+    return {
+        "task": task,
+        "hyper": hyperparameters(algorithm, setting, preset, gamma is not None),
+        "lessons": lessons,
+        "algorithm": algorithm,
+        "curriculum": curriculum,
+    }

@@ -2,9 +2,8 @@
 
 A model file of Stable-Baselines3 is a zip whose settings are partly pickled, and loading those runs
 code. So what is loaded here is the weights alone (`torch.load(weights_only=True)`), into a policy
-made from a description beside the model, which the recipes write. A model that `model.save()` wrote
-has none: its layers are read from the shapes of the weights, and its task and observation are
-arguments.
+whose layers the shapes of the weights tell. Its task and observation stand in a description beside
+the model, which the recipes write; for a model that `model.save()` wrote they are arguments.
 """
 
 from __future__ import annotations
@@ -16,14 +15,13 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from gymnasium.spaces import Discrete
 
-from pursuit.declared import truth
-from pursuit.parts import check_trusted
-from pursuit.simulator import Simulator
-from pursuit.task import Task
+from pursuit.plugins import check_trusted
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task
+from pursuit.validation import truth
 from train.files import read_json, write_json
 from train.networks.policy import NetworkPolicy, Seat
 from train.runs.forms import RESTORE, Description
@@ -31,7 +29,7 @@ from train.runs.tasks import agent_of, task_of
 from train.schemas import read_as
 from train.settings.checks import check
 from train.settings.task import TaskSettings
-from train.tensors import Misfit, check_like, loaded
+from train.tensors import loaded
 
 
 class StableBaselinesNetwork(torch.nn.Module):
@@ -74,7 +72,6 @@ def save_stable_baselines(
         description_of(path),
         {
             "algorithm": algorithm,
-            "net_arch": model.policy_kwargs.get("net_arch"),
             "task": {**vars(task), "maze": task_of(task).mazes[0].to_text()},
             "observation": encoding,
         },
@@ -106,13 +103,6 @@ def load_stable_baselines(
             another network.
     """
     path = Path(path)
-    try:
-        from stable_baselines3.common.policies import ActorCriticPolicy
-        from stable_baselines3.dqn.policies import DQNPolicy
-    except ImportError:
-        raise ImportError(
-            "stable_baselines3 is not installed; pip install 'pursuit[sb3]'"
-        ) from None
     check(path.is_file(), f"{path}: no such file; give a saved model (.zip)")
     where = description_of(path)
     if where.is_file():
@@ -120,55 +110,57 @@ def load_stable_baselines(
         check_trusted(where, content)
         described = read_as(Description, content, where, RESTORE)
         settings = read_as(TaskSettings, described.task, f"{where}: task", RESTORE)
-        task = task_of(settings)
+        task, observation = task_of(settings), described.observation
         agent, mask_bumps = agent_of(settings, task), settings.mask_bumps
-        weights = _weights_in(path)
-    else:
-        check(
-            task is not None and agent is not None and observation is not None,
-            f"{path}: its description {where.name} is not beside it; give the task and "
-            "what the model observed in training (--observation of pursuit evaluate, "
-            "--model-observations of league, --opponent-observation of an opponent), or save it "
-            "with train.runs.third_party.save_stable_baselines",
-        )
-        weights = _weights_in(path)
-        described = _found_in(path, weights, str(observation))
-    assert task is not None and agent is not None
-    algorithm, encoding = described.algorithm, described.observation
-    greedy = algorithm == "dqn" if greedy is None else truth("greedy", greedy)
     check(
-        greedy or algorithm != "dqn",
-        f"{path}: dqn learns no distribution over actions; take the greedy policy",
+        task is not None and agent is not None and observation is not None,
+        f"{path}: its description {where.name} is not beside it; give the task and "
+        "what the model observed in training (--observation of pursuit evaluate, "
+        "--model-observations of league, --opponent-observation of an opponent), or save it "
+        "with train.runs.third_party.save_stable_baselines",
     )
-    space = Simulator(task).encoder(encoding).space
+    assert task is not None and agent is not None and observation is not None
+    seat = Seat(task, agent, observation, mask_bumps)
+    policy = _policy_in(path, seat)
+    draws = not hasattr(policy, "q_net")
+    greedy = not draws if greedy is None else truth("greedy", greedy)
     check(
-        _least_weights(described, int(np.prod(space.shape))) <= weights_in_all(weights),
-        f"{path}: its weights are not of the network that {where.name} describes; {RESTORE}"
-        if where.is_file()
-        else f"{path}: its weights are not for observation={encoding!r} of {agent} in task "
-        f"{task.name!r} on maze {task.mazes[0].name}; give those of its training",
+        greedy or draws, f"{path}: dqn learns no distribution over actions; take the greedy policy"
     )
-    form = DQNPolicy if algorithm == "dqn" else ActorCriticPolicy
-    try:
-        policy = form(
-            space,
-            Discrete(task.num_actions),
-            lambda _: 0.0,
-            net_arch=described.net_arch,
-            activation_fn=_activation_in(path, algorithm),
-        )
-        check_like(weights, policy.state_dict(), "policy.pth")
-    except (Misfit, TypeError) as error:
-        if where.is_file():
-            raise ValueError(f"{path}: does not fit {where.name} ({error}); {RESTORE}") from None
-        raise ValueError(
-            f"{path}: does not fit observation={encoding!r} of {agent} in task {task.name!r} on "
-            f"maze {task.mazes[0].name} ({error}); give those of its training"
-        ) from None
-    policy.load_state_dict(weights)
-    policy.set_training_mode(False)
-    seat = Seat(task, agent, encoding, mask_bumps)
     return seat.policy(StableBaselinesNetwork(policy), greedy)
+
+
+def _policy_in(path: Path, seat: Seat) -> Any:
+    """The policy in the zip of a model, of the layers that the shapes of its weights tell.
+
+    Raises:
+        ImportError: Stable-Baselines3 is not installed.
+        ValueError: a damaged file, or weights for another seat.
+    """
+    try:
+        from stable_baselines3.common.policies import ActorCriticPolicy
+        from stable_baselines3.dqn.policies import DQNPolicy
+    except ImportError:
+        raise ImportError(
+            "stable_baselines3 is not installed; pip install 'pursuit[sb3]'"
+        ) from None
+    weights, task = _weights_in(path), seat.task
+    layers = _layers_of(path, weights)
+    of_values = isinstance(layers, list)
+    form = DQNPolicy if of_values else ActorCriticPolicy
+    activation = _activation_in(path) or (torch.nn.ReLU if of_values else torch.nn.Tanh)
+    sizes = {"net_arch": layers, "activation_fn": activation}
+    space = Simulator(task).encoder(seat.encoding).space
+    try:
+        policy = form(space, Discrete(task.num_actions), lambda _: 0.0, **sizes)
+        policy.load_state_dict(weights)
+    except (RuntimeError, TypeError):  # torch lists every weight
+        raise ValueError(
+            f"{path}: its weights are not for observation={seat.encoding!r} of {seat.agent} in "
+            f"task {task.name!r} on maze {task.mazes[0].name}; give those of its training"
+        ) from None
+    policy.set_training_mode(False)
+    return policy
 
 
 def _weights_in(path: Path) -> dict[str, Any]:
@@ -190,26 +182,30 @@ def _weights_in(path: Path) -> dict[str, Any]:
     return dict(weights)
 
 
-def _found_in(path: Path, weights: dict[str, torch.Tensor], observation: str) -> Description:
-    """The description of a model by its weights; ValueError for another kind of network."""
-    layers: dict[str, list[int]] = {"pi": [], "vf": [], "q": []}
+def _layers_of(path: Path, weights: dict[str, torch.Tensor]) -> list[int] | dict[str, list[int]]:
+    """The widths of the hidden layers: of DQN's values, or of policy and value apart.
+
+    Raises:
+        ValueError: another kind of network.
+    """
     parts = {"mlp_extractor.policy_net": "pi", "mlp_extractor.value_net": "vf", "q_net.q_net": "q"}
+    layers: dict[str, list[int]] = {part: [] for part in parts.values()}
     for name, tensor in weights.items():
         part, _, rest = name.partition(".weight")[0].rpartition(".")
         if name.endswith(".weight") and part in parts and rest.isdigit() and tensor.ndim == 2:
             layers[parts[part]].append(len(tensor))
-    if layers["q"]:
-        return Description("dqn", {}, observation, layers["q"][:-1])
+    if values := layers.pop("q"):
+        return values[:-1]
     check(
         "action_net.weight" in weights,
         f"{path}: no network of PPO, A2C or DQN with an MlpPolicy; other models fill a seat as "
         "policies of your own",
     )
-    return Description("ppo", {}, observation, {"pi": layers["pi"], "vf": layers["vf"]})
+    return layers
 
 
-def _activation_in(path: Path, algorithm: str) -> type[torch.nn.Module]:
-    """The activation function that a model was made with, which stands in its zip as text.
+def _activation_in(path: Path) -> type[torch.nn.Module] | None:
+    """The activation function that stands in the zip of a model, as text; None if none was given.
 
     Raises:
         ValueError: one that is not of torch, or another extractor of features.
@@ -226,7 +222,7 @@ def _activation_in(path: Path, algorithm: str) -> type[torch.nn.Module]:
         f"{path}: features_extractor_class={extractor}; only an MlpPolicy without one can be read",
     )
     if not text:
-        return torch.nn.ReLU if algorithm == "dqn" else torch.nn.Tanh
+        return None
     name = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", text)
     check(
         name is not None and hasattr(torch.nn, name[1]),
@@ -235,25 +231,3 @@ def _activation_in(path: Path, algorithm: str) -> type[torch.nn.Module]:
     assert name is not None
     found: type[torch.nn.Module] = getattr(torch.nn, name[1])
     return found
-
-
-def weights_in_all(weights: dict[str, torch.Tensor]) -> int:
-    """How many numbers there are."""
-    return sum(tensor.numel() for tensor in weights.values())
-
-
-def _least_weights(described: Description, inputs: int) -> int:
-    """How many weights the layers of a description have at least, found without making them.
-
-    Raises:
-        ValueError: a layer without units.
-    """
-    given = described.net_arch
-    layers = list(given.values()) if isinstance(given, dict) else [given or []]
-    for sizes in layers:
-        check(all(size >= 1 for size in sizes), f"net_arch={given}; layers of at least 1 unit")
-    return sum(
-        before * after
-        for sizes in layers
-        for before, after in zip([inputs, *sizes], sizes, strict=False)
-    )

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
-from pursuit.parallel_env import scene_of
-from pursuit.policy import Policy
+from pursuit.environments.parallel import scene_of
+from pursuit.environments.single_agent import fill_seats
 from pursuit.reacher import rendering as arm_rendering
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
-from pursuit.rendering import scene_to_text
-from pursuit.simulator import Simulator
-from pursuit.single_agent import fill_seats
-from pursuit.task import Task
+from pursuit.rendering.rendering import scene_to_text
+from pursuit.simulator.policy import Policy
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task
 from scripted_agents.environments import AGENTS
 from train.environments.arm_env import ArmEnv
 from train.environments.simulator_env import SimulatorEnv
@@ -29,9 +29,8 @@ from train.runs.opponents import opponents_of
 from train.runs.tasks import agent_of, task_of
 from train.settings.checks import EVALUATION_SEED
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
-from train.teaching.arm_axes import ArmGround
-from train.teaching.axes import Ground
-from train.teaching.plan import Plan, Terrain
+from train.teaching.grounds import AnyGround, ArmGround, Ground
+from train.teaching.plan import Plan
 from train.teaching.teacher import Judge, Teacher
 
 
@@ -43,7 +42,7 @@ class World(Protocol):
         """What is evaluated."""
 
     @property
-    def ground(self) -> Terrain:
+    def ground(self) -> AnyGround:
         """What lessons are planned over."""
 
     def games(

@@ -16,14 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.task import Task
-from scripted_agents import (
-    best_response,
-    evaluate_exactly,
-    mean_over_starts,
-    solve_chase,
-)
-from train.self_play.standing import other_role
+from pursuit.tasks.task import Task
+from scripted_agents import PairValues, mean_over_starts, solve_chase
+from train.evaluation.games import best_reply, is_exact, other_role, table_in, values_between
+from train.self_play.pool import Member
 from train.settings.self_play import ROLES
 
 Table = NDArray[np.float64]
@@ -95,6 +91,26 @@ def nash_convs(found: Sequence[Average]) -> dict[str, tuple[float, float]]:
     }
 
 
+def averages_of(
+    task: Task,
+    discount: float,
+    kept: Mapping[str, Sequence[Member]],
+    mixtures: Mapping[str, Mapping[str, float]],
+) -> dict[str, tuple[float, float]]:
+    """Bounds of NashConv of averages and mixtures of the snapshots that pools kept, by which.
+
+    {} where a side does not learn, or has fewer than two snapshots that are tables.
+    """
+    policies = [member.policy for members in kept.values() for member in members]
+    if len(kept) < 2 or min(map(len, kept.values())) < 2 or not is_exact(task, *policies):
+        return {}
+    tables = {
+        role: {member.name: table_in(task, member.policy) for member in members}
+        for role, members in kept.items()
+    }
+    return nash_convs(averages(task, discount, tables, mixtures))
+
+
 def told_averages(convs: Mapping[str, Sequence[float]]) -> str:
     """In words, with the bounds where they are not one number."""
     parts = []
@@ -114,25 +130,25 @@ class _Side:
     """
 
     def __init__(self, task: Task, role: str, discount: float) -> None:
-        self.maze, self.role, self.discount = task.mazes[0], role, discount
-        self.order: Any = task.move_order
-        self.rest: Any = (None, discount, task.stay_action, self.order)
+        self.task, self.role, self.discount = task, role, discount
         self.sign = 1.0 if role == "chaser" else -1.0
-        game = solve_chase(self.maze, discount, task.stay_action, None, self.order)  # type: ignore[arg-type]
-        self.value = mean_over_starts(game.values, self.maze)
+        rules: Any = (discount, task.stay_action, None, task.move_order)
+        game = solve_chase(task.mazes[0], *rules)
+        self.value = mean_over_starts(game.values, task.mazes[0])
+
+    def _gain(self, values: Table | PairValues) -> float:
+        """How far values from all pairs of cells lie beyond the value of the game."""
+        return self.sign * (mean_over_starts(values, self.task.mazes[0]) - self.value)
 
     def best(self, table: Table) -> tuple[float, Table]:
         """The exploitability of a table, and the response that shows it."""
-        responder: Any = other_role(self.role)
-        found = best_response(responder, self.maze, table, *self.rest)
-        mean = mean_over_starts(found.values, self.maze)
-        return self.sign * (mean - self.value), found.policy
+        found = best_reply(self.task, other_role(self.role), table, None, self.discount)
+        return self._gain(found.values), found.policy
 
     def gained(self, table: Table, response: Table) -> float:
         """What a given response gets against a table, over the value of the game."""
-        pair = (table, response) if self.role == "chaser" else (response, table)
-        met = evaluate_exactly(self.maze, *pair, None, self.discount, self.order).values
-        return self.sign * (mean_over_starts(met, self.maze) - self.value)
+        pair = (table, response)
+        return self._gain(values_between(self.task, self.role, pair, None, self.discount))
 
     def mixture(self, tables: Table, shares: NDArray[np.float64]) -> tuple[float, float]:
         """Bounds of the exploitability of a mixture: one table is drawn for each whole game.

@@ -10,33 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.policy import Policy
-from pursuit.task import Task
-from scripted_agents.environments import (
-    AGENTS,
-    SEARCHERS,
-    check_agent,
-    is_own_policy,
-    own_policy,
-    own_roles,
-    scripted_policy,
-)
-from train.algorithms.registry import entry as algorithm_entry
+from pursuit.simulator.policy import Policy
+from pursuit.tasks.task import Task
+from scripted_agents.environments import AGENTS, is_agent, named_policy, roles_of_agent
 from train.evaluation.games import half_width
 from train.evaluation.matchups import can_solve, match, play_pair
-from train.runs.folder import CONFIG, SELF_PLAY, load_config
-from train.runs.opponents import check_fits, load_opponent, load_policy, role_of
+from train.runs.folder import CONFIG
+from train.runs.opponents import check_fits, is_self_play, load_opponent, role_of
 from train.runs.saved import load_settings
 from train.runs.tasks import task_of
 from train.runs.third_party import description_of
 from train.self_play.names import entry_names
-from train.self_play.people import HandResults
 from train.self_play.ratings import (
     best_response_cycle,
     elo_ratings,
-    guest_half_width,
     nash_average,
-    openskill_ratings,
     pairwise_wins,
     preference_cycle,
 )
@@ -78,7 +66,6 @@ def enter(
     maze: str,
     opponent_epsilon: float = 0.0,
     greedy: bool = False,
-    played: TaskSettings | None = None,
     called: Sequence[str] = (),
     model_roles: Sequence[str] = (),
     model_observations: Sequence[str] = (),
@@ -91,7 +78,6 @@ def enter(
         maze: where scripted agents play if there is no run.
         opponent_epsilon: share of random moves of astar.
         greedy: learned policies take their most probable action instead of drawing.
-        played: the game of the league if there is no run, instead of a chase in `maze`.
         called: what they are called in tables, one for each; as `entry_names` says if left out.
         model_roles, model_observations: of the models that have no description beside them: one
             for all, or one for each in the order of `names`.
@@ -100,71 +86,67 @@ def enter(
         ValueError: an entry that is no run, of another game, given twice, or a role without entry.
     """
     title = dict(zip(names, entry_names(names, is_agent, called), strict=True))
-    runs: list[tuple[str, Path]] = []
     models = [name for name in names if is_model(name)]
-    for name in names:
-        if is_agent(name) or name in models:
-            continue
-        folder = Path(name)
-        check(
-            folder.is_dir(),
-            f"{name}: no folder of a run, and no scripted agent ({', '.join(AGENTS)}, or "
-            "package.module:Name)",
-        )
-        check((folder / CONFIG).exists(), f"{name}: no run here ({CONFIG} is missing)")
-        if load_config(folder)[0] == SELF_PLAY:
-            inner = [folder / role for role in ROLES if (folder / role / CONFIG).exists()]
-            check(bool(inner), f"{name}: self-play that has not saved anything yet")
-            runs += [(name, path) for path in inner]
-        else:
-            runs.append((name, folder))
-    task = task_of(played or TaskSettings(maze=maze))
-    if runs:
-        task = task_of(in_maze(load_settings(runs[0][1]).task, runs[0][0]))
-        check(
-            bool(task.num_chasers and task.num_evaders),
-            f"{runs[0][0]}: learned in task {task.name!r}; a league is between chasers and evaders",
-        )
-        check(not task.num_runners, f"{runs[0][0]}: learned among runners; a league has none")
+    runs = [name for name in names if not is_agent(name) and name not in models]
+    paths = [(name, path) for name in runs for path in _folders_of(name)]
+    task = _task_of(paths, maze)
+    bare = [name for name in models if not description_of(name).is_file()]
+    roles = _one_each("model_roles", model_roles, bare)
+    observations = _one_each("model_observations", model_observations, bare)
+    given: dict[str, Any] = {
+        name: {"agent": role, "observation": observation}
+        for name, role, observation in zip(bare, roles, observations, strict=False)
+    }
+    for role in roles:
+        check(role in ROLES, f"model_roles: {role!r}; a league has chasers and evaders")
     entries = []
-    for name, folder in runs:
-        settings = load_settings(folder)
-        role = in_maze(settings.task, name).agent.split("_")[0]
+    for name, path in [*paths, *((name, Path(name)) for name in models)]:
+        played = "greedy" if greedy else "sampled"
+        policy = load_opponent(path, played, task=task, **given.get(name, {}))
+        role = role_of(policy)
         check(role in ROLES, f"{name}: learned to be {role!r}; a league has chasers and evaders")
-        sampled = not greedy and algorithm_entry(settings.algorithm).learns_distribution
-        policy: Any = load_policy(folder, greedy=not sampled)
         check_fits(policy, role, task, name)
         entries.append(Entry(title[name], role, policy))
-    bare = [name for name in models if not description_of(name).is_file()]
-    model_roles = _one_each("model_roles", model_roles, bare)
-    model_observations = _one_each("model_observations", model_observations, bare)
-    for name in models:
-        trained: dict[str, Any] = {}
-        if name in bare and model_roles and model_observations:
-            number = bare.index(name)
-            check(
-                model_roles[number] in ROLES,
-                f"model_roles: {model_roles[number]!r}; a league has chasers and evaders",
-            )
-            trained = {"agent": model_roles[number], "observation": model_observations[number]}
-        policy = load_opponent(name, "greedy" if greedy else "sampled", task=task, **trained)
-        check_fits(policy, role_of(policy), task, name)
-        entries.append(Entry(title[name], role_of(policy), policy))
-    for name in names:
-        if name in AGENTS:
-            rest: Any = (opponent_epsilon if name == "astar" else 0.0, task.move_order)
-            for role in [role for role in ROLES if role in SEARCHERS.get(name, ROLES)]:
-                check_agent(name, task, role)
-                entries.append(Entry(title[name], role, scripted_policy(name, role, *rest)))
-        elif is_own_policy(name):
-            for role in own_roles(name, task):
-                entries.append(Entry(title[name], role, own_policy(name, task, role)))
+    for name in filter(is_agent, names):
+        epsilon = opponent_epsilon if name == "astar" else 0.0
+        for role in roles_of_agent(name, task):
+            entries.append(Entry(title[name], role, named_policy(name, task, role, epsilon)))
     for role in ROLES:
         check(
             any(entry.role == role for entry in entries),
             f"no {role} among the entries; add astar, say, or a run of one",
         )
     return task, entries
+
+
+def _folders_of(name: str) -> list[Path]:
+    """The folder of a run, or those of both sides of self-play."""
+    folder = Path(name)
+    check(
+        folder.is_dir(),
+        f"{name}: no folder of a run, and no scripted agent ({', '.join(AGENTS)}, or "
+        "package.module:Name)",
+    )
+    check((folder / CONFIG).exists(), f"{name}: no run here ({CONFIG} is missing)")
+    if not is_self_play(folder):
+        return [folder]
+    inner = [folder / role for role in ROLES if (folder / role / CONFIG).exists()]
+    check(bool(inner), f"{name}: self-play that has not saved anything yet")
+    return inner
+
+
+def _task_of(runs: Sequence[tuple[str, Path]], maze: str) -> Task:
+    """The task of the first run; without one, a chase in this maze."""
+    if not runs:
+        return task_of(TaskSettings(maze=maze))
+    name, folder = runs[0]
+    task = task_of(in_maze(load_settings(folder).task, name))
+    check(
+        bool(task.num_chasers and task.num_evaders),
+        f"{name}: learned in task {task.name!r}; a league is between chasers and evaders",
+    )
+    check(not task.num_runners, f"{name}: learned among runners; a league has none")
+    return task
 
 
 def _one_each(what: str, given: Sequence[str], models: Sequence[str]) -> list[str]:
@@ -180,11 +162,6 @@ def _one_each(what: str, given: Sequence[str], models: Sequence[str]) -> list[st
 def is_model(name: str) -> bool:
     """Whether an entry is a saved Stable-Baselines3 model."""
     return not is_agent(name) and Path(name).suffix == ".zip"
-
-
-def is_agent(name: str) -> bool:
-    """Whether an entry names an agent, scripted or a user's own, and not a folder."""
-    return name in AGENTS or is_own_policy(name)
 
 
 def play_league(task: Task, entries: Sequence[Entry], games: int, seed: int) -> LeagueTable:
@@ -239,12 +216,8 @@ def survival(table: LeagueTable) -> dict[str, Any]:
     }
 
 
-def rate(table: LeagueTable, seed: int = 0, people: Sequence[HandResults] = ()) -> dict[str, Any]:
-    """Ratings of both roles, Nash averaging and a cycle of best responses, as plain values.
-
-    People are rated behind the entries of their role: "games_by_hand" is how many games that rests
-    on, and "steps_against_nash" is None.
-    """
+def rate(table: LeagueTable, seed: int = 0) -> dict[str, Any]:
+    """Ratings of both roles, Nash averaging and a cycle of best responses, as plain values."""
     content: dict[str, Any] = {
         "chasers": table.chasers,
         "evaders": table.evaders,
@@ -264,62 +237,20 @@ def rate(table: LeagueTable, seed: int = 0, people: Sequence[HandResults] = ()) 
         ("evader", table.evaders, table.lengths.swapaxes(0, 1), average.chasers @ table.payoff),
     ):
         wins = pairwise_wins(results)
-        guests = [person for person in people if person.role == role]
-        better = [-guest.steps if role == "chaser" else guest.steps for guest in guests]
-        elo = elo_ratings(*with_guests(wins, seed, better))
-        skill = openskill_ratings(results, seed, better)
+        elo = elo_ratings(wins, seed)
         content[f"{role}_ratings"] = [
             {
                 "name": name,
                 "elo": elo[n][0],
                 "elo_low": elo[n][1],
                 "elo_high": elo[n][2],
-                "openskill_mu": skill[n][0],
-                "openskill_sigma": skill[n][1],
                 "steps_against_nash": float(nash[n]),
             }
             for n, name in enumerate(names)
         ]
-        known = [rating for rating, _, _ in elo[: len(names)]]
-        content[f"{role}_ratings"] += [
-            {
-                "name": guest.name,
-                "elo": elo[n][0],
-                "elo_low": elo[n][0] - half,
-                "elo_high": elo[n][0] + half,
-                "openskill_mu": skill[n][0],
-                "openskill_sigma": skill[n][1],
-                "steps_against_nash": None,
-                "games_by_hand": guest.steps.shape[1],
-            }
-            for n, guest in enumerate(guests, start=len(names))
-            for half in [guest_half_width(elo[n][0], known, guest.steps.shape[1])]
-        ]
         content[f"{role}_cycle"] = [names[n] for n in preference_cycle(wins)]
     content["cycle"] = cycle_of(table)
     return content
-
-
-def with_guests(
-    wins: NDArray[np.float64], seed: int, guests: Sequence[NDArray[Any]]
-) -> tuple[NDArray[np.float64], int, list[NDArray[np.float64]]]:
-    """The arguments of `elo_ratings` for entries and guests, who have met in their games alone.
-
-    Args:
-        wins: [entries, entries, games].
-        seed: of the bootstrap.
-        guests: [entries + 1, games] of each, larger is better, the guest's last.
-    """
-    size, entries = len(wins) + len(guests), len(wins)
-    wide = np.zeros((size, size, wins.shape[2]))
-    wide[:entries, :entries] = wins
-    more = []
-    for number, results in enumerate(guests, start=entries):
-        met = pairwise_wins(results[:, None])
-        part = np.zeros((size, size, results.shape[1]))
-        part[number, :entries], part[:entries, number] = met[-1, :-1], met[:-1, -1]
-        more.append(part)
-    return wide, seed, more
 
 
 def cycle_of(table: LeagueTable) -> list[str]:

@@ -6,40 +6,31 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-import msgspec
-
-from pursuit.policy import Policy
-from pursuit.task import Task
+from pursuit.simulator.policy import Policy
+from pursuit.tasks.task import Task
 from scripted_agents.environments import (
     AGENTS,
     SEARCHERS,
     check_agent,
-    is_own_policy,
     own_policy,
     own_roles,
     scripted_policy,
 )
 from train.algorithms.registry import entry
 from train.networks.policy import Seat
-from train.runs.by_name import INNER, check_names, picked, typed
 from train.runs.forms import RESTORE
-from train.runs.opponents import check_fits, load_opponent
+from train.runs.opponents import policy_in_seat
 from train.runs.parts import build_of
-from train.runs.saved import read_own, read_part
 from train.runs.sizes import check_memory
 from train.runs.tasks import check_one_maze, task_of
 from train.self_play.learners import complete, hyper_of
 from train.self_play.side import SideParts
 from train.settings.algorithms import PPOSettings, hyperparameter_form
 from train.settings.checks import check
+from train.settings.common import RunSettings, with_memory
+from train.settings.reading import check_names, names_of, picked, read_from, typed, whole
 from train.settings.run import TrainSettings
-from train.settings.self_play import (
-    ADDED,
-    LEARN,
-    ROLES,
-    SelfPlaySettings,
-    self_play_ppo,
-)
+from train.settings.self_play import LEARN, ROLES, SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
 
 
@@ -71,7 +62,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     task = task_of(settings.task)
     check_one_maze(task, "self-play")
     check_sides(settings, task)
-    discount = settings.discount
+    discount, masks = settings.discount, settings.task.mask_bumps
     scripted = {
         (name, role): scripted_policy(
             name,
@@ -94,18 +85,21 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     frozen = {
         role: scripted[name, role]
         if (name, role) in scripted
-        else frozen_policy(
-            name, role, task, settings.task.opponent_policy, settings.task.opponent_observation
+        else policy_in_seat(
+            name,
+            task,
+            role,
+            played=settings.task.opponent_policy,
+            observation=settings.task.opponent_observation,
         )
         for role in ROLES
         if role not in settings.learning
         for name in [str(getattr(settings, role))]
     }
     sides: dict[str, SideParts] = {}
-    seats = seats_of(settings, task)
     for role in settings.learning:
         own = side_settings(settings, role)
-        seat = seats[role]
+        seat = Seat(task, role, own.observation, masks, own.frame_stack, own.network)
         check_memory(own.hyper, seat)
         entry(own.algorithm).check_memory(own.hyper, seat)
         sides[role] = SideParts(
@@ -119,15 +113,6 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
             1.0 - discount if settings.task.rewards == "zero_sum" else 1.0,
         )
     return SelfPlayParts(task, sides, frozen, scripted, discount)
-
-
-def seats_of(settings: SelfPlaySettings, task: Task) -> dict[str, Seat]:
-    """Whose policies are learned."""
-    found = {}
-    for role in settings.learning:
-        own = side_settings(settings, role)
-        found[role] = Seat(task, role, own.observation, settings.task.mask_bumps, own.frame_stack)
-    return found
 
 
 def check_sides(settings: SelfPlaySettings, task: Task) -> None:
@@ -163,42 +148,12 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
         hyper = replace(hyper, num_games=games, minibatch_size=batch, central_critic=central)
     else:
         hyper = replace(hyper, num_games=games)
-    whole = {
-        name: getattr(settings, name)
-        for name in (
-            "observation",
-            "frame_stack",
-            "seconds",
-            "clock",
-            "frames",
-            "seed",
-            "threads",
-            "device",
-            "precision",
-        )
-    }
+    names = {"observation", "network", "threads", *(f.name for f in fields(RunSettings))}
+    whole = {name: getattr(settings, name) for name in names}
     return TrainSettings(task, hyper, algorithm=algorithm, **whole)
 
 
-def frozen_policy(
-    name: str, role: str, task: Task, played: str = "sampled", observation: str | None = None
-) -> Policy:
-    """Who plays a role that does not learn: a user's own, a run by its folder or a model's .zip.
-
-    It is `played` "sampled" or "greedy", as every learned opponent is. A model without a
-    description beside it has this `observation`.
-
-    Raises:
-        ValueError: none of them; or it is of another role, or of other games.
-    """
-    if is_own_policy(name):
-        return own_policy(name, task, role)
-    policy = load_opponent(name, played, task=task, agent=role, observation=observation)
-    check_fits(policy, role, task, name)
-    return policy
-
-
-# -- settings by name ------------------------------------------------------------------------------
+# -- settings from mappings ------------------------------------------------------------------------
 
 
 def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
@@ -210,27 +165,25 @@ def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
     Raises:
         ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
     """
-    default = self_play_ppo()
+    flat = with_memory(flat)
     learn = {
         r: str(flat.get(f"{r}_algorithm", "ppo")) for r in ROLES if flat.get(r, LEARN) == LEARN
     }
     others = {r: hyperparameter_form(name) for r, name in learn.items() if name != "ppo"}
-    names = {f"{role}_{f.name}" for role, form in others.items() for f in fields(form)}
+    names = {f"{role}_{name}" for role, form in others.items() for name in names_of(form)}
     ppo = [] if learn and len(others) == len(learn) else [PPOSettings]
-    check_names(flat, (TaskSettings, SelfPlaySettings, *ppo), names, " of self-play")
-    own = typed(SelfPlaySettings, {k: v for k, v in flat.items() if k not in INNER})
+    check_names(flat, {*names_of(TaskSettings, SelfPlaySettings, *ppo), *names}, " of self-play")
     settings = complete(
         SelfPlaySettings(
             task=picked(TaskSettings, flat, {"rewards": "zero_sum"}),
-            hyper=picked(PPOSettings, flat, vars(default)),
-            **own,
+            hyper=picked(PPOSettings, flat, vars(self_play_ppo())),
+            **typed(SelfPlaySettings, flat),
         )
     )
     changed: Any = {}
     for role, form in others.items():
         given = {n.removeprefix(f"{role}_"): v for n, v in flat.items() if n in names}
-        before = getattr(settings, f"{role}_hyper")
-        changed[f"{role}_hyper"] = picked(form, given, vars(before))
+        changed[f"{role}_hyper"] = picked(form, given, vars(getattr(settings, f"{role}_hyper")))
     settings = replace(settings, **changed)
     self_play_parts(settings)
     return settings
@@ -238,22 +191,16 @@ def self_play_settings_of(**flat: Any) -> SelfPlaySettings:
 
 def self_play_from_plain(plain: Mapping[str, Any], where: str) -> SelfPlaySettings:
     """From the plain values of `config.json`; ValueError where those are something else."""
-    plain = {**ADDED, **plain}
-    own = read_own(
-        SelfPlaySettings, plain, where, {"task", "hyper", "chaser_hyper", "evader_hyper"}
-    )
-    parts = {"task": read_part(TaskSettings, plain, "task", where)}
-    forms: dict[str, type[Any]] = {"hyper": PPOSettings}
-    try:
-        forms |= {f"{r}_hyper": entry(getattr(own, f"{r}_algorithm")).settings for r in ROLES}
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
-    for name, form in forms.items():
-        empty = name in plain and plain[name] is None
-        parts[name] = None if empty else read_part(form, plain, name, where)
-    try:
-        settings = SelfPlaySettings(**parts, **msgspec.structs.asdict(own))
+    with read_from(where, RESTORE):
+        own = whole(SelfPlaySettings, plain)
+        forms: dict[str, type[Any]] = {"task": TaskSettings, "hyper": PPOSettings}
+        forms |= {f"{r}_hyper": entry(own[f"{r}_algorithm"]).settings for r in ROLES}
+        parts: Any = {
+            name: None
+            if name != "task" and plain.get(name) is None
+            else form(**whole(form, plain.get(name), name))
+            for name, form in forms.items()
+        }
+        settings = SelfPlaySettings(**own, **parts)
         check_sides(settings, task_of(settings.task))
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}; {RESTORE}") from None
     return settings

@@ -1,13 +1,14 @@
-"""Everybody against everybody as a table: steps until capture, chasers down, evaders across."""
+"""Everybody against everybody, as tables and a figure: steps until capture, chasers down."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from itertools import zip_longest
+from pathlib import Path
 from typing import Any
 
-from train.result_table import Column, ResultTable, Row, words
+from train.reports.figures import PLAIN, Look, draw_matrix
+from train.reports.tables import Column, ResultTable, Row, words
 from train.self_play.league import LeagueTable
 
 
@@ -65,29 +66,19 @@ def matches_table(matches: Sequence[Mapping[str, Any]]) -> ResultTable:
 
 
 def ratings_table(role: str, content: Mapping[str, Any]) -> ResultTable:
-    """The ratings of one role of a league, the best by Elo first; of people no share of Nash."""
-    shares = content["nash"][f"{role}_mixture"]
-    rows = [
-        {**row, "nash_share": share}
-        for row, share in zip_longest(content[f"{role}_ratings"], shares)
-    ]
+    """The ratings of one role of a league, the best by Elo first."""
+    ratings, shares = content[f"{role}_ratings"], content["nash"][f"{role}_mixture"]
+    rows = [{**row, "nash_share": share} for row, share in zip(ratings, shares, strict=True)]
     columns = [
-        Column(role, _who, left=True),
+        words(role, "name"),
         Column("Elo [95 %]", lambda r: f"{r['elo']:.0f} [{r['elo_low']:.0f}, {r['elo_high']:.0f}]"),
-        Column("openskill", lambda r: f"{r['openskill_mu']:.1f} ± {r['openskill_sigma']:.1f}"),
-        Column("Nash share", lambda r: "-" if by_hand(r) else f"{100 * r['nash_share']:.1f} %"),
-        Column(
-            "steps against Nash",
-            lambda r: "-" if by_hand(r) else f"{r['steps_against_nash']:.2f}",
-        ),
+        Column("Nash share", lambda r: f"{100 * r['nash_share']:.1f} %"),
+        Column("steps against Nash", lambda r: f"{r['steps_against_nash']:.2f}"),
     ]
     return ResultTable(sorted(rows, key=lambda row: -row["elo"]), columns)
 
 
-def by_hand(row: Row) -> bool:
-    """Whether this is a person."""
-    return "games_by_hand" in row
-
-
-def _who(row: Row) -> str:
-    return f"{row['name']} (by hand: {row['games_by_hand']})" if by_hand(row) else str(row["name"])
+def draw_league(path: Path, table: LeagueTable, title: str, look: Look = PLAIN) -> None:
+    """The payoff matrix as a heat map."""
+    names = ("chaser", table.chasers), ("evader", table.evaders)
+    draw_matrix(path, table.payoff, *names, "steps until capture", title, look)

@@ -5,19 +5,21 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.policy import GameView, Policy, play
+from pursuit.simulator.policy import GameView, Policy, play
 from scripted_agents import solve_matrix_game
 from train.networks.policy import NetworkPolicy
 from train.runs.folder import MISFITS
 from train.self_play.tables import CellTables
 from train.settings.checks import check
-from train.tensors import Misfit, check_like, read_tensors, write_tensors
+from train.settings.self_play import SAMPLING_PARTS
+from train.tensors import read_tensors, write_tensors
 
 LATEST = "latest"
 """The name of the opponent as it is now; it is no snapshot, and always there."""
@@ -156,24 +158,18 @@ class OpponentPool:
         """Take it back. A snapshot that is missing or damaged is left out, with a warning.
 
         Raises:
-            Misfit: other scripted members than those of this pool.
+            KeyError: other scripted members than those of this pool.
         """
         scripted = {member.name: member for member in self.members}
         members = []
-        rows, like = state["members"], {"name": "", "scripted": True, "score": 0.5, "games": 0.0}
-        for entry in rows:
-            check_like(entry, like, "pool")
+        for entry in state["members"]:
             name = entry["name"]
             if entry["scripted"]:
-                if name not in scripted:
-                    raise Misfit(f"pool: a scripted member {name!r} needed, there is none")
                 member = scripted[name]
             else:
-                path = self.folder / f"{Path(name).name}.pt"
+                path = self.folder / f"{name}.pt"
                 try:
-                    saved = read_tensors(path)
-                    check_like(saved, {}, "snapshot")
-                    member = Member(name, self._load(saved), False)
+                    member = Member(name, self._load(read_tensors(path)), False)
                 except MISFITS as error:
                     reason = (str(error) or type(error).__name__).splitlines()[0]
                     warnings.warn(
@@ -202,13 +198,14 @@ def weights(
             2015). "pfsp": by (1 - score) ** `power`, the learner's score against each: prioritised
             fictitious self-play (Vinyals et al., 2019). "double-oracle": by `mixture`, a Nash
             equilibrium of the payoff matrix (McMahan et al., 2003); until there is one, the latest.
-            Scripted members count in all but "latest", and in "double-oracle" by the mixture.
+            Scripted members count in all but "latest", and in "double-oracle" by the mixture. Any
+            other name is that of a user's own rule: a function (pool) -> [members].
         window: snapshots that count.
         power: how strongly "pfsp" prefers hard opponents.
         mixture: [members] of "double-oracle".
 
     Raises:
-        ValueError: an empty pool.
+        ValueError: an empty pool, or a rule of a user's own that gives no weights.
     """
     members = pool.members
     check(bool(members), f"{pool.folder}: an empty pool; there is nobody to play against")
@@ -220,12 +217,19 @@ def weights(
     elif sampling == "pfsp":
         chosen[:] = [(1.0 - member.score) ** power for member in members]
         chosen += 1e-3 * max(float(chosen.max()), 1e-6)
-    else:
+    elif sampling in ("uniform", "window"):
         chosen[:] = 1.0
         if sampling == "window":
             old = len(pool.snapshots) - window
             first = sum(member.scripted for member in members)
             chosen[first : first + max(old, 0)] = 0.0
+    else:
+        chosen = np.asarray(SAMPLING_PARTS.get(sampling)(pool), dtype=np.float64)
+        check(
+            chosen.shape == (len(members),) and 0.0 < chosen.sum() < inf and chosen.min() >= 0.0,
+            f"sampling {sampling!r} gave {chosen!r}; give every member of the pool a weight, "
+            "finite and at least 0, and one of them more than 0",
+        )
     total: NDArray[np.float64] = chosen / chosen.sum()
     return total
 

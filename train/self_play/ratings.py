@@ -1,4 +1,4 @@
-"""Ratings from many players' results: Elo, openskill, Nash averaging, and cycles.
+"""Ratings from many players' results: Elo, Nash averaging, and cycles.
 
 Players of one role are compared on the same starts against the same opponents: whoever does better
 there wins. So ratings need no threshold that calls a chase won or lost.
@@ -6,7 +6,6 @@ there wins. So ratings need no threshold that calls a chase won or lost.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,8 +16,6 @@ from scipy.optimize import minimize
 from scripted_agents import solve_matrix_game
 
 BOOTSTRAPS = 200
-MAX_MATCHES = 2000
-"""Matches that openskill is given, at most: a hundred say all that its doubts allow."""
 
 
 def pairwise_wins(results: NDArray[Any]) -> NDArray[np.float64]:
@@ -35,9 +32,7 @@ def pairwise_wins(results: NDArray[Any]) -> NDArray[np.float64]:
     return won
 
 
-def elo_ratings(
-    wins: NDArray[np.float64], seed: int = 0, more: Sequence[NDArray[np.float64]] = ()
-) -> list[tuple[float, float, float]]:
+def elo_ratings(wins: NDArray[np.float64], seed: int = 0) -> list[tuple[float, float, float]]:
     """Elo ratings with mean 1500, and their 95 % intervals, by a bootstrap over games.
 
     The maximum likelihood of P(i beats k) = 1 / (1 + 10 ** ((r_k - r_i) / 400)) (Bradley and Terry,
@@ -46,55 +41,19 @@ def elo_ratings(
     Args:
         wins: [players, players, games], from `pairwise_wins`.
         seed: of the bootstrap.
-        more: other games of the same players, likewise, 0 both ways where two have not met in
-            them; the bootstrap draws from each part as many games as it has.
 
     Returns:
         (rating, low, high) for each player.
     """
-    parts = [wins, *more]
     if len(wins) == 1:
         return [(1500.0, 1500.0, 1500.0)]
-    rng = np.random.default_rng(seed)
-
-    def drawn(part: NDArray[np.float64]) -> NDArray[np.float64]:
-        games = part.shape[2]
-        total: NDArray[np.float64] = part[:, :, rng.integers(games, size=games)].sum(axis=2)
-        return total
-
-    point = _elo(np.sum([part.sum(axis=2) for part in parts], axis=0))
-    draws = [_elo(np.sum([drawn(part) for part in parts], axis=0)) for _ in range(BOOTSTRAPS)]
+    rng, games = np.random.default_rng(seed), wins.shape[2]
+    point = _elo(wins.sum(axis=2))
+    draws = [
+        _elo(wins[:, :, rng.integers(games, size=games)].sum(axis=2)) for _ in range(BOOTSTRAPS)
+    ]
     low, high = np.percentile(draws, [2.5, 97.5], axis=0)
     return [tuple(map(float, row)) for row in zip(point, low, high, strict=True)]  # type: ignore[misc]
-
-
-def elo_of(wins: NDArray[np.float64], games: int) -> NDArray[np.float64]:
-    """[players] float64: Elo ratings with mean 1500 where the chances to win are known.
-
-    As `elo_ratings` of so many games in which each wins its share exactly.
-
-    Args:
-        wins: [players, players], the chance that the first does better than the second.
-        games: of each two; half a win each way is added, which counts the less the more these are.
-    """
-    return _elo(games * wins) if len(wins) > 1 else np.full(1, 1500.0)
-
-
-def guest_half_width(guest: float, others: Sequence[float], games: int) -> float:
-    """Half the width of the 95 % interval of the Elo rating of who has played few games.
-
-    By the information of the likelihood at the rating, half a win each way included: a bootstrap
-    over few games would see no doubt. The comparisons of one game count as one, since they hang on
-    the same moves.
-
-    Args:
-        guest: the rating.
-        others: those of whom it was compared with.
-        games: played.
-    """
-    expected = 1.0 / (1.0 + 10.0 ** ((np.asarray(others) - guest) / 400.0))
-    information = (games + 1) * (np.log(10.0) / 400.0) ** 2 * (expected * (1.0 - expected)).mean()
-    return float(1.96 / np.sqrt(information))
 
 
 def _elo(won: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -113,43 +72,6 @@ def _elo(won: NDArray[np.float64]) -> NDArray[np.float64]:
         loss, np.zeros(len(won)), jac=True, method="L-BFGS-B", options={"ftol": 1e-14}
     ).x
     return 1500.0 + found - found.mean()
-
-
-def openskill_ratings(
-    results: NDArray[Any], seed: int = 0, more: Sequence[NDArray[Any]] = ()
-) -> list[tuple[float, float]]:
-    """(mu, sigma) of each player by openskill's Plackett-Luce model (Weng and Lin, 2011).
-
-    Every (opponent, start) is one match of all players, ranked by their results, ties included; in
-    random order.
-
-    Args:
-        results: [players, opponents, games], larger is better.
-        seed: of the order.
-        more: [players + 1, games], of whoever is no player of `results` and has played these games
-            with them, last; rated behind them, in this order. All these games count.
-    """
-    from openskill.models import PlackettLuce
-
-    model = PlackettLuce()
-    players = len(results)
-    ratings = [model.rating() for _ in range(players + len(more))]
-    if len(ratings) == 1:
-        return [(ratings[0].mu, ratings[0].sigma)]
-    rng = np.random.default_rng(seed)
-    everybody = list(range(players))
-    table = results.reshape(players, -1).T
-    matches = [(everybody, scores) for scores in table[rng.permutation(len(table))[:MAX_MATCHES]]]
-    if more:
-        for guest, games in enumerate(more):
-            matches += [([*everybody, players + guest], scores) for scores in games.T]
-        matches = [matches[number] for number in rng.permutation(len(matches))]
-    for who, scores in matches:
-        before = [[ratings[player]] for player in who]
-        teams = model.rate(before, scores=[float(score) for score in scores])
-        for player, team in zip(who, teams, strict=True):
-            ratings[player] = team[0]
-    return [(rating.mu, rating.sigma) for rating in ratings]
 
 
 @dataclass(frozen=True, eq=False)

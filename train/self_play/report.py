@@ -9,22 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.policy import Policy
-from pursuit.recorder import Recorder
-from pursuit.replay import Replay
-from pursuit.simulator import Simulator
-from pursuit.task import Task
-from pursuit.viewer.data import Builder, Extras, Side
-from scripted_agents import action_values
-from train.evaluation.closeups import MOST_OVERLAY_CELLS, called_by_sight
-from train.evaluation.games import is_exact, table_in
+from pursuit.replays.viewer.data import Builder, Extras
+from pursuit.simulator.policy import Policy
+from pursuit.tasks.task import Task
+from train.evaluation.closeups import MOST_OVERLAY_CELLS, recorded, sides_of
+from train.evaluation.contest import GameContest
 from train.files import read_json
-from train.pages import PLAYER_ROOM, details, pairs, paragraph, picture, section, table, write_page
+from train.reports.curves import Panel, Series, draw_panels
+from train.reports.figures import BLACK, BLUE, ORANGE, PLAIN, Look, time_scale
+from train.reports.pages import PLAYER_ROOM, details, pairs, picture, section, write_page
+from train.reports.tables import in_markdown
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
+from train.runs.report import made_with
 from train.self_play.averages import told_averages
 from train.self_play.league import Entry, LeagueTable, cycle_of, play_league
-from train.self_play.pictures import draw_league
-from train.settings.checks import EVALUATION_SEED
+from train.self_play.payoffs import draw_league, matches_table
 from train.settings.self_play import ROLES
 
 PAYOFF = "payoff.png"
@@ -34,6 +33,44 @@ SNAPSHOTS = 5
 """Of each role that meet each other, from the first to the last."""
 GAMES = 20
 """Of each pair of them, which count where the result is not exact."""
+
+
+COLORS = {"nash_conv": BLACK, "chaser": ORANGE, "evader": BLUE}
+EXPLOITABILITY = {
+    "nash_conv": Series((), "NashConv", BLACK, "-", 2.2),
+    "chaser_exploitability": Series((), "of the chaser", ORANGE, "--", 1.3),
+    "evader_exploitability": Series((), "of the evader", BLUE, "--", 1.3),
+}
+SCRIPTED = {"astar": ("A*", "-"), "random": ("random", ":"), "optimal": ("optimal", "--")}
+
+
+def draw_self_play(
+    path: Path, rows: list[dict[str, float]], title: str, look: Look = PLAIN
+) -> None:
+    """Exploitability over time (seconds if `look` does not say), and both sides against the
+    scripted agents below."""
+    unit = look.x or "seconds"
+    times = np.array([row[unit] for row in rows]) * time_scale(unit)
+
+    def curve(name: str, like: Series) -> list[Series]:
+        if name not in rows[0]:
+            return []
+        return [replace(like, curves=[(times, np.array([row[name] for row in rows]))])]
+
+    panels = []
+    if "nash_conv" in rows[0]:
+        series = [one for name, like in EXPLOITABILITY.items() for one in curve(name, like)]
+        panels.append(Panel(series, "exploitability, exact\n(discounted steps)", scale="from 0"))
+    series = [
+        one
+        for role in ROLES
+        for name, (called, style) in SCRIPTED.items()
+        for one in curve(
+            f"{role}_vs_{name}", Series((), f"{role} against {called}", COLORS[role], style)
+        )
+    ]
+    panels.append(Panel(series, "steps until capture (log)", scale="log"))
+    draw_panels(path, [[panel] for panel in panels], unit, look, title)
 
 
 def write_self_play_report(
@@ -53,71 +90,35 @@ def write_self_play_report(
     """
     task = trainee.task
     pair = {role: trainee.policy(role) for role in ROLES}
-    replay = recorded_pair(task, pair, EPISODES)
+    contest = GameContest(task, "chaser", pair)
+    games = {f"game {number + 1}": number for number in range(EPISODES)}
+    replay = recorded(contest, pair["chaser"], games, "learned")
+    replay = replace(replay, players=dict.fromkeys(task.agent_names, "learned"))
     if path is None:
         replay.save(folder / REPLAYS)
     builder = Builder()
-    sides = sides_of_pair(task, pair)
-    names = [episode.label for episode in replay.episodes]
-    builder.add(replay, Extras(names=names, sides=sides))
+    sides = sides_of(contest, pair["chaser"], MOST_OVERLAY_CELLS)
+    builder.add(replay, Extras(names=list(games), sides=sides))
     league = snapshots_league(trainee, task, pair)
     path = path or folder / REPORT
     payoff = path.with_name(PAYOFF)
     draw_league(payoff, league, "steps until capture: snapshots against each other")
+    about = f"Run {folder.name}: {results['algorithm']}, opponents {results['sampling']}."
     parts = [
-        paragraph(
-            f"{folder.name}: {results['algorithm']}, opponents {results['sampling']}", "faint"
-        ),
+        in_markdown(about),
         *told_exploitability(results),
         PLAYER_ROOM,
-        section("Exploitability over time", picture(folder / CURVE, "exploitability over time")),
-        section("Matches at the end", match_table(results)),
-        section(
+        *section("Exploitability over time", picture(folder / CURVE, "exploitability over time")),
+        *section("Matches at the end", matches_table(results["matches"]).markdown()),
+        *section(
             "Snapshots against each other",
             picture(payoff, "payoff matrix of snapshots"),
             cycle_in_words(league),
         ),
-        section("How it was made", made(folder, results)),
+        *section("How it was made", *made(folder, results)),
     ]
     write_page(path, title, parts, builder.data(title))
     return path
-
-
-def recorded_pair(task: Task, pair: Mapping[str, Policy], episodes: int) -> Replay:
-    """The first games of the evaluation between two sides."""
-    found = []
-    actions = np.zeros((1, task.num_agents), dtype=np.int32)
-    policies = [pair[role] for role in task.seat_roles]
-    for game in range(episodes):
-        simulator = Simulator(task, 1, EVALUATION_SEED, first_game=game, auto_restart=False)
-        recorder = Recorder(simulator)
-        while not simulator.ended[0]:
-            simulator.act(policies, actions)
-            simulator.step(actions)
-        found.append(replace(recorder.stop().episodes[0], label=f"game {game + 1}"))
-    players = dict.fromkeys(task.agent_names, "learned")
-    return Replay(task, tuple(found), seed=EVALUATION_SEED, players=players)
-
-
-def sides_of_pair(task: Task, pair: Mapping[str, Policy]) -> list[Side]:
-    """The best responses of a duel's sides to each other, beside what they learned."""
-    if not is_exact(task, *pair.values()) or task.max_cells > MOST_OVERLAY_CELLS:
-        return []
-    tables = {role: table_in(task, pair[role]) for role in ROLES}
-    sides = []
-    for role, other in (ROLES, ROLES[::-1]):
-        found = action_values(
-            role,  # type: ignore[arg-type]
-            task.mazes[0],
-            tables[other],
-            horizon=task.max_steps,
-            stay_action=task.stay_action,
-            move_order=task.move_order,  # type: ignore[arg-type]
-        )
-        seat = task.seat(role)
-        name = called_by_sight(task, f"{role}_0")
-        sides.append(Side(name, seat, 1 - seat, found.values, tables[role], found.optimal))
-    return sides
 
 
 def snapshots_league(trainee: Any, task: Task, pair: Mapping[str, Policy]) -> LeagueTable:
@@ -132,45 +133,39 @@ def snapshots_league(trainee: Any, task: Task, pair: Mapping[str, Policy]) -> Le
 
 
 def told_exploitability(results: Mapping[str, Any]) -> list[str]:
-    """NashConv and value in words, where they are exact."""
+    """What was found, in words: NashConv and value where they are exact, best responses."""
     found, start = results["evaluation"], results.get("at_start", {})
+    limited = bool(results.get("limited_sight"))
+    meaning = "exact; 0 is an equilibrium"
+    if limited:
+        meaning = (
+            "exact for best responses that see everything, so a bound under limited sight, where "
+            "an equilibrium need not reach 0"
+        )
     told = []
     if "nash_conv" in found:
         before = f" (at the start {start['nash_conv']:.3f})" if "nash_conv" in start else ""
-        told.append(
-            f"NashConv {found['nash_conv']:.3f} discounted steps{before}; "
-            f"{meaning_of_nash_conv(results)}."
-        )
+        told.append(f"NashConv {found['nash_conv']:.3f} discounted steps{before}; {meaning}.")
     if results.get("averages"):
         told.append(f"{told_averages(results['averages'])}.")
     if results.get("whole_game"):
         told.append(told_whole_game(results["whole_game"]))
     if "game_value" in found and "value" in found:
-        sight = " in full sight" if results.get("limited_sight") else ""
+        sight = " in full sight" if limited else ""
         told.append(f"Value {found['value']:.3f}; of the game{sight} {found['game_value']:.3f}.")
     if results.get("independent_team"):
-        told.append(f"{told_independent(results['independent_team'])}.".capitalize())
-    told.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
-    return [paragraph(text) for text in told]
-
-
-def meaning_of_nash_conv(results: Mapping[str, Any]) -> str:
-    """What a NashConv in `results.json` says, in words."""
-    if results.get("limited_sight"):
-        return (
-            "exact for best responses that see everything, so a bound under limited sight, where "
-            "an equilibrium need not reach 0"
+        lower, upper = (results["independent_team"][end] for end in ("lower", "upper"))
+        told.append(
+            f"Chasers that draw on their own can hold {lower:.3f} to {upper:.3f} at best "
+            f"(proven, {100 * (upper / lower - 1):.2f} % wide)."
         )
-    return "exact; 0 is an equilibrium"
-
-
-def told_independent(found: Mapping[str, float]) -> str:
-    """What chasers that draw on their own can hold, in words."""
-    lower, upper = found["lower"], found["upper"]
-    return (
-        f"chasers that draw on their own can hold {lower:.3f} to {upper:.3f} at best "
-        f"(proven, {100 * (upper / lower - 1):.2f} % wide)"
-    )
+    for kind in ("exact", "approximate"):
+        for name, steps in results.get(f"{kind}_best_response", {}).items():
+            full = " of full sight" if kind == "exact" and limited else ""
+            against = name.replace("_", " the ")
+            told.append(f"{kind} best response{full} {against}: {steps:.2f} steps.".capitalize())
+    told.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
+    return told
 
 
 def told_whole_game(found: Mapping[str, Any]) -> str:
@@ -185,33 +180,18 @@ def told_whole_game(found: Mapping[str, Any]) -> str:
     )
 
 
-def match_table(results: Mapping[str, Any]) -> str:
-    """Everybody against everybody: chasers down, evaders across."""
-    matches = results["matches"]
-    evaders = list(dict.fromkeys(row["evader"] for row in matches))
-    rows = []
-    for chaser in dict.fromkeys(row["chaser"] for row in matches):
-        steps = [f"{row['steps']:.2f}" for row in matches if row["chaser"] == chaser]
-        rows.append((chaser, *steps))
-    return table(("chaser \\ evader", *evaders), rows)
-
-
 def cycle_in_words(league: LeagueTable) -> str:
     """Whether each is the best answer to the one before, in a circle."""
     cycle = cycle_of(league)
     if not cycle:
-        return paragraph("No cycle of best responses among these.")
-    chain = " -> ".join([*cycle, cycle[0]])
-    return paragraph(f"Each is the best answer to the one before, in a circle: {chain}.")
+        return "No cycle of best responses among these."
+    chain = in_markdown(" -> ".join([*cycle, cycle[0]]))
+    return f"Each is the best answer to the one before, in a circle: {chain}."
 
 
-def made(folder: Path, results: Mapping[str, Any]) -> str:
+def made(folder: Path, results: Mapping[str, Any]) -> list[str]:
     """Settings, versions, machine and command."""
     config = read_json(folder / CONFIG)
-    told = {
-        "command": config.pop("command", ""),
-        "machine": ", ".join(f"{name} {value}" for name, value in results["machine"].items()),
-        "versions": ", ".join(f"{name} {value}" for name, value in results["versions"].items()),
-    }
     config.pop("maze_text", None)
-    return pairs(told) + details("settings", pairs(config))
+    command = config.pop("command", "")
+    return [made_with(command, results), details("settings", pairs(config))]

@@ -9,18 +9,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pursuit.policy import Policy
-from pursuit.simulator import Simulator
+from pursuit.simulator.policy import Policy
+from pursuit.simulator.simulator import Simulator
 from train.algorithms.learner import Learner
 from train.algorithms.registry import Algorithm, Build
 from train.environments.hooks import EpisodeHook
 from train.environments.team_env import TeamEnv
-from train.networks.joined import joinable
 from train.networks.policy import Seat
 from train.runs.in_play import plain_games, put_games
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
-from train.tensors import check_like
 
 
 class Opponents(EpisodeHook):
@@ -121,9 +119,7 @@ class Side:
         )
         self.env = self._games()
         if state is not None:  # before there is a collector, which begins with what it finds
-            put_games(self.simulator, state.get("simulator"), f"trainee.sides.{role}.simulator")
-            own = {name: state.get(name) for name in self._own_state()}
-            check_like(own, self._own_state(), f"trainee.sides.{role}")
+            put_games(self.simulator, state["simulator"])
             self.opponents.policy.opponents[:] = state["opponents"].numpy()
             self.opponents.rng.bit_generator.state = state["rng"]
             self.env.idle[:] = state["idle"].numpy()
@@ -174,13 +170,11 @@ class Side:
 
 
 def share_trunk(one: Side, two: Side) -> None:
-    """Give both roles one trunk, and the second learner an optimizer of what it now has."""
+    """Give both roles one trunk, and tell the second learner."""
     first: Any = one.learner
     second: Any = two.learner
     trunk = first.network.policy_trunk
     if second.network.shared:
         second.network.value_trunk = trunk
     second.network.policy_trunk = trunk
-    if second.joined is not None:
-        second.joined.layers = joinable(trunk)  # which it had found in its own
-    second.renew_optimizer()
+    second.network_changed()

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
-from pursuit.policy import Policy
-from pursuit.task import Task
+from pursuit.simulator.policy import Policy
+from pursuit.tasks.task import Task
 from scripted_agents import (
     best_team_response,
     joint_nash_conv,
@@ -17,18 +17,13 @@ from scripted_agents import (
 )
 from scripted_agents.environments import SCRIPTED
 from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
-from train.evaluation.games import MAX_EXACT_WORK, is_exact, is_exact_team, table_in
+from train.evaluation.games import MAX_EXACT_WORK, is_exact, is_exact_team, other_role, table_in
 from train.evaluation.joint_contest import MAX_WORK, joint_work
 from train.evaluation.matchups import match
 from train.settings.self_play import ROLES
 
 MAX_GAME_CELLS = 256
 """Above this number of cells the value of the game is not solved in every run (minutes)."""
-
-
-def other_role(role: str) -> str:
-    """Of two."""
-    return ROLES[1 - ROLES.index(role)]
 
 
 def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> dict[str, float]:
@@ -54,6 +49,23 @@ def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> di
         "value": found.mean_value,
         "game_value": found.mean_game_value,
     }
+
+
+def told_row(row: Mapping[str, float]) -> list[str]:
+    """The figures of an evaluation in words: exploitability, steps, and both sides against A*."""
+    parts = []
+    if "nash_conv" in row:
+        parts.append(f"NashConv {row['nash_conv']:6.3f}")
+    if "chaser_exploitability" in row:
+        each = [f"{role} {row[f'{role}_exploitability']:.3f}" for role in ROLES]
+        parts.append(f"({', '.join(each)})")
+    parts.append(f"{row['steps']:6.1f} steps")
+    parts += [
+        f"{role} vs A* {row[f'{role}_vs_astar']:6.1f}"
+        for role in ROLES
+        if f"{role}_vs_astar" in row
+    ]
+    return parts
 
 
 def scripted_beside(task: Task) -> tuple[str, ...]:

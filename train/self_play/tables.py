@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.policy import GameView, Policy
-from pursuit.task import Task
+from pursuit.simulator.policy import GameView, Policy
+from pursuit.tasks.task import Task
 from train.networks.policy import LearnedPolicy
 
 MAX_PAIRS = 2**16

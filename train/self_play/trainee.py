@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
 
 import numpy as np
 
-from pursuit.policy import Policy
+from pursuit.simulator.policy import Policy
 from scripted_agents import independent_team
 from train.evaluation.games import (
     MAX_EXACT_WORK,
     MAX_FINAL_WORK,
-    is_exact,
     is_exact_team,
-    table_in,
+    other_role,
 )
 from train.evaluation.matchups import can_solve, discounted_steps, match
 from train.runs.folder import (
@@ -27,14 +25,13 @@ from train.runs.folder import (
     SELF_PLAY,
     SIDE,
     misfit,
-    part_of,
     save_checkpoint,
     save_config,
 )
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.memories import memories_of, put_memories
 from train.runs.threads import check_device, prepare_torch
-from train.self_play.averages import averages, nash_convs
+from train.self_play.averages import averages_of
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
 from train.self_play.pool import LATEST, OpponentPool, nash_mixtures, weights
 from train.self_play.side import Side, share_trunk
@@ -42,16 +39,15 @@ from train.self_play.standing import (
     exact_best_responses,
     exploited,
     matches,
-    other_role,
     scripted_beside,
+    told_row,
     whole_game,
 )
 from train.settings.checks import evaluation_seed
 from train.settings.self_play import LEARN, ROLES, SelfPlaySettings, self_play_ppo
-from train.tensors import check_like
 
 MOST_AVERAGED_CELLS = 49
-"""Of a maze, for averages of snapshots in the results: beyond, `pursuit snapshots` has the time."""
+"""Of a maze, for averages of snapshots in the results: beyond they would take too long."""
 PAIR_EPISODES = 200
 """Games for an entry of the payoff matrix that has no exact value."""
 
@@ -90,9 +86,7 @@ class SelfPlay:
     ) -> None:
         self.settings, self.parts, self.folder, self.task = settings, parts, folder, parts.task
         self.sides = {
-            role: Side(
-                own, ROLES.index(role), part_of(state, "sides", role) if state is not None else None
-            )
+            role: Side(own, ROLES.index(role), None if state is None else state["sides"][role])
             for role, own in parts.sides.items()
         }
         if settings.share_networks:
@@ -233,18 +227,8 @@ class SelfPlay:
         return row
 
     def told(self, row: dict[str, float]) -> list[str]:
-        """Exploitability, steps, and both sides against A*."""
-        parts = []
-        if "nash_conv" in row:
-            parts.append(f"NashConv {row['nash_conv']:6.3f}")
-        if "chaser_exploitability" in row:
-            each = [f"{role} {row[f'{role}_exploitability']:.3f}" for role in ROLES]
-            parts.append(f"({', '.join(each)})")
-        parts.append(f"{row['steps']:6.1f} steps")
-        for role in ROLES:
-            if f"{role}_vs_astar" in row:
-                parts.append(f"{role} vs A* {row[f'{role}_vs_astar']:6.1f}")
-        return parts
+        """As `told_row`."""
+        return told_row(row)
 
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
         """Exploitability, everybody against everybody, pools; for teams how well a best response
@@ -261,6 +245,9 @@ class SelfPlay:
             "algorithm": ", ".join(side.parts.algorithm.name for side in self.sides.values()),
             "sampling": settings.sampling,
             "seed": settings.seed,
+            "update": ", ".join(
+                getattr(side.learner, "update_form", "torch") for side in self.sides.values()
+            ),
             "evaluation": self.evaluate(episodes, MAX_FINAL_WORK),
             "matches": matches(self.task, players, episodes),
             "pools": {role: pool.described() for role, pool in self.pools.items()},
@@ -274,7 +261,9 @@ class SelfPlay:
             content["whole_game"] = whole_game(self.task, pair, self.parts.discount)
         everything = not content.get("limited_sight")
         if exact and everything and not interrupted and self.task.max_cells <= MOST_AVERAGED_CELLS:
-            content["averages"] = self.averages()
+            kept = {role: self.pools[role].snapshots for role in self.sides}
+            discount = self.parts.discount
+            content["averages"] = averages_of(self.task, discount, kept, self.mixtures)
         game = "game_value" in content["evaluation"]
         if exact and everything and game and self.task.num_chasers > 1:
             alone = independent_team(self.task, self.parts.discount)
@@ -285,24 +274,6 @@ class SelfPlay:
         elif not exact and settings.best_response_seconds and not interrupted:
             content["approximate_best_response"] = self.approximate_best_responses(episodes)
         return content
-
-    def averages(self) -> dict[str, tuple[float, float]]:
-        """Bounds of NashConv of averages and mixtures of the snapshots, by which; of a duel.
-
-        {} where a side does not learn, or has fewer than two snapshots that are tables.
-        """
-        kept = {role: pool.snapshots for role, pool in self.pools.items() if role in self.sides}
-        policies = [member.policy for members in kept.values() for member in members]
-        if len(kept) < 2 or min(map(len, kept.values())) < 2 or not is_exact(self.task, *policies):
-            return {}
-        tables = {
-            role: {member.name: table_in(self.task, member.policy) for member in members}
-            for role, members in kept.items()
-        }
-        return nash_convs(averages(self.task, self.parts.discount, tables, self.mixtures))
-
-    def _tell_of(self, role: str, run: Run, row: dict[str, float]) -> None:
-        self.tell(f"approximate best response against the {role}", run.progress)
 
     def approximate_best_responses(self, episodes: int) -> dict[str, float]:
         """Mean steps after a PPO was trained against each learned side, which stood still.
@@ -330,7 +301,8 @@ class SelfPlay:
             )
             with TemporaryDirectory() as folder:
                 run = make_self_play(settings, Path(folder))
-                run.train(partial(self._tell_of, role))
+                what = f"approximate best response against the {role}"
+                run.train(lambda run, row, what=what: self.tell(what, run.progress))  # type: ignore[misc]
                 if run.stopped:
                     raise KeyboardInterrupt
                 chaser, evader = (run.trainee.policy(side) for side in ROLES)
@@ -357,21 +329,14 @@ class SelfPlay:
         return {role: side.learner.state_dict() for role, side in self.sides.items()}
 
     def _load_state_dict(self, state: dict[str, Any]) -> None:
-        free: dict[str, Any] = {"pools": {}, "mixtures": {}, "memories": {}}
-        check_like(state, self.state_dict() | free, "trainee")
         for role, side in self.sides.items():
             side.learner.load_state_dict(state["sides"][role]["learner"])
-        for row in state["payoffs"]:
-            check_like(row, ["", "", 0.0], "trainee.payoffs")
-        check_like(state["mixtures"], _mixtures_like(state["mixtures"]), "trainee.mixtures")
         for role, pool in self.pools.items():
-            like = {"members": [], "offered": 0}
-            check_like(state["pools"].get(role), like, f"trainee.pools.{role}")
             before = [entry["name"] for entry in state["pools"][role]["members"]]
             pool.load_state_dict(state["pools"][role])
             self._keep_opponents(role, before)
         for role, side in self.sides.items():  # once their opponents are there
-            put_memories(side.env, state["memories"].get(role), f"trainee.memories.{role}")
+            put_memories(side.env, state["memories"][role])
         self.rng.bit_generator.state = state["rng"]
         self.taken, self.mixtures = state["taken"], state["mixtures"]
         self.payoffs = {(chaser, evader): value for chaser, evader, value in state["payoffs"]}
@@ -394,12 +359,6 @@ class SelfPlay:
             side.learner.close()
 
 
-def _mixtures_like(saved: dict[str, Any]) -> dict[str, Any]:
-    """The form of mixtures: none yet, or a share for every name of both roles."""
-    names = [dict.fromkeys(saved.get(role) or {}, 0.0) for role in ROLES]
-    return dict(zip(ROLES, names, strict=True)) if saved else {}
-
-
 def make_self_play(
     settings: SelfPlaySettings, folder: Path, state: dict[str, Any] | None = None
 ) -> Run:
@@ -415,7 +374,7 @@ def make_self_play(
     if state is None:
         return Run(SelfPlay(settings, parts, folder), folder, budget)
     try:
-        trainee = SelfPlay(settings, parts, folder, part_of(state, "trainee"))
+        trainee = SelfPlay(settings, parts, folder, state["trainee"])
         return Run(trainee, folder, budget, state)
     except MISFITS as error:
         raise misfit(folder, error) from error

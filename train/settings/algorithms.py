@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from pursuit.parts import Registry
-from train.settings.checks import check
-from train.settings.hyperparameters import Hyperparameters, NetworkSettings, check_activation
+from pursuit.plugins import Registry
+from train.settings.checks import Count, NotNegative, Positive, Share, check
+from train.settings.hyperparameters import Activation, Hyperparameters, NetworkSettings
 from train.settings.off_policy import DDPGSettings, DQNSettings, SACSettings, TD3Settings
 
 __all__ = [
@@ -35,13 +35,13 @@ __all__ = [
 class ActorCriticSettings(NetworkSettings):
     """Policy and value."""
 
-    entropy_coef: float = 0.01
+    entropy_coef: NotNegative = 0.01
     """Weight of the entropy bonus at the start."""
-    value_coef: float = 0.5
+    value_coef: NotNegative = 0.5
     """Weight of the value loss."""
     shared: bool = True
     """Whether policy and value share their hidden layers."""
-    action_std: float = 1.0
+    action_std: Positive = 1.0
     """Standard deviation of continuous actions, before tanh, at the start; it is learned."""
     gamma_end: float | None = None
     """The discount at the end, below 1; None for `gamma` throughout."""
@@ -73,9 +73,9 @@ class ActorCriticSettings(NetworkSettings):
 class RolloutSettings(ActorCriticSettings):
     """Learning from rollouts of fixed length."""
 
-    rollout_steps: int = 16
+    rollout_steps: Count = 16
     """Steps of every game between two updates."""
-    gae_lambda: float = 0.9
+    gae_lambda: Share = 0.9
     """Lambda of generalised advantage estimation."""
 
 
@@ -83,16 +83,16 @@ class RolloutSettings(ActorCriticSettings):
 class PPOSettings(RolloutSettings):
     """Proximal policy optimisation (Schulman et al., 2017)."""
 
-    minibatch_size: int = 4096
+    minibatch_size: Count = 4096
     """Frames of one gradient step."""
-    epochs: int = 2
+    epochs: Count = 2
     """Passes over each rollout."""
-    clip: float = 0.2
+    clip: Positive = 0.2
     """Clipping of the probability ratio."""
-    kl_target: float = 0.0
+    kl_target: NotNegative = 0.0
     """Above 0 a penalty on the divergence from the policy that collected is added to the clipped
     objective, and its weight adapted to keep the divergence near this target."""
-    kl_coef: float = 0.2
+    kl_coef: NotNegative = 0.2
     """Weight of that penalty at the start."""
     critic: bool = True
     """Learn a value; without, returns end with the rollout and nothing is subtracted from them."""
@@ -123,11 +123,11 @@ class PPOSettings(RolloutSettings):
 class A2CSettings(RolloutSettings):
     """Advantage actor-critic (Mnih et al., 2016, synchronous)."""
 
-    num_games: int = 512
+    num_games: Count = 512
     """Games in lockstep."""
-    rollout_steps: int = 4
+    rollout_steps: Count = 4
     """Steps of every game between two updates."""
-    learning_rate: float = 6e-3
+    learning_rate: Positive = 6e-3
     """Of Adam, at the start."""
     gae: bool = True
     """Generalised advantages; without, discounted returns less the value."""
@@ -149,9 +149,9 @@ class A2CSettings(RolloutSettings):
 class ReinforceSettings(ActorCriticSettings):
     """REINFORCE (Williams, 1992) on whole episodes."""
 
-    num_games: int = 64
+    num_games: Count = 64
     """Episodes between two updates."""
-    learning_rate: float = 1e-2
+    learning_rate: Positive = 1e-2
     """Of Adam, at the start."""
     baseline: bool = True
     """Subtract a learned value from the returns."""
@@ -161,26 +161,25 @@ class ReinforceSettings(ActorCriticSettings):
 class CrossEntropySettings(Hyperparameters):
     """The cross-entropy method on network weights (Rubinstein, 1999; Szita and Lőrincz, 2006)."""
 
-    num_games: int = 1024
+    num_games: Count = 1024
     """Games in lockstep, shared out among the population."""
-    population: int = 64
+    population: Count = 64
     """Weight vectors in each generation."""
-    elite_share: float = 0.125
+    elite_share: Share = 0.125
     """Share of the population that the next distribution is fitted to."""
-    initial_std: float = 0.3
+    initial_std: Positive = 0.3
     """Standard deviation of every weight at the start."""
-    extra_std: float = 0.02
+    extra_std: NotNegative = 0.02
     """Added to the standard deviations, annealed to 0: it keeps the search from ending early."""
-    action_std: float = 0.1
+    action_std: Positive = 0.1
     """Standard deviation of continuous actions, before tanh; it is not searched."""
-    width: int = 16
+    width: Count = 16
     """Units of each of the two hidden layers."""
-    activation: str = "tanh"
+    activation: Activation = "tanh"
     """relu or tanh."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_activation(self.activation)
         check(
             self.num_games % self.population == 0,
             f"num_games={self.num_games} cannot be shared out among population={self.population}; "
@@ -197,23 +196,23 @@ class CrossEntropySettings(Hyperparameters):
 class QLearningSettings(Hyperparameters):
     """Tabular Q-learning (Watkins, 1989)."""
 
-    num_games: int = 1024
+    num_games: Count = 1024
     """Games in lockstep."""
-    gamma: float = 1.0
+    gamma: Share = 1.0
     """Discount."""
-    learning_rate: float = 1.0
+    learning_rate: Positive = 1.0
     """Step size at the first visit of a state and action; 1 is right where nothing is random."""
-    learning_rate_power: float = 0.0
+    learning_rate_power: NotNegative = 0.0
     """The step size is divided by the number of visits to this power; above 0.5 for tasks with
     random opponents."""
-    optimism: float = 1.0
+    optimism: NotNegative = 1.0
     """Every action's value at the start, for each goal that is left (without goals, once). At least
     the best that can be had, it makes the greedy action the one that is known least."""
-    epsilon_start: float = 0.05
+    epsilon_start: Share = 0.05
     """Share of random actions at the start."""
-    epsilon_end: float = 0.05
+    epsilon_end: Share = 0.05
     """Share of random actions at the end."""
-    exploration_share: float = 0.5
+    exploration_share: Share = 0.5
     """Share of the budget over which epsilon is annealed."""
 
 

@@ -1,10 +1,18 @@
-"""What every settings class checks itself with."""
+"""What settings may be: rules that stand beside the fields of frozen dataclasses, as annotations.
+
+@dataclass(frozen=True)
+class Example(Settings):
+    steps: Count = 200
+    order: Annotated[str, one_of("first", "last")] = "first"
+"""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields
+from functools import cache
+from math import inf
+from typing import Annotated, Any, get_type_hints
 
 
 def check(condition: bool, message: str) -> None:
@@ -29,73 +37,117 @@ def check_choice(what: str, value: object, choices: Iterable[str]) -> None:
     check(value in known, f"unknown {what} {value!r}; one of {', '.join(known)}")
 
 
-CLOCKS = ("wall", "processor")
+# -- rules beside fields ---------------------------------------------------------------------------
 
 
-def check_budget(seconds: float | None, frames: int | None, clock: str = "wall") -> None:
-    """ValueError unless exactly one of the two is given, above 0 and finite, frames in 63 bits.
+@dataclass(frozen=True)
+class Rule:
+    """What the values of a field may be.
 
-    Also unless `clock`, which counts the seconds, is one of `CLOCKS`.
+    Attributes:
+        keep: (name, value) -> the value as the settings keep it; ValueError for one that is not
+            allowed.
+        other_types: whether files may give values of other types, of which `keep` makes one of the
+            field's.
     """
-    check_choice("clock", clock, CLOCKS)
-    check(
-        (seconds is None) != (frames is None),
-        f"seconds={seconds} and frames={frames}; give one of the two as the budget",
-    )
-    for name, value in (("seconds", seconds), ("frames", frames)):
-        check(value is None or 0 < value < float("inf"), f"{name}={value}; it is above 0")
-    check(frames is None or frames < 2**63, f"frames={frames}; below 2**63")
+
+    keep: Callable[[str, Any], Any]
+    other_types: bool = False
 
 
+def rule(holds: Callable[[Any], bool], text: str) -> Rule:
+    """Values for which `holds` is true; `text` is the rule in words."""
+
+    def keep(name: str, value: Any) -> Any:
+        check(holds(value), f"{name}={value}; {text}")
+        return value
+
+    return Rule(keep)
+
+
+def at_least(least: int) -> Rule:
+    """Numbers from `least` on."""
+    return rule(lambda value: value >= least, f"at least {least}")
+
+
+def one_of(*choices: str) -> Rule:
+    """These texts."""
+
+    def keep(name: str, value: Any) -> Any:
+        check_choice(name, value, choices)
+        return value
+
+    return Rule(keep)
+
+
+def passes(function: Callable[[Any], object]) -> Rule:
+    """Values for which `function` raises no ValueError."""
+
+    def keep(name: str, value: Any) -> Any:
+        function(value)
+        return value
+
+    return Rule(keep)
+
+
+Count = Annotated[int, rule(lambda value: 1 <= value < 2**63, "it is at least 1, and below 2**63")]
+Positive = Annotated[float, rule(lambda value: 0 < value < inf, "it is above 0")]
+NotNegative = Annotated[float, rule(lambda value: 0 <= value < inf, "it is finite, and at least 0")]
+Share = Annotated[float, rule(lambda value: 0 <= value <= 1, "it lies in [0, 1]")]
+Finite = Annotated[float, rule(lambda value: abs(value) < inf, "it is finite")]
+
+
+@cache
+def hints_of(form: Any) -> Mapping[str, Any]:
+    """The types of a dataclass's fields by name, with the rules beside them."""
+    return get_type_hints(form, include_extras=True)
+
+
+def rules_of(form: Any, name: str) -> list[Rule]:
+    """The rules beside a field of a dataclass."""
+    metadata = getattr(hints_of(form)[name], "__metadata__", ())
+    return [each for each in metadata if isinstance(each, Rule)]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings whose fields are checked by the rules beside them when they are made."""
+
+    def __post_init__(self) -> None:
+        for name in (field.name for field in fields(self)):
+            for each in rules_of(type(self), name):
+                value = getattr(self, name)
+                if value is not None:
+                    object.__setattr__(self, name, each.keep(name, value))
+
+
+# -- what several settings have --------------------------------------------------------------------
+
+CLOCKS = ("wall", "processor")
 PRECISIONS = ("auto", "float32", "bfloat16")
-
-
-def check_device(device: str, clock: str) -> None:
-    """ValueError for a device that is none, or whose work `clock` does not count."""
-    check(
-        re.fullmatch("cpu|cuda(:(0|[1-9][0-9]?))?", device) is not None,
-        f"unknown device {device!r}; cpu, cuda, or one GPU of several: cuda:0, cuda:1, ...",
-    )
-    check(
-        clock == "wall" or device == "cpu",
-        f"clock={clock!r} with device={device!r}; what a GPU computes is not counted: take "
-        "clock='wall' there",
-    )
-
-
+MOST_THREADS = 1024
+MOST_FRAMES = 64
 EVALUATION_SEED = 2**62
 """Seeds below are trained with. What is reported is played with this one and those above, so that
 nothing is judged by games that it may have learned from: one rule, for every command."""
 
-
-MOST_THREADS = 1024
-
-
-def check_threads(threads: int, least: int) -> None:
-    """ValueError for a number of torch's threads that no machine can start."""
-    check(
-        least <= threads <= MOST_THREADS,
-        f"threads={threads}; from {least} to {MOST_THREADS}, and no more than there are cores",
-    )
+RANDOM_MOVES = rule(lambda value: 0 <= value <= 1, "a share of random moves lies in [0, 1]")
+SEED = rule(
+    lambda value: 0 <= value < EVALUATION_SEED, "0 to 2**62-1 (those above are kept for evaluation)"
+)
 
 
-MOST_FRAMES = 64
-
-
-def check_frame_stack(count: int) -> None:
-    """ValueError for a number of observations that no network is given at once."""
-    check(
-        1 <= count <= MOST_FRAMES,
-        f"frame_stack={count}; from 1 (what is observed now) to {MOST_FRAMES}",
+def threads_from(least: int) -> Rule:
+    """Numbers of torch's threads that a machine can start."""
+    return rule(
+        lambda value: least <= value <= MOST_THREADS,
+        f"from {least} to {MOST_THREADS}, and no more than there are cores",
     )
 
 
 def check_seed(seed: int) -> None:
     """ValueError for a seed that is not one to train with."""
-    check(
-        0 <= seed < EVALUATION_SEED,
-        f"seed={seed}; 0 to 2**62-1 (those above are kept for evaluation)",
-    )
+    SEED.keep("seed", seed)
 
 
 def evaluation_seed(seed: int) -> int:

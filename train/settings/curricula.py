@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 from curricula import Curriculum, Schedule
 from curricula.levels import SCORES
 from curricula.schedules import SHAPES, UNITS
-from pursuit.parts import Registry
-from train.settings.checks import check
-from train.settings.curriculum_form import CurriculumSettings as CurriculumSettings
-from train.settings.curriculum_form import check_temperature
-from train.settings.maze_curricula import MazeEditingSettings as MazeEditingSettings
-from train.settings.maze_curricula import MazeLearnabilitySettings as MazeLearnabilitySettings
-from train.settings.maze_curricula import MazeReplaySettings as MazeReplaySettings
+from pursuit.plugins import Registry
+from train.settings.checks import (
+    Positive,
+    Settings,
+    Share,
+    at_least,
+    check,
+    one_of,
+    passes,
+    rule,
+)
 
 AXES = (
     "opponent-epsilon",
@@ -46,6 +50,26 @@ AXIS_PARTS: Registry[Any] = Registry(
 
 
 @dataclass(frozen=True)
+class CurriculumSettings(Settings):
+    """No curriculum: the task as it is, from the start."""
+
+    @property
+    def solved_within(self) -> float:
+        """Success is an episode within this many times the exact optimum; 0: as the task says."""
+        return 0.0
+
+    @property
+    def needs_optimum(self) -> bool:
+        """Whether the exact optimum of every start must be known."""
+        return self.solved_within > 0
+
+    @property
+    def needs_advantages(self) -> bool:
+        """Whether the learner must tell its advantages."""
+        return False
+
+
+@dataclass(frozen=True)
 class AxisSettings(CurriculumSettings):
     """The ends of what is turned."""
 
@@ -60,15 +84,15 @@ class AxisSettings(CurriculumSettings):
     itself. Left out: its first rows, or itself with walls opened."""
 
 
-def check_choice(name: str, value: str, choices: Collection[str]) -> None:
-    """ValueError naming the choices for a value that is none of them."""
-    check(value in choices, f"unknown {name} {value!r}; one of {', '.join(choices)}")
-
-
-def check_length(length: float, unit: str) -> None:
-    """ValueError for a schedule of a negative length, or in an unknown unit."""
-    check_choice("schedule_unit", unit, UNITS)
-    check(0 <= length < inf, f"schedule_length={length}; a length is finite and at least 0")
+Length = Annotated[float, rule(lambda value: 0 <= value < inf, "a length is finite and at least 0")]
+Unit = Annotated[str, one_of(*UNITS)]
+SolvedWithin = Annotated[
+    float,
+    rule(
+        lambda value: value == 0 or 1 <= value < inf,
+        "0, or a finite number from 1 (the optimum) on",
+    ),
+]
 
 
 def check_unit(name: str, value: float, unit: str) -> None:
@@ -88,12 +112,12 @@ def check_unit(name: str, value: float, unit: str) -> None:
 class ScheduleSettings(AxisSettings):
     """One value for all games, by a schedule."""
 
-    schedule: str = "linear"
+    schedule: Annotated[str, one_of(*SHAPES)] = "linear"
     """constant, linear, cosine, step (by 1 every schedule_every), exponential (times
     schedule_factor every schedule_every) or piecewise (schedule_points)."""
-    schedule_unit: str = "share"
+    schedule_unit: Unit = "share"
     """What progress is measured in: share (of the budget), frames, episodes or seconds."""
-    schedule_length: float = 0.5
+    schedule_length: Length = 0.5
     """Of linear and cosine, in that unit; afterwards the value is the hardest."""
     schedule_every: float = 500.0
     """Of step and exponential, in that unit."""
@@ -104,8 +128,6 @@ class ScheduleSettings(AxisSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_choice("schedule", self.schedule, SHAPES)
-        check_length(self.schedule_length, self.schedule_unit)
         if self.schedule in ("linear", "cosine"):
             check_unit("schedule_length", self.schedule_length, self.schedule_unit)
         if self.schedule in ("step", "exponential"):
@@ -141,18 +163,13 @@ class ScheduleSettings(AxisSettings):
 class StagedSettings(AxisSettings):
     """Stages along one axis."""
 
-    axis: str = "auto"
+    axis: Annotated[str, passes(AXIS_PARTS.check)] = "auto"
     """What is turned: opponent-epsilon, goal-spread-fixed, goal-spread-start, start-distance,
     num-goals, maze-size, loops; of an arm target-distance, free-joints, hold, tolerance; or
     package.module:Name of your own. auto: goal-spread-start where there are goals, else
     start-distance; of an arm target-distance."""
-    num_stages: int = 8
+    num_stages: Annotated[int, at_least(2)] = 8
     """At most this many values from easiest to hardest."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        AXIS_PARTS.check(self.axis)
-        check(self.num_stages >= 2, f"num_stages={self.num_stages}; at least 2")
 
 
 @dataclass(frozen=True)
@@ -164,14 +181,13 @@ class UniformSettings(StagedSettings):
 class TurnSettings(StagedSettings):
     """Controls: the same stages for the same time, in another order."""
 
-    schedule_unit: str = "share"
+    schedule_unit: Unit = "share"
     """What progress is measured in: share (of the budget), frames, episodes or seconds."""
-    schedule_length: float = 0.5
+    schedule_length: Length = 0.5
     """In that unit; afterwards all games are at the hardest."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_length(self.schedule_length, self.schedule_unit)
         check_unit("schedule_length", self.schedule_length, self.schedule_unit)
 
 
@@ -189,31 +205,26 @@ class ShuffledSettings(TurnSettings):
 class SuccessGatedSettings(StagedSettings):
     """One stage for all games; the next one when this is mastered."""
 
-    promote_at: float = 0.9
+    promote_at: Share = 0.9
     """Share of successes that leads to the next stage."""
-    demote_at: float = 0.0
+    demote_at: Share = 0.0
     """Share of successes that leads back; 0 never does."""
-    window: int = 1024
+    window: Annotated[int, at_least(1)] = 1024
     """Episodes that the share is of."""
-    solved_within: float = 0.0
+    solved_within: SolvedWithin = 0.0
     """An episode is a success only within this many times the exact optimum of its start; 0 asks
     for what the task asks for (all goals collected, the evader caught, or survived)."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check(self.window >= 1, f"window={self.window}; at least 1")
-        check_solved_within(self.solved_within)
 
 
 @dataclass(frozen=True)
 class LearningProgressSettings(StagedSettings):
     """A bandit over stages: those where the return changes most are played most."""
 
-    average_fast: float = 0.1
+    average_fast: Share = 0.1
     """Share by which the fast moving average of the return moves at each update."""
-    average_slow: float = 0.02
+    average_slow: Share = 0.02
     """The same of the slow one; their distance is the learning progress."""
-    explore_share: float = 0.2
+    explore_share: Share = 0.2
     """Share of games in stages drawn uniformly."""
 
 
@@ -221,17 +232,17 @@ class LearningProgressSettings(StagedSettings):
 class LevelReplaySettings(CurriculumSettings):
     """Prioritised level replay (Jiang et al., 2021): levels that teach are played again."""
 
-    level_score: str = "regret"
+    level_score: Annotated[str, one_of(*SCORES)] = "regret"
     """regret (to the exact optimum), value_loss, or learnability (p(1-p) of success)."""
-    level_buffer: int = 2048
+    level_buffer: Annotated[int, at_least(2)] = 2048
     """Levels kept."""
-    replay_share: float = 0.5
+    replay_share: Share = 0.5
     """Share of games that play a level again; the others play new ones."""
-    level_temperature: float = 0.3
+    level_temperature: Positive = 0.3
     """The lower, the more only the highest scores count."""
-    staleness: float = 0.1
+    staleness: Share = 0.1
     """Weight of levels that were not played for long."""
-    solved_within: float = 0.0
+    solved_within: SolvedWithin = 0.0
     """An episode is a success only within this many times the exact optimum of its start; 0 asks
     for what the task asks for."""
 
@@ -245,31 +256,58 @@ class LevelReplaySettings(CurriculumSettings):
         """Whether levels are scored by them."""
         return self.level_score == "value_loss"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_choice("level_score", self.level_score, SCORES)
-        check(self.level_buffer >= 2, f"level_buffer={self.level_buffer}; at least 2")
-        check_temperature(self.level_temperature)
-        check_solved_within(self.solved_within)
-
 
 @dataclass(frozen=True)
 class LearnabilitySettings(LevelReplaySettings):
     """Level replay by learnability, p(1 - p) of success (Rutherford et al., 2024)."""
 
-    level_score: str = "learnability"
+    level_score: Annotated[str, one_of(*SCORES)] = "learnability"
     """regret (to the exact optimum), value_loss, or learnability (p(1-p) of success)."""
-    solved_within: float = 1.5
+    solved_within: SolvedWithin = 1.5
     """An episode is a success only within this many times the exact optimum of its start; 0 asks
     for what the task asks for."""
 
 
-def check_solved_within(value: float) -> None:
-    """ValueError for a factor that no episode can meet."""
-    check(
-        value == 0 or 1 <= value < inf,
-        f"solved_within={value}; 0, or a finite number from 1 (the optimum) on",
-    )
+@dataclass(frozen=True)
+class MazeReplaySettings(CurriculumSettings):
+    """Mazes of a suite by their exact regret: those where the policy, as it is, falls short of the
+    optimum most are played most; the other games are in mazes drawn uniformly."""
+
+    SCORE: ClassVar[str] = "regret"
+    replay_share: Share = 0.5
+    """Share of games in mazes that were judged; the others are in mazes drawn uniformly."""
+    level_temperature: Positive = 0.3
+    """The lower, the more only the highest scores count."""
+    staleness: Share = 0.1
+    """Weight of mazes that were not judged for long."""
+    judged: Annotated[int, at_least(1)] = 8
+    """Mazes whose scores are computed at a time: from all starts, without playing."""
+    judge_every: Annotated[int, at_least(1)] = 25_000
+    """Frames from one time to the next."""
+
+
+@dataclass(frozen=True)
+class MazeLearnabilitySettings(MazeReplaySettings):
+    """The same by exact learnability: the mean over starts of p(1 - p), p the chance to win."""
+
+    SCORE: ClassVar[str] = "learnability"
+
+
+@dataclass(frozen=True)
+class MazeEditingSettings(MazeReplaySettings):
+    """The same by exact regret, over a pool that is edited: an edit of a maze is taken in where its
+    regret is higher (after ACCEL; Parker-Holder et al., 2022). Edits are made before the run."""
+
+    edit_share: Share = 0.5
+    """Share of edits among the mazes that are judged."""
+    edit_children: Annotated[int, at_least(1)] = 3
+    """Edits that are made of each maze, and of each of those."""
+    edit_depth: Annotated[int, at_least(1)] = 2
+    """Generations of edits."""
+    edit_walls: Annotated[int, at_least(1)] = 3
+    """Inner walls that an edit opens or closes, drawn uniformly; the maze stays in one part."""
+    edit_seed: Annotated[int, at_least(0)] = 0
+    """Of the edits."""
 
 
 CURRICULA: dict[str, type[CurriculumSettings]] = {

@@ -3,43 +3,44 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated
 
-from train.settings.checks import check, check_choice
+from train.settings.checks import Count, Finite, NotNegative, Positive, Share, check, one_of, rule
 from train.settings.hyperparameters import NetworkSettings
 
-NOISES = ("gaussian", "ornstein-uhlenbeck", "none")
+Frames = Annotated[int, rule(lambda value: value >= 0, "it is at least 0")]
+Noise = Annotated[str, one_of("gaussian", "ornstein-uhlenbeck", "none")]
 
 
 @dataclass(frozen=True)
 class ReplaySettings(NetworkSettings):
     """Collecting into a replay buffer, and gradient steps from it."""
 
-    num_games: int = 512
+    num_games: Count = 512
     """Games in lockstep."""
-    learning_rate: float = 3e-3
+    learning_rate: Positive = 3e-3
     """Of Adam, at the start."""
-    max_grad_norm: float = 10.0
+    max_grad_norm: Positive = 10.0
     """Gradients are scaled down to this norm."""
-    rollout_steps: int = 8
+    rollout_steps: Count = 8
     """Steps of every game between two rounds of gradient steps."""
-    gradient_steps: int = 8
+    gradient_steps: Count = 8
     """Gradient steps in a round."""
-    batch_size: int = 1024
+    batch_size: Count = 1024
     """Transitions of one gradient step."""
-    buffer_size: int = 200_000
+    buffer_size: Count = 200_000
     """Transitions that the replay buffer holds."""
-    learning_starts: int = 10_000
+    learning_starts: Frames = 10_000
     """Frames before the first gradient step."""
     prioritized: bool = False
     """Replay by the size of the error (Schaul et al., 2016)."""
-    priority_exponent: float = 0.6
+    priority_exponent: Share = 0.6
     """How much priorities count; 0 is uniform."""
-    importance_exponent: float = 0.4
+    importance_exponent: Share = 0.4
     """How much the weights undo that at the start."""
-    importance_exponent_end: float = 1.0
+    importance_exponent_end: Share = 1.0
     """How much they undo it at the end, reached in a straight line; 1 is all of it."""
-    n_steps: int = 3
+    n_steps: Count = 3
     """Rewards before bootstrapping, at most rollout_steps; 1 is the original."""
 
     def __post_init__(self) -> None:
@@ -47,9 +48,6 @@ class ReplaySettings(NetworkSettings):
         check(
             self.batch_size <= self.buffer_size,
             f"batch_size={self.batch_size} is more than buffer_size={self.buffer_size}; lower it",
-        )
-        check(
-            self.learning_starts >= 0, f"learning_starts={self.learning_starts}; it is at least 0"
         )
         check(
             self.n_steps <= self.rollout_steps,
@@ -62,15 +60,17 @@ class ReplaySettings(NetworkSettings):
 class DQNSettings(ReplaySettings):
     """Deep Q-learning (Mnih et al., 2015) and its extensions, each to be switched on and off."""
 
-    target_update_interval: int = 50
+    target_update_interval: Count = 50
     """Gradient steps between two copies to the target network."""
-    epsilon_start: float = 1.0
+    epsilon_start: Share = 1.0
     """Share of random actions at the start."""
-    epsilon_end: float = 0.05
+    epsilon_end: Share = 0.05
     """Share of random actions at the end."""
-    exploration_share: float = 0.3
+    exploration_share: Share = 0.3
     """Share of the budget over which epsilon is annealed."""
-    exploration_frames: int | None = None
+    exploration_frames: Annotated[
+        int | None, rule(lambda value: value >= 1, "at least 1, or leave it out")
+    ] = None
     """Frames over which epsilon is annealed instead, whatever the budget is."""
     double: bool = True
     """The network chooses the next action, the target network values it (van Hasselt et al.,
@@ -83,10 +83,6 @@ class DQNSettings(ReplaySettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check(
-            self.exploration_frames is None or self.exploration_frames >= 1,
-            f"exploration_frames={self.exploration_frames}; at least 1, or leave it out",
-        )
         if self.recurrent is None:
             return
         check(
@@ -104,46 +100,38 @@ class DQNSettings(ReplaySettings):
 class ContinuousSettings(ReplaySettings):
     """An actor and critics of its actions, with targets that follow them slowly."""
 
-    COUNTS: ClassVar[frozenset[str]] = ReplaySettings.COUNTS | {"policy_delay"}
-    POSITIVE: ClassVar[frozenset[str]] = ReplaySettings.POSITIVE | {"critic_learning_rate"}
-    SHARES: ClassVar[frozenset[str]] = ReplaySettings.SHARES | {"tau", "noise_theta", "noise_share"}
-
-    num_games: int = 128
+    num_games: Count = 128
     """Games in lockstep."""
-    learning_rate: float = 3e-3
+    learning_rate: Positive = 3e-3
     """Of the actor's Adam, at the start."""
-    critic_learning_rate: float = 3e-3
+    critic_learning_rate: Positive = 3e-3
     """Of the critics' Adam, at the start."""
-    rollout_steps: int = 1
+    rollout_steps: Count = 1
     """Steps of every game between two rounds of gradient steps."""
-    gradient_steps: int = 1
+    gradient_steps: Count = 1
     """Gradient steps in a round."""
-    batch_size: int = 256
+    batch_size: Count = 256
     """Transitions of one gradient step."""
-    learning_starts: int = 5000
+    learning_starts: Frames = 5000
     """Frames of uniformly random actions before the first gradient step."""
-    n_steps: int = 1
+    n_steps: Count = 1
     """Rewards before bootstrapping, at most rollout_steps; 1 is the original."""
-    tau: float = 0.03
+    tau: Share = 0.03
     """The share of the way that the targets go towards the networks after a gradient step of the
     actor: 0 leaves them as they were at the start, 1 makes them copies."""
-    policy_delay: int = 1
+    policy_delay: Count = 1
     """Gradient steps of the critics for one of the actor and of the targets."""
-    noise: str = "gaussian"
+    noise: Noise = "gaussian"
     """What is added to the actor's actions to explore: gaussian, ornstein-uhlenbeck (which drifts,
     and begins anew with every episode) or none."""
-    noise_start: float = 0.3
+    noise_start: NotNegative = 0.3
     """Standard deviation of the noise at the start; with ornstein-uhlenbeck that of its steps."""
-    noise_end: float = 0.05
+    noise_end: NotNegative = 0.05
     """The same at the end, reached in a straight line."""
-    noise_share: float = 0.5
+    noise_share: Share = 0.5
     """Share of the budget over which the noise is annealed."""
-    noise_theta: float = 0.15
+    noise_theta: Share = 0.15
     """Share of its way back to 0 that ornstein-uhlenbeck noise goes in a step."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_choice("noise", self.noise, NOISES)
 
 
 @dataclass(frozen=True)
@@ -155,11 +143,11 @@ class DDPGSettings(ContinuousSettings):
 class TD3Settings(ContinuousSettings):
     """Twin delayed DDPG (Fujimoto et al., 2018)."""
 
-    policy_delay: int = 2
+    policy_delay: Count = 2
     """Gradient steps of the critics for one of the actor and of the targets."""
-    target_noise: float = 0.2
+    target_noise: NotNegative = 0.2
     """Standard deviation of the noise on the target actor's actions."""
-    target_noise_clip: float = 0.5
+    target_noise_clip: NotNegative = 0.5
     """That noise is clipped to this."""
 
 
@@ -167,20 +155,14 @@ class TD3Settings(ContinuousSettings):
 class SACSettings(ContinuousSettings):
     """Soft actor-critic (Haarnoja et al., 2018) with a temperature that adapts."""
 
-    POSITIVE: ClassVar[frozenset[str]] = ContinuousSettings.POSITIVE | {
-        "temperature",
-        "temperature_learning_rate",
-    }
-    FINITE: ClassVar[frozenset[str]] = frozenset({"target_entropy"})
-
-    noise: str = "none"
+    noise: Noise = "none"
     """What is added to the actor's draws to explore: gaussian, ornstein-uhlenbeck or none."""
-    temperature: float = 0.02
+    temperature: Positive = 0.02
     """Weight of the policy's entropy, at the start."""
     adapt_temperature: bool = True
     """Adapt the weight to keep the entropy near its target."""
-    temperature_learning_rate: float = 3e-3
+    temperature_learning_rate: Positive = 3e-3
     """Of the temperature's Adam, at the start."""
-    target_entropy: float = -3.0
+    target_entropy: Finite = -3.0
     """The entropy sought for each number of an action; that of a uniform one is log 2. Haarnoja et
     al. take -1, which leaves an arm too uncertain to turn at full speed."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -97,49 +96,60 @@ def games_between(near: int, far: int, share: float) -> int:
     return round(between(near, far, share) / 256) * 256
 
 
-def thesis_ppo() -> PPOSettings:
-    """The thesis' table A.5; whatever it does not name is RLlib's default of 2020.
+# The thesis' tables of settings; what a table does not name is RLlib's default of 2020.
 
-    RLlib collected 4000 frames with few environments; 20 games × 200 steps are that many.
-    """
-    return PPOSettings(
-        num_games=20,
-        rollout_steps=200,
-        minibatch_size=128,
-        epochs=30,
-        learning_rate=5e-5,
-        anneal=False,
-        gamma=0.99,
-        gae_lambda=1.0,
-        clip=0.5,
-        kl_target=0.01,
-        kl_coef=0.2,
-        entropy_coef=0.0,
-        value_coef=1.0,
-        max_grad_norm=1e9,
-        width=256,
-        activation="tanh",
-        shared=False,
-    )
+# Table A.5. RLlib collected 4000 frames with few environments; 20 games × 200 steps are that many.
+_PPO = PPOSettings(
+    num_games=20,
+    rollout_steps=200,
+    minibatch_size=128,
+    epochs=30,
+    learning_rate=5e-5,
+    anneal=False,
+    gamma=0.99,
+    gae_lambda=1.0,
+    clip=0.5,
+    kl_target=0.01,
+    kl_coef=0.2,
+    entropy_coef=0.0,
+    value_coef=1.0,
+    max_grad_norm=1e9,
+    width=256,
+    activation="tanh",
+    shared=False,
+)
 
+# Of DDPG and TD3. RLlib had one game. Its Ornstein-Uhlenbeck noise has a sigma of 0.2, which it
+# scales by 0.1 and the range of an action, 2.
+_CONTINUOUS: dict[str, Any] = {
+    "num_games": 1,
+    "rollout_steps": 1,
+    "gradient_steps": 1,
+    "batch_size": 512,
+    "learning_rate": 1e-3,
+    "critic_learning_rate": 1e-3,
+    "anneal": False,
+    "gamma": 0.99,
+    "tau": 0.001,
+    "max_grad_norm": 1e9,
+    "noise": "ornstein-uhlenbeck",
+    "noise_start": 0.04,
+    "noise_end": 0.04,
+    "noise_theta": 0.15,
+    "n_steps": 1,
+    "width": 256,
+}
 
-def thesis_reacher_ppo() -> PPOSettings:
-    """The thesis' table A.3; whatever it does not name is as in `thesis_ppo`.
-
-    The table's "use critic: False" is taken at its word: nothing is subtracted from the returns.
-    RLlib's PPO of 2020 first ignored that option while generalised advantages, its default, were
-    on, and later refused the two together; which of them the thesis' runs met is not known.
-    """
-    return replace(thesis_ppo(), critic=False, kl_target=0.005, clip=0.3, width=512)
-
-
-def thesis_a2c() -> A2CSettings:
-    """The thesis' table A.6 (no critic, no generalised advantages), else RLlib's defaults.
-
-    RLlib's batch of 200 frames in fragments of 20: 10 games × 20 steps. It left advantages as they
-    are.
-    """
-    return A2CSettings(
+THESIS: dict[str, Hyperparameters] = {
+    "thesis-ppo": _PPO,
+    # Table A.3, whose "use critic: False" is taken at its word: nothing is subtracted from the
+    # returns. RLlib's PPO of 2020 first ignored that option while generalised advantages, its
+    # default, were on, and later refused the two together; which of them the thesis' runs met is
+    # not known.
+    "thesis-reacher-ppo": replace(_PPO, critic=False, kl_target=0.005, clip=0.3, width=512),
+    # Table A.6 (no critic, no generalised advantages). RLlib's batch of 200 frames in fragments of
+    # 20: 10 games × 20 steps. It left advantages as they are.
+    "thesis-a2c": A2CSettings(
         num_games=10,
         rollout_steps=20,
         learning_rate=1e-4,
@@ -153,16 +163,11 @@ def thesis_a2c() -> A2CSettings:
         width=256,
         activation="tanh",
         shared=False,
-    )
-
-
-def thesis_dqn() -> DQNSettings:
-    """The thesis' table A.4 (dueling, prioritised, 50 000 transitions), else RLlib's defaults.
-
-    RLlib: one game, a batch of 32 for every 4 frames, epsilon 1 to 0.02 over 10 000 frames, the
-    target network copied every 500 frames, the exponent of the importance weights 0.4 throughout.
-    """
-    return DQNSettings(
+    ),
+    # Table A.4 (dueling, prioritised, 50 000 transitions). RLlib: one game, a batch of 32 for every
+    # 4 frames, epsilon 1 to 0.02 over 10 000 frames, the target network copied every 500 frames,
+    # the exponent of the importance weights 0.4 throughout.
+    "thesis-dqn": DQNSettings(
         num_games=1,
         rollout_steps=4,
         gradient_steps=1,
@@ -183,62 +188,25 @@ def thesis_dqn() -> DQNSettings:
         n_steps=1,
         width=256,
         activation="tanh",
-    )
-
-
-def thesis_ddpg() -> DDPGSettings:
-    """The thesis' table A.1, else RLlib's defaults.
-
-    RLlib: one game, a gradient step for every frame after 1500, the exponent of the importance
-    weights 0.4 throughout. Its Ornstein-Uhlenbeck noise has a sigma of 0.2, which it scales by 0.1
-    and the range of an action, 2.
-    """
-    return DDPGSettings(
-        **_THESIS_CONTINUOUS,
+    ),
+    # Table A.1. RLlib: a gradient step for every frame after 1500, the exponent of the importance
+    # weights 0.4 throughout.
+    "thesis-ddpg": DDPGSettings(
+        **_CONTINUOUS,
         buffer_size=5000,
         learning_starts=1500,
         prioritized=True,
         importance_exponent_end=0.4,
-    )
-
-
-def thesis_td3() -> TD3Settings:
-    """The thesis' table A.2 and its Ornstein-Uhlenbeck noise, else RLlib's defaults."""
-    return TD3Settings(
-        **_THESIS_CONTINUOUS,
+    ),
+    # Table A.2, and the thesis' Ornstein-Uhlenbeck noise.
+    "thesis-td3": TD3Settings(
+        **_CONTINUOUS,
         buffer_size=10_000,
         learning_starts=10_000,
         policy_delay=2,
         target_noise=0.2,
         target_noise_clip=0.5,
-    )
-
-
-_THESIS_CONTINUOUS: dict[str, Any] = {
-    "num_games": 1,
-    "rollout_steps": 1,
-    "gradient_steps": 1,
-    "batch_size": 512,
-    "learning_rate": 1e-3,
-    "critic_learning_rate": 1e-3,
-    "anneal": False,
-    "gamma": 0.99,
-    "tau": 0.001,
-    "max_grad_norm": 1e9,
-    "noise": "ornstein-uhlenbeck",
-    "noise_start": 0.04,
-    "noise_end": 0.04,
-    "noise_theta": 0.15,
-    "n_steps": 1,
-    "width": 256,
-}
-THESIS: dict[str, Callable[[], Hyperparameters]] = {
-    "thesis-ppo": thesis_ppo,
-    "thesis-reacher-ppo": thesis_reacher_ppo,
-    "thesis-a2c": thesis_a2c,
-    "thesis-dqn": thesis_dqn,
-    "thesis-ddpg": thesis_ddpg,
-    "thesis-td3": thesis_td3,
+    ),
 }
 PRESETS = (TUNED, *THESIS)
 
@@ -269,7 +237,7 @@ def hyperparameters(
         owner in (None, algorithm),
         f"preset={preset!r} is for algorithm {owner!r}, not {algorithm!r}",
     )
-    hyper = tuned(algorithm, setting) if owner is None else THESIS[preset]()
+    hyper = tuned(algorithm, setting) if owner is None else THESIS[preset]
     if own_gamma and isinstance(hyper, ActorCriticSettings):
         return replace(hyper, gamma_end=None)
     return hyper

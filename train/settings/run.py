@@ -3,19 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 from train.settings.algorithms import Hyperparameters, PPOSettings
-from train.settings.checks import (
-    PRECISIONS,
-    check,
-    check_budget,
-    check_choice,
-    check_device,
-    check_frame_stack,
-    check_seed,
-    check_threads,
-)
+from train.settings.checks import check, one_of, rule, threads_from
+from train.settings.common import RunSettings
 from train.settings.curricula import (
     CurriculumSettings,
     ReversedSettings,
@@ -27,9 +19,6 @@ from train.settings.curricula import (
 from train.settings.task import AnyTask, TaskSettings
 
 S = TypeVar("S", bound=Hyperparameters, covariant=True)
-EVALUATED = ("greedy", "sampled")
-NETWORKS = ("auto", "convolutions", "planning", "flat")
-FIRST_LAYERS = ("auto", "bag", "dense")
 ALIKE = (CurriculumSettings, ScheduleSettings, UniformSettings, ReversedSettings, ShuffledSettings)
 """Curricula that several processes go through alike, whatever episodes each of them has seen."""
 
@@ -41,12 +30,12 @@ SHARED_OUT = ("num_games", "minibatch_size")
 def check_two_processes(settings: TrainSettings[Any]) -> None:
     """ValueError for a run that two processes cannot share."""
     hyper, lessons, both = settings.hyper, settings.lessons, "processes=2"
-    for name, value, rule in (
+    for name, value, only in (
         ("algorithm", settings.algorithm, "ppo"),
         ("device", settings.device, "cpu"),
         ("clock", settings.clock, "wall"),
     ):
-        check(value == rule, f"{name}={value!r} with {both}; take {name}={rule!r}, or processes=1")
+        check(value == only, f"{name}={value!r} with {both}; take {name}={only!r}, or processes=1")
     check(
         settings.threads <= 1,
         f"threads={settings.threads} with {both}, each of which has one; leave threads out",
@@ -69,7 +58,7 @@ def check_two_processes(settings: TrainSettings[Any]) -> None:
 
 
 @dataclass(frozen=True)
-class TrainSettings(Generic[S]):
+class TrainSettings(RunSettings, Generic[S]):
     """One training run, complete."""
 
     task: AnyTask = field(default_factory=TaskSettings)
@@ -90,52 +79,23 @@ class TrainSettings(Generic[S]):
     """What the network is given. In mazes: index (the same network as one_hot, faster), one_hot,
     positions, cells, walls, planes or window:R (convolutions), or package.module:Name of your own.
     Of an arm: positions or positions_angles. auto: the first of these."""
-    frame_stack: int = 1
-    """Observations that the network is given at once: the last so many of the episode, the older
-    ones empty at its start."""
-    network: str = "auto"
-    """How planes are seen: by convolutions; by planning, a layer that learns what is a wall and
-    what a goal, and finds the shortest paths (for unseen mazes); or flat, as one vector. auto: by
-    planning where a runner learns in a suite of mazes, else by convolutions."""
-    evaluate: str = "greedy"
+    evaluate: Annotated[str, one_of("greedy", "sampled")] = "greedy"
     """Which policy is evaluated: greedy (the most probable action), or sampled (as learned: it
     gets away where the greedy one steps to and fro for ever). Final results have both."""
-    seconds: float | None = None
-    """Budget of training time; evaluations are not counted."""
-    clock: str = "wall"
-    """What a second is: wall, or processor, one that this run computed, on however many cores:
-    other work on the machine then costs it fewer of its frames."""
-    frames: int | None = None
-    """Budget of environment steps, all games counted. With it, a resumed run ends bit for bit where
-    an uninterrupted one does."""
-    seed: int = 0
-    """Of the games, the network and the exploration."""
-    device: str = "cpu"
-    """Where the network is: cpu or cuda. Games are always simulated on the CPU."""
-    precision: str = "auto"
-    """float32, bfloat16, or auto: bfloat16 where the processor has it in hardware."""
-    first_layer: str = "auto"
+    first_layer: Annotated[str, one_of("auto", "bag", "dense")] = "auto"
     """Form of the first layer on index: bag, dense, or auto (the faster, as measured)."""
-    threads: int = 0
+    threads: Annotated[int, threads_from(0)] = 0
     """Threads of torch. 0 is one for each core; with a budget in seconds, one or all of them,
     whichever is the faster at the time; with one in seconds of the processor, one."""
-    processes: int = 1
+    processes: Annotated[int, rule(lambda value: value in (1, 2), "1 or 2")] = 1
     """2: two processes with one thread each learn one policy, from half of the games and of every
     minibatch each (ppo, for two free cores; a start of some seconds)."""
 
     def __post_init__(self) -> None:
         if self.observation == "auto":
             object.__setattr__(self, "observation", self.task.OBSERVATION)
+        super().__post_init__()
         self.task.check_observation(self.observation)
-        check_frame_stack(self.frame_stack)
-        check_choice("network", self.network, NETWORKS)
-        check_choice("evaluate", self.evaluate, EVALUATED)
-        check_choice("precision", self.precision, PRECISIONS)
-        check_choice("first_layer", self.first_layer, FIRST_LAYERS)
-        check_budget(self.seconds, self.frames, self.clock)
-        check_seed(self.seed)
-        check_threads(self.threads, 0)
-        check_device(self.device, self.clock)
         planned = self.observation == "planes" or self.observation.split(":")[0] == "window"
         check(
             self.network != "planning" or (planned and self.device == "cpu"),
@@ -146,6 +106,5 @@ class TrainSettings(Generic[S]):
             type(self.lessons) is curriculum_form(self.curriculum),
             f"curriculum={self.curriculum!r} with settings of {type(self.lessons).__name__}",
         )
-        check(self.processes in (1, 2), f"processes={self.processes}; 1 or 2")
         if self.processes == 2:
             check_two_processes(self)

@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
-from pursuit.own_observations import check_observation
+from pursuit.observations.own import check_observation
+from pursuit.plugins import Registry
 from scripted_agents.environments import AGENTS, is_own_policy
 from train.settings.algorithms import PPOSettings
-from train.settings.checks import (
-    PRECISIONS,
-    check,
-    check_budget,
-    check_choice,
-    check_device,
-    check_frame_stack,
-    check_seed,
-    check_threads,
-)
+from train.settings.checks import NotNegative, at_least, check, passes, threads_from
+from train.settings.common import RunSettings
 from train.settings.task import TaskSettings
 
 ROLES = ("chaser", "evader")
 LEARN = "learn"
 SAMPLING = ("latest", "window", "uniform", "pfsp", "double-oracle")
+SAMPLING_PARTS: Registry[Any] = Registry(
+    "sampling", "a function (pool) -> weights of its members", callable, "sampling", SAMPLING
+)
+"""Rules of users' own that say how often each opponent is drawn."""
 FORMER = {"psro": "double-oracle"}
 """What schemes were called before; the old name is still taken."""
-
-ADDED = {"device": "cpu", "precision": "auto", "chaser_hyper": None, "evader_hyper": None}
-"""Settings that came after folders had been written without them, and what they were there."""
 
 
 def self_play_ppo() -> PPOSettings:
@@ -40,7 +34,7 @@ def self_play_ppo() -> PPOSettings:
 
 
 @dataclass(frozen=True)
-class SelfPlaySettings:
+class SelfPlaySettings(RunSettings):
     """Self-play, complete."""
 
     task: TaskSettings = field(default_factory=lambda: TaskSettings(rewards="zero_sum"))
@@ -63,63 +57,40 @@ class SelfPlaySettings:
     """The settings of the evaders' algorithm; likewise."""
     share_networks: bool = False
     """One network for both roles, with heads of their own."""
-    sampling: str = "latest"
+    sampling: Annotated[str, passes(SAMPLING_PARTS.check)] = "latest"
     """Who is drawn as the opponent: latest, window (the last snapshots), uniform (over all:
-    fictitious self-play), pfsp (those that are hard), or double-oracle (a Nash mixture of all
+    fictitious self-play), pfsp (those that are hard), double-oracle (a Nash mixture of all
     snapshots by their discounted payoffs; the learners go on from where they are, while those of
-    PSRO begin afresh against every mixture)."""
-    window: int = 5
+    PSRO begin afresh against every mixture), or package.module:Name of your own."""
+    window: Annotated[int, at_least(1)] = 5
     """Snapshots of window."""
-    pfsp_power: float = 2.0
+    pfsp_power: NotNegative = 2.0
     """How strongly pfsp prefers opponents that are hard."""
-    snapshots: int = 40
+    snapshots: Annotated[int, at_least(1)] = 40
     """Snapshots taken over the budget, evenly."""
-    pool_size: int = 50
+    pool_size: Annotated[int, at_least(1)] = 50
     """Snapshots kept for each role: a sample of all so far, each as likely as any other (of window
     the newest; of double-oracle all)."""
     members: tuple[str, ...] = ()
     """Scripted agents in the pools from the start: astar, random, optimal, searching (or sweeping,
     belief), or package.module:Name of your own."""
-    observation: str = "index"
+    observation: Annotated[str, passes(check_observation)] = "index"
     """What the networks are given: index, one_hot, positions, cells, walls, planes, or
     package.module:Name of your own."""
-    frame_stack: int = 1
-    """Observations that the networks are given at once: the last so many of the episode."""
-    seconds: float | None = None
-    """Budget of training time; evaluations are not counted."""
-    clock: str = "wall"
-    """What a second is: wall, or processor (one that this run computed, on however many cores)."""
-    frames: int | None = None
-    """Budget of environment steps of the learning agents; a resumed run then ends bit for bit as an
-    uninterrupted one."""
-    seed: int = 0
-    """Of the games, the networks and the opponents."""
-    threads: int = 1
+    threads: Annotated[int, threads_from(1)] = 1
     """Threads of torch."""
-    device: str = "cpu"
-    """Where the networks are: cpu or cuda. Games are always simulated on the CPU."""
-    precision: str = "auto"
-    """float32, bfloat16, or auto: bfloat16 where the processor has it in hardware."""
-    best_response_seconds: float = 20.0
+    best_response_seconds: NotNegative = 20.0
     """Where no exact best response is known (teams, goals, huge mazes): how long an approximate one
     is trained against each side at the end; 0 for none."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sampling", FORMER.get(self.sampling, self.sampling))
-        check_choice("sampling", self.sampling, SAMPLING)
-        check_observation(self.observation)
-        check_frame_stack(self.frame_stack)
+        super().__post_init__()
         check(
             self.task.role == "auto",
             f"role={self.task.role!r}; both sides learn here: freeze one by chaser or evader",
         )
         check(self.task.opponent is None, "opponent is of `pursuit train`; use chaser or evader")
-        check_budget(self.seconds, self.frames, self.clock)
-        check_threads(self.threads, 1)
-        check_device(self.device, self.clock)
-        check_choice("precision", self.precision, PRECISIONS)
-        for name in ("window", "snapshots", "pool_size"):
-            check(getattr(self, name) >= 1, f"{name}={getattr(self, name)}; at least 1")
         check(
             self.sampling != "window" or self.window <= self.pool_size,
             f"window={self.window} snapshots, and pool_size={self.pool_size} are kept; raise it",
@@ -128,12 +99,6 @@ class SelfPlaySettings:
             self.sampling != "double-oracle" or self.snapshots <= self.pool_size,
             f"snapshots={self.snapshots} with pool_size={self.pool_size}; double-oracle forgets "
             "none: raise pool_size, or take fewer snapshots",
-        )
-        check(0.0 <= self.pfsp_power < float("inf"), f"pfsp_power={self.pfsp_power}; at least 0")
-        check_seed(self.seed)
-        check(
-            0.0 <= self.best_response_seconds < float("inf"),
-            f"best_response_seconds={self.best_response_seconds}; at least 0",
         )
         check(bool(self.learning), "chaser and evader are both frozen; let one of them learn")
         for name in self.members:

@@ -4,38 +4,52 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
-from pursuit.own_observations import check_observation
+from pursuit.mazes.suite_files import PREFIX, is_suite
+from pursuit.observations.own import check_observation
 from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
 from pursuit.reacher.task import ReacherTask
-from pursuit.rewards import kept_rewards, rewards_text
-from pursuit.sight import chosen_text, kept_chosen, kept_radius, radius_text
-from pursuit.suite_files import PREFIX, is_suite
-from pursuit.task import TASK_NAMES
-from train.settings.checks import check, check_choice
+from pursuit.tasks.rewards import kept_rewards, rewards_text
+from pursuit.tasks.sight import chosen_text, kept_chosen, kept_radius, radius_text
+from pursuit.tasks.task import TASK_NAMES
+from train.settings.checks import RANDOM_MOVES, Rule, Settings, check, check_choice, one_of, rule
 
-MOST_STEPS = 100_000
-"""Of an episode: evaluations play a thousand and more to their ends, which may be the limit."""
-OPPONENT_POLICIES = ("sampled", "greedy")
 REACHER = "reacher"
+MOST_STEPS = 100_000
+Steps = Annotated[
+    int,
+    rule(
+        lambda value: value <= MOST_STEPS,
+        f"at most {MOST_STEPS}: evaluations play every episode to its end, and an agent that is "
+        "never caught reaches the limit; take fewer",
+    ),
+]
 
 
-def check_max_steps(max_steps: int) -> None:
-    """ValueError for episodes so long that no evaluation would end."""
-    check(
-        max_steps <= MOST_STEPS,
-        f"max_steps={max_steps}; at most {MOST_STEPS}: evaluations play every episode to its end, "
-        "and an agent that is never caught reaches the limit; take fewer",
-    )
+def kept_text_of_rewards(name: str, given: Any) -> str:
+    """Rewards as one text."""
+    text = rewards_text(given)
+    if text != "default":
+        kept_rewards(name, text)
+    return text
+
+
+def kept_text_of_radius(name: str, given: Any) -> str | None:
+    """Radii of sight as one text; None for none."""
+    return radius_text(kept_radius(name, given))
+
+
+def kept_text_of_agents(name: str, given: Any) -> str:
+    """Roles and agents as one text."""
+    return chosen_text(kept_chosen(name, given))
 
 
 @dataclass(frozen=True)
-class TaskSettings:
+class TaskSettings(Settings):
     """What is played, and against whom."""
 
     OBSERVATION: ClassVar[str] = "index"
-    FLAGS: ClassVar[tuple[str, ...]] = ("stay_action", "mask_bumps")
 
     task: str = "chase"
     """chase, maze, race, heist, or reacher, which has options of its own: see --task reacher
@@ -53,7 +67,7 @@ class TaskSettings:
     """Runners; likewise."""
     num_goals: int | None = None
     """Goals; likewise."""
-    max_steps: int = 200
+    max_steps: Steps = 200
     """An episode of this many steps is truncated; 100,000 at most."""
     stay_action: bool = False
     """Whether a fifth action, stay, exists."""
@@ -61,28 +75,28 @@ class TaskSettings:
     """simultaneous, or chasers_first."""
     min_start_distance: int = 1
     """Steps between chasers and evaders at the start, at least."""
-    rewards: str = "default"
+    rewards: Annotated[str, Rule(kept_text_of_rewards, other_types=True)] = "default"
     """goal, completion, distance, zero_sum, or the task's own (default); coefficients, such as
     step=-0.1,capture=2 or chaser.step=-0.1,evader.capture=-2 (of step, capture, goal, distance,
     on_completion, for chasers per_evader); or package.module:Name of a function of your own."""
-    view_radius: str | None = None
+    view_radius: Annotated[str | None, Rule(kept_text_of_radius, other_types=True)] = None
     """Path steps up to which agents see: a number for all, or by role or agent, such as
     chaser=2,evader_0=3; everything if left out. The scripted astar, random and optimal see
     everything all the same."""
-    line_of_sight: str = ""
+    line_of_sight: Annotated[str, Rule(kept_text_of_agents, other_types=True)] = ""
     """Who sees along rows and columns only, until a wall: all (or no value), or roles and agents,
     such as chaser,evader_0; with a view_radius so far only. Nobody if left out."""
-    unknown_maze: str = ""
+    unknown_maze: Annotated[str, Rule(kept_text_of_agents, other_types=True)] = ""
     """Who knows of the maze only what is within view: all (or no value), or roles and agents.
     Nobody if left out."""
-    opponent_epsilon: float = 0.2
+    opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.2
     """Share of random moves of the scripted agents in all other seats, in [0, 1]."""
     opponent: str | None = None
     """Who plays the other side instead of A*: random, optimal (exactly), searching (chasers also
     sweeping, belief; all three see what the task lets them), the folder of a run, a saved
     Stable-Baselines3 model (.zip), or package.module:Name of your own. Learned ones play as
     opponent_policy says."""
-    opponent_policy: str = "sampled"
+    opponent_policy: Annotated[str, one_of("sampled", "greedy")] = "sampled"
     """How a learned opponent plays: sampled (as it was learned, where it is a distribution), or
     greedy (always the most probable action)."""
     opponent_observation: str | None = None
@@ -95,26 +109,13 @@ class TaskSettings:
     they are the only way to wait, which the best chasers and evaders do."""
 
     def __post_init__(self) -> None:
-        check_max_steps(self.max_steps)
-        check(
-            0.0 <= self.opponent_epsilon <= 1.0,
-            f"opponent_epsilon={self.opponent_epsilon}; a share of random moves lies in [0, 1]",
-        )
+        super().__post_init__()
         check(
             self.task != REACHER,
             f"task={self.task!r} is no game in mazes; take {', '.join(TASK_NAMES)} here, and the "
             "arm in `pursuit train`, `baseline`, `render` or a sweep (ReacherSettings in Python)",
         )
         check_choice("task", self.task, (*TASK_NAMES, REACHER))
-        check_choice("opponent_policy", self.opponent_policy, OPPONENT_POLICIES)
-        object.__setattr__(self, "rewards", rewards_text(self.rewards))
-        if self.rewards != "default":
-            kept_rewards("rewards", self.rewards)
-        radius = radius_text(kept_radius("view_radius", self.view_radius))
-        object.__setattr__(self, "view_radius", radius)
-        for name in ("line_of_sight", "unknown_maze"):
-            who = chosen_text(kept_chosen(name, getattr(self, name)))
-            object.__setattr__(self, name, who)
 
     @property
     def agent(self) -> str:
@@ -140,13 +141,12 @@ def who_learns(task: str, role: str) -> str:
 
 
 @dataclass(frozen=True)
-class ReacherSettings:
+class ReacherSettings(Settings):
     """An arm that is to bring its tip to a target, in as few steps as it can."""
 
     OBSERVATION: ClassVar[str] = "positions"
-    FLAGS: ClassVar[tuple[str, ...]] = ("discrete_actions",)
 
-    task: str = REACHER
+    task: Annotated[str, one_of(REACHER)] = REACHER
     """reacher; the games in mazes have options of their own: see --task chase --help."""
     joints: int = 2
     """Joints, 1 to 8; links have length 1."""
@@ -156,7 +156,7 @@ class ReacherSettings:
     """Steps in a row after which the tip must be in reach of the target."""
     tolerance: float = 0.2
     """It is in reach within this distance."""
-    max_steps: int = 400
+    max_steps: Steps = 400
     """An episode of this many steps is truncated; 100,000 at most."""
     max_turn: float = 0.1
     """Radians that a joint turns in a step, at most."""
@@ -166,8 +166,7 @@ class ReacherSettings:
     """Every joint turns fully, back or forth, or not at all."""
 
     def __post_init__(self) -> None:
-        check_choice("task", self.task, (REACHER,))
-        check_max_steps(self.max_steps)
+        super().__post_init__()
         self.build()
 
     @property

@@ -1,73 +1,28 @@
-"""Axes: what a curriculum turns, and how its numbers become settings of games.
+"""Axes: what a curriculum turns, and how its numbers become settings of games or of an arm.
 
 `AXIS_MAKERS` says of each axis what the task must have, and makes it.
 """
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.maze import Maze, table_of_distances
-from pursuit.placements import check_placeable
-from pursuit.policy import Policy
+from pursuit.mazes.maze import Maze, table_of_distances
+from pursuit.reacher.task import LEAST_TOLERANCE
 from pursuit.rules import UNREACHABLE
-from pursuit.simulator import Simulator
-from pursuit.task import Task
+from pursuit.tasks.placements import check_placeable
+from pursuit.tasks.task import Task
 from train.settings.checks import check
 from train.settings.curricula import AXIS_PARTS, AxisSettings
-from train.teaching.arm_axes import ARM_AXIS_MAKERS, ArmMaker
-from train.teaching.axis import Axis as Axis
-from train.teaching.axis import ends_of
+from train.teaching.grounds import AnyGround, Apply, ArmGround, Axis, Ground
 from train.teaching.mazes import training_mazes
-from train.teaching.optimum import Optimum, optimum_of
-
-
-@dataclass(frozen=True)
-class Ground:
-    """The game in a maze that axes are laid over.
-
-    Attributes:
-        task: the task itself, to which every axis leads.
-        agent: who learns, by name or role.
-        opponents: the policy of every other role.
-        opponent_epsilon: share of random moves of the scripted opponents.
-        learned_opponent: the name of an opponent that is not scripted; None where all are.
-    """
-
-    task: Task
-    agent: str
-    opponents: Mapping[str, Policy] = field(default_factory=dict)
-    opponent_epsilon: float = 0.0
-    learned_opponent: str | None = None
-
-    @property
-    def default_axis(self) -> str:
-        """What `axis="auto"` means; ValueError where there is nothing to turn."""
-        task = self.task
-        if task.num_goals:
-            return "goal-spread-start"
-        check(
-            task.num_chasers > 0 and task.num_evaders > 0,
-            f"task {task.name!r} has neither goals nor chasers with evaders; name an axis",
-        )
-        return "start-distance"
-
-    def check_levels(self, name: str) -> None:
-        """ValueError where there are no starts to be replayed."""
-        check(
-            self.task.start == "random",
-            f"curriculum={name!r} replays random starts; leave out start='marks'",
-        )
-
-    def optimum(self, task: Task) -> Optimum | None:
-        """The exact optimum of every start of `task`, this one in other mazes; None if unknown."""
-        return optimum_of(task, self.agent, self.opponents)
 
 
 @dataclass(frozen=True)
@@ -81,23 +36,36 @@ class Maker:
         both: whether there must be chasers and evaders.
         scripted: whether there must be opponents, all of them scripted.
         mazes: whether it has a list of mazes.
+        arm: whether it turns an arm, and not games in mazes.
     """
 
-    make: Callable[[str, Ground, AxisSettings], Axis]
+    make: Callable[[str, Any, AxisSettings], Axis]
     goals: bool = False
     random_starts: bool = False
     both: bool = False
     scripted: bool = False
     mazes: bool = False
+    arm: bool = False
 
     def check(self, name: str, ground: Any, ends: AxisSettings) -> None:
         """Raise ValueError for what the task has not."""
         task = ground.task
-        check(
-            isinstance(ground, Ground),
-            f"curriculum {name!r} turns games in mazes, and task {task.name!r} is none; take "
-            "target-distance, free-joints, hold or tolerance",
-        )
+        if self.arm or isinstance(ground, ArmGround):
+            check(
+                self.arm,
+                f"curriculum {name!r} turns games in mazes, and task {task.name!r} is none; take "
+                "target-distance, free-joints, hold or tolerance",
+            )
+            check(
+                isinstance(ground, ArmGround),
+                f"curriculum {name!r} turns an arm, and task {task.name!r} has none; take "
+                "opponent-epsilon, start-distance or goal-spread-start, or task reacher",
+            )
+            check(
+                ends.curriculum_mazes is None,
+                f"curriculum_mazes={ends.curriculum_mazes!r}; an arm has no mazes: leave it out",
+            )
+            return
         check(
             not self.goals or task.num_goals > 0,
             f"curriculum {name!r} moves goals, and task {task.name!r} has none; take "
@@ -129,7 +97,7 @@ class Maker:
         )
 
 
-def axis_of(name: str, ground: Any, ends: AxisSettings) -> Axis:
+def axis_of(name: str, ground: AnyGround, ends: AxisSettings) -> Axis:
     """The axis of that name, or of "auto", over a task.
 
     Warns where an end lies beyond what the maze has, and is clipped.
@@ -143,13 +111,58 @@ def axis_of(name: str, ground: Any, ends: AxisSettings) -> Axis:
     return maker.make(name, ground, ends)
 
 
-def maker_of(name: str) -> Maker | ArmMaker:
+def maker_of(name: str) -> Maker:
     """What makes the axis of that name, one of ours or a user's; ValueError for an unknown one."""
-    for makers in (AXIS_MAKERS, ARM_AXIS_MAKERS):
-        if name in makers:
-            return makers[name]
-    maker: Maker | ArmMaker = AXIS_PARTS.get(name)
+    maker: Maker = AXIS_MAKERS.get(name) or AXIS_PARTS.get(name)
     return maker
+
+
+def ends_of(ends: AxisSettings, easiest: float, hardest: float) -> tuple[float, float]:
+    """The ends that are given, else these; ValueError for one that is not finite."""
+    first = easiest if ends.easiest is None else float(ends.easiest)
+    last = hardest if ends.hardest is None else float(ends.hardest)
+    for value in (first, last):
+        check(bool(np.isfinite(value)), f"{value} as the easiest or hardest; a finite number")
+    return first, last
+
+
+def ends_within(
+    ends: AxisSettings,
+    default: tuple[float, float],
+    allowed: tuple[float, float],
+    error: str,
+    whole: bool = True,
+) -> tuple[float, float]:
+    """The ends that are given, else the default; ValueError for one outside what is allowed.
+
+    Args:
+        default, allowed: (easiest, hardest) and (lowest, highest).
+        error: of a value that is not allowed, which stands at "{:g}" in it.
+        whole: whether only whole numbers are allowed.
+    """
+    first, last = ends_of(ends, *default)
+    for value in (first, last):
+        inside = allowed[0] <= value <= allowed[1]
+        check(inside and not (whole and value != int(value)), error.format(value))
+    return first, last
+
+
+def configure(setting: str, limit: float = math.inf, whole: bool = True, **rest: Any) -> Apply:
+    """Has games played with a setting of the simulator: the value of the axis.
+
+    Args:
+        setting: its name in `configure` of the simulator.
+        limit: values from here on are no limit, which is -1 to the simulator.
+        whole: whether the setting is a whole number.
+        **rest: further settings, the same for all values.
+    """
+
+    def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
+        given: NDArray[Any] = np.where(values >= limit, -1.0, values)
+        given = given.astype(np.int64) if whole else given
+        simulator.configure(games, **{setting: given}, **rest)
+
+    return apply
 
 
 # -- what turns -----------------------------------------------------------------------------------
@@ -159,11 +172,11 @@ def opponent_epsilon(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     """Share of random moves of the opponents, from 1 down."""
     own = ground.task.seat(ground.agent)
     others = [seat for seat in range(ground.task.num_agents) if seat != own]
-    first, last = ends_of(ends, 1.0, ground.opponent_epsilon)
-    for value in (first, last):
-        check(0.0 <= value <= 1.0, f"epsilon={value}; a share of random moves lies in [0, 1]")
+    error = "epsilon={}; a share of random moves lies in [0, 1]"
+    default = (1.0, ground.opponent_epsilon)
+    first, last = ends_within(ends, default, (0.0, 1.0), error, whole=False)
 
-    def apply(simulator: Simulator, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
+    def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
         for seat in others:
             simulator.configure(games, epsilon=values, seat=seat)
 
@@ -179,26 +192,16 @@ def goal_spread_fixed(name: str, ground: Ground, ends: AxisSettings) -> Axis:
         "mark some, or take goal-spread-start",
     )
     marks = [maze.distances_from(mark) for mark in maze.goal_marks]
-    farthest = np.min(marks, axis=0).max()
-    first, last = _radius(name, ends, (0, int(farthest)), 0, maze)
-
-    def apply(simulator: Simulator, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
-        radius = _limit(values, farthest)
-        simulator.configure(games, goal_radius=radius, goals_around="marks")
-
-    return Axis(name, first, last, apply)
+    farthest = int(np.min(marks, axis=0).max())
+    first, last = _radius(name, ends, (0, farthest), 0, maze)
+    return Axis(name, first, last, configure("goal_radius", farthest, goals_around="marks"))
 
 
 def goal_spread_start(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     """Steps from the learner's start to the goals."""
     maze, longest = ground.task.mazes[0], longest_in(ground.task)
     first, last = _radius(name, ends, (min(3, longest), longest), 1, maze)
-
-    def apply(simulator: Simulator, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
-        radius = _limit(values, longest)
-        simulator.configure(games, goal_radius=radius, goals_around="start")
-
-    return Axis(name, first, last, apply)
+    return Axis(name, first, last, configure("goal_radius", longest, goals_around="start"))
 
 
 def start_distance(name: str, ground: Ground, ends: AxisSettings) -> Axis:
@@ -208,45 +211,64 @@ def start_distance(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     near = min(max(3, least), longest)
     first, last = _radius(name, ends, (near, longest), least, maze)
     check_placeable(ground.task.apart(0, -1, least, int(min(first, last))))
-
-    def apply(simulator: Simulator, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
-        simulator.configure(games, max_start_distance=_limit(values, longest))
-
-    return Axis(name, first, last, apply)
+    return Axis(name, first, last, configure("max_start_distance", longest))
 
 
 def num_goals(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     """How many goals there are."""
     goals = ground.task.num_goals
     check(goals > 1, f"curriculum {name!r} needs at least 2 goals; num_goals={goals}")
-    first, last = ends_of(ends, 1, goals)
-    for value in (first, last):
-        check(
-            1 <= value <= goals and value == int(value),
-            f"{value:g} goals; a whole number from 1 to num_goals={goals}",
-        )
-
-    def apply(simulator: Simulator, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
-        simulator.configure(games, num_goals=values.astype(np.int64))
-
-    return Axis(name, first, last, apply)
+    error = f"{{:g}} goals; a whole number from 1 to num_goals={goals}"
+    first, last = ends_within(ends, (1, goals), (1, goals), error)
+    return Axis(name, first, last, configure("num_goals"))
 
 
 def maze_number(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     """Which of several mazes is played in."""
     mazes = training_mazes(name, ends.curriculum_mazes, ground.task)
-    first, last = ends_of(ends, 0, len(mazes) - 1)
-    for value in (first, last):
-        check(
-            0 <= value < len(mazes) and value == int(value),
-            f"maze {value:g}; whole numbers from 0 to {len(mazes) - 1}, which count "
-            f"{', '.join(maze.name for maze in mazes)}",
-        )
+    most, names = len(mazes) - 1, ", ".join(maze.name for maze in mazes)
+    names = names.replace("{", "{{").replace("}", "}}")
+    error = f"maze {{:g}}; whole numbers from 0 to {most}, which count {names}"
+    first, last = ends_within(ends, (0, most), (0, most), error)
+    return Axis(name, first, last, configure("maze"), mazes=mazes)
 
-    def apply(simulator: Simulator, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
-        simulator.configure(games, maze=values.astype(np.int64))
 
-    return Axis(name, first, last, apply, mazes=mazes)
+def target_distance(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
+    """Steps to the target, at most; a half turn of every joint reaches anywhere."""
+    longest = math.ceil(math.pi / ground.task.max_turn)
+    error = f"{name} of {{:g}}; a number of steps above 0"
+    above_0 = (math.nextafter(0.0, 1.0), math.inf)
+    first, last = ends_within(ends, (min(3, longest), longest), above_0, error, whole=False)
+    apply = configure("target_distance", longest, whole=False)
+    return Axis(name, first, last, apply, whole=False)
+
+
+def free_joints(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
+    """How many joints turn; the others are locked straight."""
+    joints = ground.task.joints
+    error = f"{{:g}} free joints; a whole number from 1 to joints={joints}"
+    first, last = ends_within(ends, (1, joints), (1, joints), error)
+    return Axis(name, first, last, configure("free_joints"))
+
+
+def hold(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
+    """Steps in reach that end an episode."""
+    most = ground.task.max_steps
+    error = f"{name} of {{:g}}; a whole number from 1 to max_steps={most}"
+    first, last = ends_within(ends, (1, ground.task.hold), (1, most), error)
+    return Axis(name, first, last, configure("hold"))
+
+
+def tolerance(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
+    """How near the tip must come."""
+    own, most = ground.task.tolerance, 2.0 * ground.task.joints
+    error = (
+        f"{name} of {{:g}}; from {LEAST_TOLERANCE:g} to {most:g}, twice the joints: set the "
+        "task's own tolerance, easiest and hardest within"
+    )
+    default = (min(5.0 * own, most), own)
+    first, last = ends_within(ends, default, (LEAST_TOLERANCE, most), error, whole=False)
+    return Axis(name, first, last, configure("tolerance", whole=False), whole=False)
 
 
 def _radius(
@@ -277,11 +299,6 @@ def longest_in(task: Task) -> int:
     return max(int(table[table != UNREACHABLE].max()) for table in tables)
 
 
-def _limit(values: NDArray[np.float64], anywhere: float) -> NDArray[np.int64]:
-    """Whole numbers for the simulator, to which -1 is no limit: so are values from `anywhere`."""
-    return np.where(values >= anywhere, -1, values).astype(np.int64)
-
-
 AXIS_MAKERS: dict[str, Maker] = {
     "opponent-epsilon": Maker(opponent_epsilon, scripted=True),
     "goal-spread-fixed": Maker(goal_spread_fixed, goals=True, random_starts=True),
@@ -290,4 +307,8 @@ AXIS_MAKERS: dict[str, Maker] = {
     "num-goals": Maker(num_goals, goals=True),
     "maze-size": Maker(maze_number, mazes=True),
     "loops": Maker(maze_number, mazes=True),
+    "target-distance": Maker(target_distance, arm=True),
+    "free-joints": Maker(free_joints, arm=True),
+    "hold": Maker(hold, arm=True),
+    "tolerance": Maker(tolerance, arm=True),
 }

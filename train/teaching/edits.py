@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pursuit.maze import Maze
-from pursuit.suites import held_out_copies, least_copy
+from pursuit.mazes.maze import Maze
+from pursuit.mazes.suites import held_out_copies, least_copy
 from train.settings.checks import check
 
 BASE = -1

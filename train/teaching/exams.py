@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.policy import Policy
-from pursuit.task import Task
-from scripted_agents import best_response, mean_over_starts
-from train.evaluation.games import MAX_EXACT_CELLS
+from pursuit.simulator.policy import Policy
+from pursuit.tasks.task import Task
+from scripted_agents import mean_over_starts
+from train.evaluation.games import best_reply, other_role
 from train.evaluation.suite_tables import (
     is_known,
-    is_one_goal,
+    is_solvable,
     opponent_tables,
     pairs_of_values,
     tables_of,
@@ -48,12 +48,9 @@ class Exam:
     ) -> None:
         self.task, self.seat, self.mark = task, task.seat(agent), mark
         self.role = task.seat_roles[self.seat]
-        other = {"chaser": "evader", "evader": "chaser"}.get(self.role, "")
-        self.opponent = opponents.get(other)
-        small = task.max_cells <= MAX_EXACT_CELLS and task.start == "random"
-        duel = task.is_duel and small and is_known(self.opponent)
+        self.opponent = opponents.get(other_role(self.role))
         check(
-            is_one_goal(task) or duel,
+            is_solvable(task, self.opponent),
             f"exact regrets are known of a runner with one goal and of duels against policies that "
             f"are tables, at random starts, and task {task.name!r} with these agents is neither; "
             "take level-replay or learnability, or num_goals=1",
@@ -95,10 +92,8 @@ class Exam:
                 found = mean_over_starts(np.minimum(maze.distances, task.max_steps), maze, least)
             else:
                 alone = replace(task, maze=maze)
-                table = next(iter(opponent_tables(self.opponent, alone, self.seat)))
-                rules: Any = (task.max_steps, 1.0, task.stay_action, task.move_order)
-                role: Any = self.role
-                solved = best_response(role, maze, table, *rules)
+                (table,) = opponent_tables(self.opponent, alone, self.seat)
+                solved = best_reply(task, self.role, table, task.max_steps, maze=maze)
                 found = mean_over_starts(solved.values, maze, least)
             self._optima[number] = found
         return self._optima[number]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pursuit.maze import Maze, library_names, load_maze
-from pursuit.suite_files import is_suite
-from pursuit.task import Task
+from pursuit.mazes.maze import Maze, library_names, load_maze
+from pursuit.mazes.suite_files import is_suite
+from pursuit.tasks.task import Task
 from train.settings.checks import check
 
 OPENED = 8

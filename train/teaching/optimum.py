@@ -9,13 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.maze import Maze
-from pursuit.policy import Policy, TabularPolicy
-from pursuit.simulator import Simulator
-from pursuit.task import Task
-from scripted_agents import best_response, tour_lengths
-from scripted_agents.tour import MAX_EXACT_GOALS
-from train.evaluation.games import MAX_EXACT_CELLS
+from pursuit.mazes.maze import Maze
+from pursuit.reacher.simulator import ReacherSimulator
+from pursuit.reacher.task import ReacherTask
+from pursuit.simulator.policy import Policy, TabularPolicy
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task
+from scripted_agents import least_steps_of, tour_lengths
+from scripted_agents.tours.tour import MAX_EXACT_GOALS
+from train.evaluation.games import MAX_EXACT_CELLS, best_reply, other_role
+
+EXACT_JOINTS = 5
+"""Up to here the least steps of a start are known within half a millisecond."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,17 +125,16 @@ def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optim
     if not task.is_duel or task.max_cells > MAX_EXACT_CELLS:
         return None
     role = task.seat_roles[task.seat(agent)]
-    policy = opponents["evader" if role == "chaser" else "chaser"]
+    policy = opponents[other_role(role)]
     if not isinstance(policy, TabularPolicy):
         return None
     tables = [
-        best_response(
-            role,  # type: ignore[arg-type]
-            maze,
+        best_reply(
+            task,
+            role,
             policy.action_probabilities(maze, task.stay_action),
-            horizon=task.max_steps,
-            stay_action=task.stay_action,
-            move_order=task.move_order,  # type: ignore[arg-type]
+            task.max_steps,
+            maze=maze,
         ).values
         for maze in task.mazes
     ]
@@ -139,3 +143,29 @@ def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optim
 
 def _tours(number: int, maze: Maze, cells: NDArray[Any], goals: NDArray[Any]) -> NDArray[np.int64]:
     return tour_lengths(maze, cells[:, 0], goals)
+
+
+def arm_optimum(task: ReacherTask) -> Optimum | None:
+    """The least steps of an arm; None for many joints, and where actions are discrete."""
+    if task.joints > EXACT_JOINTS or task.discrete_actions:
+        return None
+
+    def steps(
+        angles: NDArray[Any],
+        target: NDArray[Any],
+        tolerance: NDArray[Any],
+        free_joints: NDArray[Any],
+        hold: NDArray[Any],
+    ) -> NDArray[np.float64]:
+        least, _, _ = least_steps_of(angles, target, task.max_turn, tolerance, free_joints)
+        lengths: NDArray[np.float64] = np.maximum(least, 1.0) + hold - 1.0
+        return np.minimum(lengths, task.max_steps)
+
+    return Optimum(_arm_starts, steps)
+
+
+def _arm_starts(simulator: ReacherSimulator, games: NDArray[np.intp]) -> tuple[NDArray[Any], ...]:
+    """What the least length of an episode of `games` depends on."""
+    arms = simulator.arms
+    start = (arms.angles, arms.target, arms.tolerance, arms.free_joints, arms.hold)
+    return tuple(array[games] for array in start)

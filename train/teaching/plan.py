@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from curricula import (
     Uniform,
 )
 from curricula.schedules import Schedule
-from pursuit.maze import Maze
+from pursuit.mazes.maze import Maze
 from train.algorithms.registry import Algorithm
 from train.settings.checks import check
 from train.settings.curricula import (
@@ -44,10 +44,10 @@ from train.settings.curricula import (
     SuccessGatedSettings,
     UniformSettings,
 )
-from train.teaching.axes import Ground, axis_of, maker_of
-from train.teaching.axis import Axis
+from train.teaching.axes import axis_of, maker_of
 from train.teaching.edits import BASE, with_edits
 from train.teaching.exams import Exam
+from train.teaching.grounds import AnyGround, Axis, Ground
 from train.teaching.mazes import training_mazes
 from train.teaching.optimum import Optimum
 
@@ -83,25 +83,9 @@ class Plan:
         return make_curriculum(self.name, self.lessons, self.axis, self.seed)
 
 
-class Terrain(Protocol):
-    """What lessons are planned over: a world's task, and what is known of it (a `Ground`)."""
-
-    @property
-    def task(self) -> Any:
-        """To which the lessons lead."""
-
-    @property
-    def default_axis(self) -> str:
-        """What `axis="auto"` means; ValueError where there is nothing to turn."""
-
-    def check_levels(self, name: str) -> None:
-        """ValueError where there are no starts to be replayed by curriculum `name`."""
-
-    def optimum(self, task: Any) -> Optimum | None:
-        """The exact optimum of every start of the training games; None where it is not known."""
-
-
-def plan_lessons(name: str, lessons: CurriculumSettings, ground: Terrain, seed: int) -> Plan | None:
+def plan_lessons(
+    name: str, lessons: CurriculumSettings, ground: AnyGround, seed: int
+) -> Plan | None:
     """What is to be taught in a task; None for the curriculum "none".
 
     Args:

@@ -14,10 +14,9 @@ from curricula import Curriculum, Outcomes, Progress
 from train.environments.hooks import EpisodeHook
 from train.settings.checks import check
 from train.settings.curricula import MazeReplaySettings
-from train.teaching.log import NUMBERS, REASON, row_of
+from train.teaching.log import row_of
 from train.teaching.optimum import Optima
 from train.teaching.plan import Plan
-from train.tensors import Misfit, check_like, check_tensor
 
 LEVELS = "levels"
 
@@ -214,14 +213,11 @@ class Teacher(EpisodeHook):
         Raises:
             ValueError: the checkpoint of another curriculum.
         """
-        if not isinstance(state, dict) or not isinstance(state.get("name"), str):
-            raise Misfit("trainee.teacher: a table with a name needed, there is none")
         check(
             state["name"] == self.name,
             f"the checkpoint is of curriculum {state['name']!r}, and the settings say "
             f"{self.name!r}; resume with the settings that it was made with",
         )
-        _check_form(state, self.state_dict())
         load_curriculum(self.curriculum, state["curriculum"])
         for name, tensor in state["arrays"].items():
             if name == "optima":
@@ -231,9 +227,7 @@ class Teacher(EpisodeHook):
         self.episodes = state["episodes"]
         self.rows = [dict(row) for row in state["rows"]]
         self.rng.bit_generator.state = _whole(state["rng"])
-        # Older checkpoints have no lengths: then all count alike.
-        played = [tensor.numpy() for tensor in state["played"]]
-        self._played = [np.stack([p, np.ones_like(p)]) if p.ndim == 1 else p for p in played]
+        self._played = [tensor.numpy() for tensor in state["played"]]
         self._won = [tensor.numpy() for tensor in state["won"]]
         self._outcomes = [tuple(part.numpy() for part in parts) for parts in state["outcomes"]]
         self._errors = [tensor.numpy() for tensor in state["errors"]]
@@ -253,35 +247,12 @@ def load_curriculum(curriculum: Curriculum, state: dict[str, Any]) -> None:
     Raises:
         ValueError: the state of another curriculum.
     """
-    check_like(state, _plain_curriculum(curriculum), "trainee.teacher.curriculum")
     curriculum.load_state_dict(
         {
             name: value.numpy() if isinstance(value, torch.Tensor) else value
             for name, value in state.items()
         }
     )
-
-
-def _check_form(state: dict[str, Any], fresh: dict[str, Any]) -> None:
-    """Raise Misfit unless a state has the form of a fresh one, and its lists their own."""
-    where = "trainee.teacher"
-    check_like(state, fresh, where)
-    number, truth, whole = torch.float64, torch.bool, torch.int64
-    for item in state["played"]:
-        shape = (0,) if getattr(item, "ndim", 0) == 1 else (2, 0)  # as before lengths were kept
-        check_tensor(item, number, shape, f"{where}.played", finite=False)
-    for name, kind in (("won", truth), ("errors", number)):
-        for item in state[name]:
-            check_tensor(item, kind, (0,), f"{where}.{name}", finite=False)
-    for parts in state["outcomes"]:
-        check_like(parts, [None] * 5, f"{where}.outcomes")
-        for part, kind in zip(parts, (number, truth, number, whole, number), strict=True):
-            check_tensor(part, kind, (0,), f"{where}.outcomes", finite=False)
-    form = dict.fromkeys(NUMBERS, None) | {REASON: ""}
-    for row in state["rows"]:
-        check_like(row, form, f"{where}.rows")
-        for name in NUMBERS:
-            check_like(float(row[name]), 0.0, f"{where}.rows.{name}")
 
 
 def _plain(state: Any) -> Any:

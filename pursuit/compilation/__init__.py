@@ -1,0 +1,1 @@
+"""Compilation of kernels by Numba, and its cache on disk."""

@@ -1,0 +1,1 @@
+"""PettingZoo, Gymnasium and Stable-Baselines3 environments over the simulator."""

@@ -1,0 +1,366 @@
+"""The PettingZoo parallel environments: a thin view of one game of a simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from operator import index
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from pettingzoo import AECEnv, ParallelEnv
+from pettingzoo.utils import wrappers
+
+from pursuit.environments.turn_based import turn_based
+from pursuit.mazes.maze_arrays import lay_out
+from pursuit.observations.masks import ACTION_MASK, action_masks, masked_space, warn_of_masks
+from pursuit.rendering.rendering import AgentMark, Scene
+from pursuit.rendering.windows import Rendered
+from pursuit.simulator.policy import Policy, play, seat_policies
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task, checked_task, make_task
+from pursuit.validation import reset_options, some_seed, truth
+
+RENDER_FPS = 5
+
+
+class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
+    """One game of a simulator, of any world, as a PettingZoo parallel environment.
+
+    A world's own environment says how an episode begins (`_begin`), what a step does (`_move`) and
+    what is seen (`_observe`).
+
+    Args:
+        simulator: of one game, made with `auto_restart=False`.
+        agents: their names.
+        observed, action: the spaces of every agent.
+        state: the space of `state()`.
+
+    Attributes:
+        task, simulator: the game, and what plays it.
+        np_random: for wrappers that draw; seeded by `reset`, and never drawn from here.
+    """
+
+    simulator: Any
+    task: Any
+
+    def __init__(
+        self,
+        simulator: Any,
+        agents: list[str],
+        observed: gymnasium.Space[Any],
+        action: gymnasium.Space[Any],
+        state: gymnasium.Space[Any],
+    ) -> None:
+        self.simulator, self.task = simulator, simulator.task
+        self.possible_agents, self.agents = agents, list[str]()
+        # A space of its own for every agent: spaces carry the random state of their samples.
+        self.observation_spaces = {name: deepcopy(observed) for name in agents}
+        self.action_spaces = {name: deepcopy(action) for name in agents}
+        self.state_space = state
+        self._seats = {name: seat for seat, name in enumerate(agents)}
+        self._seeded = False
+        self.np_random = np.random.default_rng()
+
+    def _begin(self, seed: int | None, options: dict[str, Any] | None) -> None:
+        """Begin a new episode; ValueError for options that make no start."""
+        raise NotImplementedError
+
+    def _move(self, actions: Mapping[str, Any]) -> None:
+        """Step by the actions, of which every agent has one; ValueError, and nothing moved."""
+        raise NotImplementedError
+
+    def _observe(self) -> Sequence[Any] | NDArray[Any]:
+        """[agents] what each observes now, fresh arrays."""
+        raise NotImplementedError
+
+    def _infos(self) -> dict[str, dict[str, Any]]:
+        return {agent: {} for agent in self.agents}
+
+    def _out_of_game(self) -> list[str]:
+        """Those of `agents` who have left a game that goes on."""
+        return []
+
+    def observation_space(self, agent: str) -> gymnasium.Space[Any]:
+        """The space of what `agent` observes; the same object at every call."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> gymnasium.Space[Any]:
+        """The space of the actions of `agent`; the same object at every call."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+        """Begin a new episode.
+
+        Args:
+            seed: begins all random streams anew; without one the streams go on (and begin at a
+                seed from the operating system).
+            options: `{"positions": cells of all agents, "goals": cells of all goals}`, with "maze",
+                its number, where there are several, begins the episode there; of an arm
+                `{"angles": [joints] radians, "target": (x, y)}`.
+
+        Raises:
+            ValueError: a seed out of range, an unknown option, or what makes no start; nothing is
+                changed then.
+        """
+        if seed is None and not self._seeded:
+            seed = some_seed()
+        self._begin(seed, options)
+        if seed is not None:
+            self.np_random = np.random.default_rng(seed)
+        self._seeded = True
+        self.agents = self.possible_agents[:]
+        self._show()
+        return self._observations(), self._infos()
+
+    def step(
+        self, actions: Mapping[str, Any]
+    ) -> tuple[
+        dict[str, Any],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """Move all agents at once; actions of agents that have been captured are ignored.
+
+        Raises:
+            ValueError: before the first reset; an active agent without an action, an action out of
+                range, or one for an agent that this task does not have. Then nobody has moved.
+        """
+        if not self.agents:
+            if not self._seeded:
+                raise ValueError("step before reset; call reset() first")
+            return {}, {}, {}, {}, {}
+        if type(actions) is not dict or actions.keys() != self._seats.keys():
+            self._check_agents(actions)
+        self._move(actions)
+        simulator, agents = self.simulator, self.agents
+        observations, infos = self._observations(), self._infos()
+        paid = simulator.rewards[0].tolist()
+        terminated, truncated = bool(simulator.terminated[0]), bool(simulator.truncated[0])
+        # Captured in the step in which time ran out: terminated, not truncated.
+        out = self._out_of_game()
+        terminations = {agent: terminated or agent in out for agent in agents}
+        truncations = {agent: truncated and agent not in out for agent in agents}
+        over = terminated or truncated
+        self.agents = [] if over else [agent for agent in agents if agent not in out]
+        self._show()
+        if not isinstance(paid, list):  # of an arm: all its joints are paid alike
+            rewards = dict.fromkeys(agents, paid)
+        else:
+            rewards = {agent: paid[self._seats[agent]] for agent in agents}
+        return observations, rewards, terminations, truncations, infos
+
+    def _check_agents(self, actions: Any) -> None:
+        if not isinstance(actions, Mapping):
+            raise ValueError(f"actions={actions!r}; give a dict of an action for every agent")
+        for agent in self.agents:
+            if agent not in actions:
+                raise ValueError(
+                    f"no action for {agent}; every agent in env.agents needs one: {self.agents}"
+                )
+        for agent in actions:
+            if agent not in self._seats:
+                raise ValueError(
+                    f"an action for {agent!r}, who is not playing; env.agents is {self.agents}"
+                )
+
+    def _observations(self) -> dict[str, Any]:
+        observed = self._observe()
+        return {agent: observed[self._seats[agent]] for agent in self.agents}
+
+
+class PursuitParallelEnv(SimulatorParallelEnv):
+    """One game of a task as a PettingZoo parallel environment.
+
+    Agents are named "chaser_0", "evader_0", "runner_0", ...; a captured evader is terminated and
+    leaves `agents`. Every action is legal, so the infos are empty.
+
+    Args:
+        task: the rules and settings.
+        observation: one of `pursuit.observations.observations.ENCODINGS`.
+        render_mode: None, "ansi", "rgb_array" or "human".
+        mask_bumps: the info of each agent holds "action_mask", [actions] int8: 1 for the moves that
+            change its cell and for staying, all 1 once it is captured or its game terminated. Many
+            libraries apply it unasked; without the stay action it forbids waiting (with a warning).
+        mask_in_observation: observations are {"observation", "action_mask"}, as many libraries
+            want it; without `mask_bumps` the masks are all 1.
+
+    Raises:
+        ValueError: an unknown observation or render mode.
+
+    Attributes:
+        task, simulator: the game, and what plays it.
+        np_random: for wrappers that draw; seeded by `reset`, and never drawn from here.
+    """
+
+    simulator: Simulator
+    task: Task
+
+    def __init__(
+        self,
+        task: Task,
+        observation: str = "one_hot",
+        render_mode: str | None = None,
+        mask_bumps: bool = False,
+        mask_in_observation: bool = False,
+    ) -> None:
+        name = f"{checked_task(task).name}_v0"
+        self._render_as(render_mode, RENDER_FPS, name=name, is_parallelizable=True)
+        self.observation = observation
+        self.mask_in_observation = truth("mask_in_observation", mask_in_observation)
+        self.mask_bumps, self._world = truth("mask_bumps", mask_bumps), lay_out(task.mazes).world
+        simulator = Simulator(task, auto_restart=False)
+        self._encoder = simulator.encoder(observation)
+        seen: gymnasium.Space[Any] = self._encoder.space
+        if self.mask_in_observation:
+            seen = masked_space(seen, task.num_actions)
+        entities = task.num_agents + task.num_goals
+        high = np.array([task.max_cells] * entities + [task.max_steps], dtype=np.float32)
+        state = gymnasium.spaces.Box(np.zeros_like(high), high, dtype=np.float32)
+        action = gymnasium.spaces.Discrete(task.num_actions)
+        super().__init__(simulator, list(task.agent_names), seen, action, state)
+        self._actions = np.zeros((1, task.num_agents), dtype=np.int32)
+        if self.mask_bumps:
+            warn_of_masks(task)
+
+    def _begin(self, seed: int | None, options: dict[str, Any] | None) -> None:
+        begin(self.simulator, seed, options)
+
+    def _move(self, actions: Mapping[str, Any]) -> None:
+        chosen = memoryview(self._actions[0])  # several times faster to write to than the array
+        for agent in self.agents:
+            try:
+                chosen[self._seats[agent]] = index(actions[agent])
+            except (TypeError, ValueError):
+                raise ValueError(
+                    f"the action of {agent} is {actions[agent]!r}; give an integer from 0 to "
+                    f"{self.task.num_actions - 1}"
+                ) from None
+        self.simulator.step(self._actions)
+
+    def _out_of_game(self) -> list[str]:
+        if self.task.num_evaders <= 1:
+            return []
+        active = self.simulator.active[0]
+        return [agent for agent in self.agents if not active[self._seats[agent]]]
+
+    def act(self, policies: Mapping[str, Policy]) -> dict[str, int]:
+        """What policies do now: an action for every playing agent that has one, as `step` takes it.
+
+        Scripted, exact and learned policies alike; they see the whole game and choose their own
+        encoding, whatever this environment's is. Agents without a policy are left out: yours.
+
+        Args:
+            policies: by agent name, or by role for all agents of that role; a name goes first.
+
+        Raises:
+            ValueError: before the first reset, a policy for an agent that does not exist or is of
+                another role, or one without a method `act`.
+        """
+        if not self._seeded:
+            raise ValueError("act before reset; call reset() first")
+        filled, view = seat_policies(self.task, policies), self.simulator.view
+        chosen = ((agent, filled[self._seats[agent]]) for agent in self.agents)
+        return {
+            agent: int(play(policy, view(agent))[0])
+            for agent, policy in chosen
+            if policy is not None
+        }
+
+    def _observe(self) -> Sequence[Any] | NDArray[Any]:
+        observed: NDArray[Any] = self._encoder.encode(self.simulator.games)[0]
+        if not self.mask_in_observation:
+            return observed
+        pairs = zip(observed, self._masks(), strict=True)
+        return [{"observation": seen, ACTION_MASK: mask} for seen, mask in pairs]
+
+    def _infos(self) -> dict[str, dict[str, Any]]:
+        if not self.mask_bumps:
+            return super()._infos()
+        masks = self._masks()
+        return {agent: {ACTION_MASK: masks[self._seats[agent]]} for agent in self.agents}
+
+    def _masks(self) -> NDArray[np.int8]:
+        """[agents, actions], a fresh array: all 1 unless `mask_bumps`."""
+        simulator, actions = self.simulator, self.task.num_actions
+        if not self.mask_bumps:
+            return np.ones((self.task.num_agents, actions), dtype=np.int8)
+        masks = action_masks(simulator.games, self._world, actions, terminated=simulator.terminated)
+        return masks[0].astype(np.int8)
+
+    def state(self) -> NDArray[np.float32]:
+        """float32 [agents + goals + 1]: 1 + cell of all agents and goals (0 when gone), steps.
+
+        Whole numbers; the networks of central critics take floats.
+        """
+        simulator = self.simulator
+        agents = (simulator.positions[0] + 1) * simulator.active[0]
+        return np.concatenate([agents, simulator.goals[0] + 1, simulator.steps[:1]]).astype(
+            np.float32
+        )
+
+    def _scene(self) -> Scene:
+        return scene_of(self.simulator)
+
+
+def begin(simulator: Simulator, seed: int | None, options: Mapping[str, Any] | None) -> None:
+    """Begin new episodes as the options of an environment's `reset` say."""
+    given = reset_options(options, ("positions",), ("goals", "maze"))
+    if given:
+        simulator.place(given["positions"], given.get("goals"), given.get("maze"), seed)
+    else:
+        simulator.reset(seed=seed)
+
+
+def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:
+    """What `pursuit.rendering.rendering` draws, of one game of a simulator."""
+    task = simulator.task
+    marks = zip(task.agent_names, simulator.positions[game], simulator.active[game], strict=True)
+    return Scene(
+        maze=task.mazes[simulator.maze_index[game]],
+        agents=tuple(AgentMark(name, int(cell), bool(active)) for name, cell, active in marks),
+        goals=tuple(int(cell) for cell in simulator.goals[game] if cell >= 0),
+        steps=int(simulator.steps[game]),
+        max_steps=task.max_steps,
+        caption=caption,
+    )
+
+
+def environment_makers(
+    name: str,
+) -> tuple[
+    Callable[..., PursuitParallelEnv],
+    Callable[..., AECEnv[str, Any, int]],
+    Callable[..., AECEnv[str, Any, int]],
+]:
+    """The functions `parallel_env`, `raw_env` and `env` of the PettingZoo module of a task."""
+
+    def parallel_env(
+        maze: Any = "5x5",
+        observation: str = "one_hot",
+        render_mode: str | None = None,
+        mask_bumps: bool = False,
+        mask_in_observation: bool = False,
+        **settings: Any,
+    ) -> PursuitParallelEnv:
+        """The parallel environment; `settings` are those of `pursuit.Task`."""
+        task = make_task(name, maze=maze, **settings)
+        return PursuitParallelEnv(task, observation, render_mode, mask_bumps, mask_in_observation)
+
+    def raw_env(**settings: Any) -> AECEnv[str, Any, int]:
+        """The turn-based environment without PettingZoo's safety wrappers."""
+        return turn_based(parallel_env(**settings))
+
+    def env(**settings: Any) -> AECEnv[str, Any, int]:
+        """The turn-based (AEC) environment, with PettingZoo's usual safety wrappers."""
+        return wrappers.OrderEnforcingWrapper(
+            wrappers.AssertOutOfBoundsWrapper(raw_env(**settings))
+        )
+
+    return parallel_env, raw_env, env

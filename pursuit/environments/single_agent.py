@@ -1,0 +1,229 @@
+"""Gymnasium: one seat of a game is yours, policies fill the others; single and vectorised."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from operator import index
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from pursuit.environments.keys import Keys, maze_keys
+from pursuit.environments.parallel import RENDER_FPS, begin, scene_of
+from pursuit.environments.single_env import SingleEnv, checked_actions
+from pursuit.environments.vector import LockstepVectorEnv
+from pursuit.mazes.maze_arrays import lay_out
+from pursuit.observations.masks import ACTION_MASK, action_masks, masked_space, warn_of_masks
+from pursuit.rendering.rendering import Scene
+from pursuit.simulator.policy import Policy, seat_policies
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task, checked_task
+from pursuit.validation import truth, whole
+
+Policies = Mapping[str, Policy]
+
+
+def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, list[Policy | None]]:
+    """Your seat, and the policy of every seat (None in yours).
+
+    Args:
+        task: the game.
+        own: the agent that is yours: a name ("chaser_1"), or a role for the first of it.
+        policies: by agent name, or by role for all agents of that role; a name goes first.
+
+    Raises:
+        ValueError: a seat without a policy, a policy of another role, or one for an agent that does
+            not exist.
+    """
+    seat = checked_task(task).seat(own)
+    filled = seat_policies(task, policies)
+    filled[seat] = None
+    for other, name in enumerate(task.agent_names):
+        if other != seat and filled[other] is None:
+            raise ValueError(f"nobody fills the seat of {name}; add policies={{{name!r}: ...}}")
+    return seat, filled
+
+
+class SeatOfGames:
+    """A seat in a batch of games, one or many, whose other seats are filled by policies.
+
+    What `SingleEnv` and `LockstepVectorEnv` ask of a world.
+    """
+
+    simulator: Simulator
+    task: Task
+    policies: list[Policy | None]
+
+    def _take_seat(self, task: Task, agent: str, policies: Policies, num_envs: int) -> Simulator:
+        """Fill the seats; the games."""
+        self.seat, self.policies = fill_seats(task, agent, policies)
+        self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)
+        return Simulator(task, num_envs, auto_restart=False)
+
+    def _look(
+        self, simulator: Simulator, observation: str, mask_bumps: bool, mask_in_observation: bool
+    ) -> tuple[gymnasium.Space[Any], gymnasium.Space[Any]]:
+        """Set what is observed; the spaces of observations and actions."""
+        task, self.observation = simulator.task, observation
+        self.mask_in_observation = truth("mask_in_observation", mask_in_observation)
+        self.mask_bumps, self._world = truth("mask_bumps", mask_bumps), lay_out(task.mazes).world
+        if self.mask_bumps:
+            warn_of_masks(task)
+        seen: gymnasium.Space[Any] = simulator.encoder(observation).space
+        if self.mask_in_observation:
+            seen = masked_space(seen, task.num_actions)
+        return seen, gymnasium.spaces.Discrete(task.num_actions)
+
+    def _begin(self, seed: int | None, options: Any) -> None:
+        begin(self.simulator, seed, options)
+
+    def _advance(self, actions: Any) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
+        simulator = self.simulator
+        simulator.act(self.policies, self._actions)
+        self._actions[:, self.seat] = actions
+        simulator.step(self._actions)
+        rewards = simulator.rewards[:, self.seat]
+        terminations, truncations = simulator.terminated, simulator.truncated
+        if self.task.num_evaders > 1:  # your evader may leave a game that goes on
+            captured = simulator.active[:, self.seat] == 0
+            terminations, truncations = terminations | captured, truncations & ~captured
+        return rewards, terminations, truncations
+
+    def _observe(self) -> Any:
+        observed = self.simulator.observe(self.observation, self.seat)
+        if not self.mask_in_observation:
+            return observed
+        return {"observation": observed, ACTION_MASK: self._masks().astype(np.int8)}
+
+    def _returns(self) -> NDArray[np.float64]:
+        return self.simulator.returns[:, self.seat]
+
+    def _infos(self) -> dict[str, NDArray[Any]]:
+        return {ACTION_MASK: self._masks().astype(np.int8)} if self.mask_bumps else {}
+
+    def _masks(self) -> NDArray[np.bool_]:
+        """[games, actions] bool, a fresh array."""
+        simulator, actions = self.simulator, self.task.num_actions
+        if not self.mask_bumps:
+            return np.ones((simulator.num_games, actions), dtype=bool)
+        own = slice(self.seat, self.seat + 1)
+        return action_masks(simulator.games, self._world, actions, own, simulator.terminated)[:, 0]
+
+    def _scene(self, game: int = 0) -> Scene:
+        return scene_of(self.simulator, game)
+
+
+# skrl looks for Gymnasium's class among the direct bases only.
+class SingleAgentEnv(SeatOfGames, SingleEnv, gymnasium.Env[Any, Any]):
+    """One seat of one game as a Gymnasium environment.
+
+    The episode ends with the game, or with the capture of your evader. Every action is legal. The
+    info of the last step holds "episode_return" and "episode_length".
+
+    Args:
+        task: the rules and settings.
+        agent: your agent, by name or role.
+        policies: whoever fills the other seats, by name or role.
+        observation: one of `pursuit.observations.observations.ENCODINGS`.
+        render_mode: None, "ansi", "rgb_array" or "human".
+        mask_bumps: the info holds "action_mask", [actions] int8: 1 for the moves that change the
+            cell and for staying. Without the stay action it forbids waiting (with a warning).
+        mask_in_observation: observations are {"observation", "action_mask"}, as many libraries
+            want it; without `mask_bumps` the mask is all 1.
+
+    Raises:
+        ValueError: an unknown agent, observation or render mode, or an empty seat.
+    """
+
+    simulator: Simulator
+    task: Task
+
+    def __init__(
+        self,
+        task: Task,
+        agent: str,
+        policies: Policies,
+        observation: str = "one_hot",
+        render_mode: str | None = None,
+        mask_bumps: bool = False,
+        mask_in_observation: bool = False,
+    ) -> None:
+        self._render_as(render_mode, RENDER_FPS)
+        simulator = self._take_seat(task, agent, policies, 1)
+        spaces = self._look(simulator, observation, mask_bumps, mask_in_observation)
+        super().__init__(simulator, *spaces)
+
+    def _checked(self, actions: Any) -> int:
+        try:
+            action = index(actions)
+        except TypeError:
+            action = -1
+        if not 0 <= action < self.task.num_actions:
+            raise ValueError(f"action {actions!r}; integers from 0 to {self.task.num_actions - 1}")
+        return action
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """[actions] bool, for sb3-contrib's MaskablePPO: all True unless `mask_bumps`."""
+        return self._masks()[0]
+
+    def get_keys_to_action(self) -> dict[Keys, int]:
+        """For `gymnasium.utils.play.play(env, wait_on_player=True)`; see `environments.keys`."""
+        return maze_keys(self.task)
+
+
+class SingleAgentVectorEnv(
+    SeatOfGames, LockstepVectorEnv, gymnasium.vector.VectorEnv[Any, Any, Any]
+):
+    """One seat of many games as a Gymnasium vector environment; the `Simulator` underneath.
+
+    How games begin anew, and what the infos then hold, says `pursuit.environments.vector`.
+
+    Args:
+        task: the rules and settings.
+        agent: your agent, by name or role.
+        policies: whoever fills the other seats, by name or role.
+        num_envs: games in the batch.
+        observation: one of `pursuit.observations.observations.ENCODINGS`.
+        render_mode: None, "ansi" or "rgb_array".
+        seed: of the first reset, if that names none.
+        mask_bumps: `infos["action_mask"]`, [num_envs, actions] int8, is 1 for the moves that change
+            the cell and for staying. Without the stay action it forbids waiting (with a warning).
+        autoreset_mode: one of `gymnasium.vector.AutoresetMode`, or its name.
+        mask_in_observation: as in `SingleAgentEnv`.
+
+    Raises:
+        ValueError: an unknown agent, observation or mode, or an empty seat.
+    """
+
+    simulator: Simulator
+    task: Task
+
+    def __init__(
+        self,
+        task: Task,
+        agent: str,
+        policies: Policies,
+        num_envs: int = 1,
+        observation: str = "one_hot",
+        render_mode: str | None = None,
+        seed: int | None = None,
+        mask_bumps: bool = False,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        mask_in_observation: bool = False,
+    ) -> None:
+        num_envs = whole("num_envs", num_envs, 1, 2**63 - 1)
+        simulator = self._take_seat(task, agent, policies, num_envs)
+        spaces = self._look(simulator, observation, mask_bumps, mask_in_observation)
+        super().__init__(simulator, *spaces, render_mode, RENDER_FPS, seed, autoreset_mode)
+
+    def _checked(self, actions: Any) -> NDArray[Any]:
+        most = self.task.num_actions - 1
+        rule = f"integers from 0 to {most}"
+        return checked_actions(actions, "iu", (self.num_envs,), rule, (0, most))
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """[num_envs, actions] bool, for sb3-contrib: all True unless `mask_bumps`."""
+        return self._masks()

@@ -1,0 +1,276 @@
+"""Gymnasium's vector environments over both simulators: seeds, ends and restarts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from pursuit.environments.single_env import GamesOfWorld, StepLimitInSpec, row_of
+from pursuit.validation import checked_seed, is_whole, some_seed, whole
+
+RESET_MASK = "reset_mask"
+"""What Gymnasium calls the option that says which games begin anew."""
+
+
+def checked_autoreset(mode: str | AutoresetMode) -> AutoresetMode:
+    """`mode`, itself or by its name or value; ValueError for another."""
+    for known in AutoresetMode:
+        if mode is known or (isinstance(mode, str) and mode in (known.name, known.value)):
+            return known
+    names = ", ".join(known.name for known in AutoresetMode)
+    raise ValueError(f"autoreset_mode={mode!r}; one of {names}, as gymnasium.vector.AutoresetMode")
+
+
+def limited(task: Any, max_episode_steps: int | None) -> Any:
+    """The task, its episodes cut off after `max_episode_steps` if that is earlier.
+
+    As Gymnasium's TimeLimit it only shortens episodes; what lengthens them is `max_steps`.
+    """
+    if max_episode_steps is None or whole("max_episode_steps", max_episode_steps, 1) >= (
+        task.max_steps
+    ):
+        return task
+    return replace(task, max_steps=int(max_episode_steps))
+
+
+def masked_infos(infos: dict[str, NDArray[Any]], games: NDArray[np.bool_]) -> dict[str, Any]:
+    """Infos of the games of a mask as Gymnasium has them: 0 for the others, the mask as "_key"."""
+    masked: dict[str, Any] = {}
+    for key, values in infos.items():
+        masked[key] = values.copy()
+        masked[key][~games] = 0
+        masked[f"_{key}"] = games.copy()
+    return masked
+
+
+@contextmanager
+def left_alone(simulator: Any, games: NDArray[np.bool_]) -> Iterator[None]:
+    """Whatever is done inside, the games of the mask stand afterwards as they stood before."""
+    if not games.any():
+        yield
+        return
+    state, seed = simulator.get_state(games), simulator.last_seed
+    try:
+        yield
+    finally:
+        simulator.set_state(state, games)
+        simulator.last_seed = seed
+
+
+class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEnv[Any, Any, Any]):
+    """A batch of games of a simulator, of which a game that has ended begins anew as is asked.
+
+    `autoreset_mode` is one of Gymnasium's:
+
+    - NEXT_STEP, the default: in the step after the one that ends it. That step ignores the action
+      of the game and brings a reward of 0.
+    - SAME_STEP: in the step that ends it. The observation is the first of the new episode;
+      `infos["final_obs"]` ([num_envs] object, None where no episode ended) holds the last of the
+      old one, and `infos["final_info"]` the infos that belong to it.
+    - DISABLED: in `reset(options={"reset_mask": mask})`; to step before that is an error.
+
+    The infos are those of Gymnasium's `SyncVectorEnv` over single environments: every key comes
+    with a mask "_key" [num_envs] bool of the games that it is of, the others have 0. In the step
+    that ends an episode they hold "episode_return" [num_envs] float64 and "episode_length"
+    [num_envs] int64; with SAME_STEP these stand in `infos["final_info"]`. (Not "episode", the key
+    that Gymnasium's `RecordEpisodeStatistics` claims for itself.)
+
+    Args:
+        simulator: made with `auto_restart=False`.
+        observed, actions: the spaces of one game.
+        render_mode: None, "rgb_array" or "ansi".
+        render_fps: pictures per second.
+        seed: of the first reset, if that names none.
+        autoreset_mode: one of `gymnasium.vector.AutoresetMode`, or its name.
+
+    Raises:
+        ValueError: another render mode, seed or autoreset mode.
+    """
+
+    def __init__(
+        self,
+        simulator: Any,
+        observed: gymnasium.Space[Any],
+        actions: gymnasium.Space[Any],
+        render_mode: str | None,
+        render_fps: int,
+        seed: int | None,
+        autoreset_mode: str | AutoresetMode,
+    ) -> None:
+        if render_mode not in (None, "rgb_array", "ansi"):
+            raise ValueError(f"render_mode {render_mode!r}; a batch draws 'rgb_array' or 'ansi'")
+        self.autoreset_mode = checked_autoreset(autoreset_mode)
+        self.simulator, self.task, self.num_envs = simulator, simulator.task, simulator.num_games
+        self.single_observation_space, self.single_action_space = observed, actions
+        self.observation_space = batch_space(observed, self.num_envs)
+        self.action_space = batch_space(actions, self.num_envs)
+        self.metadata = {
+            "autoreset_mode": self.autoreset_mode,
+            "render_modes": ["ansi", "rgb_array"],
+            "render_fps": render_fps,
+        }
+        self.render_mode = render_mode
+        self._first_seed = None if seed is None else checked_seed(seed)
+        self._seeded = False
+        self._over = np.zeros(self.num_envs, dtype=bool)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin new episodes in all games, or in those of `options["reset_mask"]` [num_envs] bool.
+
+        Args:
+            seed: with one integer game i belongs to (seed, i). A list has one for each game, which
+                then plays as a single environment does that is reset with that seed; the streams of
+                games whose seed is None go on.
+            options: others are those of the single environment, for all games or a row for each.
+
+        Raises:
+            ValueError: a seed or mask that cannot be, or options that make no start; nothing is
+                changed then.
+        """
+        chosen, options = self._chosen(options)
+        listed = None if seed is None or is_whole(seed) else self._checked_seeds(seed)
+        first = None if seed is None or listed is not None else checked_seed(seed)
+        if not self._seeded and first is None and (listed is None or None in listed):
+            first = some_seed() if self._first_seed is None else self._first_seed
+        with left_alone(self.simulator, ~chosen):
+            if listed is None:
+                self._begin(first, options)
+            else:
+                self._begin_each(listed, first, options)
+        own = first if listed is None else next((each for each in listed if each is not None), None)
+        super().reset(seed=own)  # np_random, which is there for wrappers
+        self._over[chosen] = False
+        self._seeded = True
+        return self._observe(), masked_infos(self._infos(), chosen)
+
+    def _chosen(self, options: Any) -> tuple[NDArray[np.bool_], Any]:
+        """Which games begin anew, and the options without the mask that says so."""
+        every = np.ones(self.num_envs, dtype=bool)
+        if not isinstance(options, dict) or RESET_MASK not in options:
+            return every, options
+        mask = np.asarray(options[RESET_MASK])
+        if mask.dtype != np.bool_ or mask.shape != every.shape:
+            raise ValueError(f"reset_mask={mask!r}; give an array of {self.num_envs} bools")
+        if not self._seeded and not mask.all():
+            raise ValueError("reset_mask before the first reset; call reset() for all games first")
+        return mask, {key: value for key, value in options.items() if key != RESET_MASK}
+
+    def _checked_seeds(self, seeds: Any) -> list[int | None]:
+        if not isinstance(seeds, (Sequence, np.ndarray)) or isinstance(seeds, (str, bytes)):
+            raise ValueError(f"seed={seeds!r}; give one integer, or a list of one for each game")
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed: {len(seeds)} seeds for {self.num_envs} games; one for each")
+        return [None if each is None else checked_seed(each) for each in seeds]
+
+    def _begin_each(self, seeds: list[int | None], others: int | None, options: Any) -> None:
+        """Give game i the streams of a single game that is seeded with `seeds[i]`, and begin."""
+        simulator, given = self.simulator, np.array([seed is not None for seed in seeds])
+        before, alone = simulator.get_state(), type(simulator)(self.task)
+        if others is not None:
+            simulator.seed(others)
+        simulator.seed(0, given)  # whatever else a seed does: a kept pose is drawn anew
+        for game in np.flatnonzero(given):
+            alone.seed(seeds[game])
+            simulator.streams[game] = alone.streams[0]
+        try:
+            self._begin(None, options)
+        except ValueError:
+            simulator.set_state(before)
+            raise
+
+    def step(
+        self, actions: Any
+    ) -> tuple[Any, NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """One step of every game.
+
+        Args:
+            actions: as `action_space` has them.
+
+        Returns:
+            observations [num_envs, ...], rewards [num_envs] float32, terminations and truncations
+            [num_envs] bool, infos.
+
+        Raises:
+            ValueError: before the first reset, a wrong shape or dtype, an action out of range, or,
+                with autoreset DISABLED, a game that is over; then nothing has moved.
+        """
+        if not self._seeded:
+            raise ValueError("step before reset; call reset() first")
+        simulator, waiting = self.simulator, self._over
+        if self.autoreset_mode is AutoresetMode.DISABLED and waiting.any():
+            raise ValueError(
+                f"game {np.flatnonzero(waiting)[0]} is over and autoreset_mode is DISABLED; call "
+                "reset(options={'reset_mask': terminations | truncations}) first"
+            )
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP and waiting.any():
+            results = self._advance_others(self._checked(actions), waiting)
+        else:
+            results = [array.copy() for array in self._advance(self._checked(actions))]
+        rewards, terminations, truncations = results
+        ended = terminations | truncations
+        infos: dict[str, Any] = {}
+        if ended.any():
+            infos = masked_infos(
+                {
+                    "episode_return": self._returns(),
+                    "episode_length": simulator.steps.astype(np.int64),
+                },
+                ended,
+            )
+            if self.autoreset_mode is AutoresetMode.SAME_STEP:
+                infos |= masked_infos(self._infos(), ended)
+                infos = {
+                    "final_obs": self._final_observations(ended),
+                    "_final_obs": ended.copy(),
+                    "final_info": infos,
+                    "_final_info": ended.copy(),
+                }
+                simulator.reset(games=ended)
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            self._over = ended
+        infos |= masked_infos(self._infos(), np.ones(self.num_envs, dtype=bool))
+        return self._observe(), rewards, terminations, truncations, infos
+
+    def _final_observations(self, ended: NDArray[np.bool_]) -> NDArray[np.object_]:
+        """[num_envs] object: what is observed now in the games of the mask, None in the others."""
+        observed, final = self._observe(), np.full(self.num_envs, None, dtype=object)
+        for game in np.flatnonzero(ended):
+            final[game] = row_of(observed, game)
+        return final
+
+    def _advance_others(self, actions: Any, waiting: NDArray[np.bool_]) -> list[NDArray[Any]]:
+        """Begin new episodes in the games of the mask `waiting`, and move the others."""
+        simulator = self.simulator
+        over = simulator.get_state(waiting)
+        simulator.reset(games=waiting)
+        try:
+            with left_alone(simulator, waiting):
+                results = [array.copy() for array in self._advance(actions)]
+        except ValueError:
+            simulator.set_state(over, waiting)
+            raise
+        for array in results:
+            array[waiting] = 0
+        return results
+
+    def render(self) -> Any:
+        """A tuple of one text or picture per game, as the render mode asks; None without one."""
+        if self.render_mode is None:
+            return None
+        scenes = [self._scene(game) for game in range(self.num_envs)]
+        return tuple(
+            scene.text() if self.render_mode == "ansi" else scene.draw() for scene in scenes
+        )

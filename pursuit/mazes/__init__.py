@@ -1,0 +1,1 @@
+"""Mazes: their form, text and other formats, generators; the files and suites that are shipped."""

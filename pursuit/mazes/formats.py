@@ -1,0 +1,221 @@
+"""The text formats of mazes: our own, MovingAI's `.map`, and the grids of maze benchmarks.
+
+Each reader turns a text into a `Drawing`, of which `Maze` is made. In the formats of others a wall
+fills a whole square; it becomes a blocked cell, and two neighbouring floor squares are joined.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+PASSABLE, IMPASSABLE = ".GS", "@OTW"
+"""Terrain of MovingAI: ground and swamp; out of bounds, trees, and water, which cannot be entered
+from land and so is taken as impassable."""
+AGENTS = "><^v"
+"""An agent in the grids of benchmarks, by where it looks; our agents look nowhere."""
+
+_HEADER = re.compile(r"type\s+(\S+)\s+height\s+(\d+)\s+width\s+(\d+)\s+map\s*")
+
+
+class Drawing(NamedTuple):
+    """What a text shows: the arguments of `Maze`, in their order."""
+
+    walkable: NDArray[np.bool_]
+    open_south: NDArray[np.bool_]
+    open_east: NDArray[np.bool_]
+    start: tuple[int, int] | None = None
+    goals: tuple[tuple[int, int], ...] = ()
+
+
+def _fail(name: str, line: int, problem: str) -> NoReturn:
+    raise ValueError(f"{name}: line {line}: {problem}")
+
+
+def _lines_of(text: str) -> tuple[list[str], int]:
+    """The lines without blank ones before and after, and the number of the first, from 1."""
+    lines = text.splitlines()
+    filled = [number for number, line in enumerate(lines) if line.strip()]
+    return (lines[filled[0] : filled[-1] + 1], filled[0] + 1) if filled else ([], 1)
+
+
+def _grid_of(lines: Sequence[str]) -> NDArray[np.str_]:
+    """[rows, columns] the characters of lines of one length."""
+    return np.array([list(line) for line in lines])
+
+
+def _drawing_of_squares(
+    walkable: NDArray[np.bool_],
+    start: tuple[int, int] | None = None,
+    goals: tuple[tuple[int, int], ...] = (),
+) -> Drawing:
+    """No wall stands between squares of the floor."""
+    south, east = walkable[:-1] & walkable[1:], walkable[:, :-1] & walkable[:, 1:]
+    return Drawing(walkable, south, east, start, goals)
+
+
+def _goals_in(cells: NDArray[np.str_]) -> tuple[tuple[int, int], ...]:
+    return tuple((row, column) for row, column in np.argwhere(cells == "G").tolist())
+
+
+# -- our own ---------------------------------------------------------------------------------------
+
+
+def read_walls(text: str, name: str) -> Drawing:
+    """A maze in our own format; see `Maze.from_text`.
+
+    Raises:
+        ValueError: naming the line and the remedy, if the text is no such maze.
+    """
+    if not isinstance(text, str):
+        raise ValueError(f"{name}: {text!r} is no text; give the drawing of a maze")
+    lines, first = _lines_of(text)
+    lines = [line.rstrip(" ") for line in lines]
+    _check_rectangular(lines, first, name)
+    length = max(len(line) for line in lines)
+    grid = _grid_of([line.ljust(length) for line in lines])
+    cells, blank = grid[1::2, 1::2], grid == " "
+    start = None
+    for row, column in np.argwhere(_are_odd(grid)).tolist():
+        character, where = str(grid[row, column]), f"character {column + 1}"
+        is_cell = row % 2 == 1 and column % 2 == 1
+        if not character.isprintable():
+            problem = f"unknown character {character!r}; a maze is plain text"
+        elif not is_cell:
+            problem = f"the mark {character!r} stands between cells; put it in a cell"
+        elif character == "S" and start is not None:
+            problem = "a second start mark 'S'; keep one"
+        elif character == "S":
+            start = (row // 2, column // 2)
+            continue
+        else:
+            problem = f"unknown character {character!r}; a cell is ' ', 'S', 'G' or '#'"
+        _fail(name, row + first, f"{where}: {problem}")
+    south, east = blank[2:-1:2, 1::2], blank[1::2, 2:-1:2]
+    return Drawing(cells != "#", south, east, start, _goals_in(cells))
+
+
+def _are_odd(grid: NDArray[np.str_]) -> NDArray[np.bool_]:
+    """Where a character is no part of a maze, or a start mark."""
+    odd = np.isin(grid, ["S", "G", *(c for c in np.unique(grid) if not c.isprintable())])
+    odd[1::2, 1::2] = ~np.isin(grid[1::2, 1::2], [" ", "#", "G"])
+    return odd
+
+
+def _check_rectangular(lines: Sequence[str], first: int, name: str) -> None:
+    """Refuse lines that are not 2H+1 of 2W+1 characters, trailing blanks aside."""
+    if not lines:
+        raise ValueError(
+            f"{name}: the file is empty; a maze of one cell is '+-+', '| |', '+-+' on three lines"
+        )
+    length = max(len(line) for line in lines)
+    # A row whose last character is a wall on a wall column looks complete: it is not a longer
+    # row from which an editor cut blanks.
+    short = [
+        number
+        for number, line in enumerate(lines)
+        if len(line) < length and len(line) % 2 == 1 and line[-1] in "+|-"
+    ]
+    if length % 2 == 0 or length < 3 or 2 * len(short) > len(lines):
+        widest = next(number for number, line in enumerate(lines) if len(line) == length)
+        _fail(
+            name,
+            widest + first,
+            f"{length} characters: the maze is not rectangular; give every line the same odd "
+            "number, 2W+1 for W cells",
+        )
+    if short:
+        _fail(
+            name,
+            short[0] + first,
+            f"{len(lines[short[0]])} characters where another line has {length}: the maze is not "
+            "rectangular; give every line the same length",
+        )
+    if len(lines) % 2 == 0 or len(lines) < 3:
+        _fail(
+            name,
+            len(lines) - 1 + first,
+            f"the maze ends after {len(lines)} lines; H cells need an odd number, 2H+1: is the "
+            "lower border missing?",
+        )
+
+
+# -- those of others -------------------------------------------------------------------------------
+
+
+def read_movingai(text: str, name: str) -> Drawing:
+    """A map in MovingAI's format (Sturtevant, 2012): a header, then a row a line.
+
+    Raises:
+        ValueError: another header, rows of another number or length, or unknown terrain.
+    """
+    header = _HEADER.match(text)
+    if not header:
+        raise ValueError(
+            f"{name}: no header; a MovingAI map begins with the lines 'type octile', 'height H', "
+            "'width W' and 'map'"
+        )
+    height, width = int(header.group(2)), int(header.group(3))
+    rows = text[header.end() :].split()
+    if len(rows) != height:
+        raise ValueError(f"{name}: {len(rows)} rows, and its header says height {height}")
+    for line, row in enumerate(rows, text[: header.end()].count("\n") + 1):
+        unknown = set(row) - set(PASSABLE + IMPASSABLE)
+        if unknown:
+            _fail(
+                name,
+                line,
+                f"unknown terrain {min(unknown)!r}; passable is {PASSABLE!r}, impassable "
+                f"{IMPASSABLE!r}",
+            )
+        if len(row) != width:
+            _fail(name, line, f"{len(row)} characters; its header says width {width}")
+    if not height or not width:
+        raise ValueError(f"{name}: a map without cells")
+    return _drawing_of_squares(np.isin(_grid_of(rows), list(PASSABLE)))
+
+
+def read_squares(text: str, name: str) -> Drawing:
+    """A grid in the manner of maze benchmarks (JaxUED, minimax): a character a square.
+
+    `#` is a wall, `.` or a blank the floor, `G` a goal, and `>`, `<`, `^`, `v` (or `A`, `S`) the
+    start of the agent.
+
+    Raises:
+        ValueError: rows of another length, another character, or a second agent.
+    """
+    if not isinstance(text, str):
+        raise ValueError(f"{name}: {text!r} is no text; give the drawing of a grid")
+    rows, first = _lines_of(text)
+    if not rows:
+        raise ValueError(f"{name}: an empty grid; draw '#' for walls and '.' for floor")
+    if "." in text:  # then blanks around it are indentation
+        rows = [row.strip() for row in rows]
+    width = max(len(row) for row in rows)
+    start = None
+    for number, row in enumerate(rows):
+        line = number + first
+        if len(row) != width:
+            _fail(
+                name,
+                line,
+                f"{len(row)} characters where another has {width}; give every line the same number",
+            )
+        unknown = set(row) - set(f"#. G{AGENTS}AS")
+        if unknown:
+            _fail(
+                name,
+                line,
+                f"unknown character {min(unknown)!r}; a square is '#', '.', 'G', or one of "
+                f"{AGENTS!r} for the agent",
+            )
+        for agent in re.finditer(f"[{re.escape(AGENTS)}AS]", row):
+            if start is not None:
+                _fail(name, line, "a second agent; keep one")
+            start = (number, agent.start())
+    grid = _grid_of(rows)
+    return _drawing_of_squares(grid != "#", start, _goals_in(grid))

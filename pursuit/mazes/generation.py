@@ -1,0 +1,332 @@
+"""Generators of mazes, and the shipped library that they make.
+
+`python -m pursuit.mazes.generation` writes the library anew; with `--check` it compares only.
+
+A grid of H×W cells has (H-1)W + H(W-1) inner walls. A maze in the making is one flat bool array
+`passages` of that length, True where the wall is open: first the walls south of the cells, row by
+row, then those east of the cells. Cells are numbered row by row.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from pursuit.compilation.compiled import allocating, compiled
+from pursuit.mazes.maze import LIBRARY, Maze
+from pursuit.mazes.suite_files import check_option, renew
+from pursuit.memory import check_memory
+from pursuit.rules import EAST, NORTH, SOUTH, next_below
+from pursuit.validation import is_number, is_whole, truth
+
+MAX_CELLS = 4_000_000
+"""The largest maze that is generated; 2000×2000 cells take some seconds and 500 MB."""
+
+BYTES_PER_CELL = 100
+"""The memory that a cell takes while a maze is made: 70 measured, and what the algorithms keep."""
+
+OUTSIDE, FRONTIER, INSIDE = range(3)
+
+# -- the grid --------------------------------------------------------------------------------------
+
+
+@compiled
+def passage_of(cell: int, action: int, height: int, width: int) -> int:
+    """The index in `passages` of the wall in that direction; -1 at the border."""
+    row, column = cell // width, cell % width
+    first_east = (height - 1) * width
+    if action == NORTH:
+        return cell - width if row > 0 else -1
+    if action == SOUTH:
+        return cell if row < height - 1 else -1
+    if action == EAST:
+        return first_east + cell - row if column < width - 1 else -1
+    return first_east + cell - row - 1 if column > 0 else -1
+
+
+@compiled
+def cell_after(cell: int, action: int, width: int) -> int:
+    """The next cell in that direction, walls ignored; not for use at the border."""
+    if action == NORTH:
+        return cell - width
+    if action == SOUTH:
+        return cell + width
+    return cell + 1 if action == EAST else cell - 1
+
+
+@compiled
+def degree(cell: int, height: int, width: int, passages: Any) -> int:
+    """How many sides of the cell are open."""
+    count = 0
+    for action in range(4):
+        passage = passage_of(cell, action, height, width)
+        count += passage >= 0 and passages[passage]
+    return count
+
+
+@compiled
+def random_action(
+    cell: int, states: Any, wanted: int, height: int, width: int, streams: Any
+) -> int:
+    """A uniformly random direction to a neighbour with the wanted state; -1 if there is none."""
+    chosen, count = -1, 0
+    for action in range(4):
+        if passage_of(cell, action, height, width) < 0:
+            continue
+        if states[cell_after(cell, action, width)] == wanted:
+            count += 1
+            if next_below(streams, 0, count) == 0:
+                chosen = action
+    return chosen
+
+
+# -- algorithms ------------------------------------------------------------------------------------
+
+
+@allocating
+def prim(height: int, width: int, streams: Any, passages: Any) -> None:
+    """Randomised Prim: join a random cell of the frontier to a random neighbour inside.
+
+    Many short dead ends.
+    """
+    size = height * width
+    states = np.zeros(size, dtype=np.uint8)
+    frontier = np.empty(size, dtype=np.int64)
+    frontier[0] = next_below(streams, 0, size)
+    count = 1
+    while count > 0:
+        choice = next_below(streams, 0, count)
+        cell = frontier[choice]
+        count -= 1
+        frontier[choice] = frontier[count]
+        to_inside = random_action(cell, states, INSIDE, height, width, streams)
+        if to_inside >= 0:  # the first cell has nobody to join
+            passages[passage_of(cell, to_inside, height, width)] = True
+        states[cell] = INSIDE
+        for action in range(4):
+            if passage_of(cell, action, height, width) >= 0:
+                after = cell_after(cell, action, width)
+                if states[after] == OUTSIDE:
+                    states[after] = FRONTIER
+                    frontier[count] = after
+                    count += 1
+
+
+@allocating
+def backtracker(height: int, width: int, streams: Any, passages: Any) -> None:
+    """Depth-first search: walk to random new cells, go back where there are none.
+
+    Long winding corridors.
+    """
+    size = height * width
+    states = np.zeros(size, dtype=np.uint8)
+    path = np.empty(size, dtype=np.int64)
+    path[0] = next_below(streams, 0, size)
+    states[path[0]] = INSIDE
+    length = 1
+    while length > 0:
+        cell = path[length - 1]
+        action = random_action(cell, states, OUTSIDE, height, width, streams)
+        if action < 0:
+            length -= 1
+            continue
+        passages[passage_of(cell, action, height, width)] = True
+        path[length] = cell_after(cell, action, width)
+        states[path[length]] = INSIDE
+        length += 1
+
+
+@allocating
+def wilson(height: int, width: int, streams: Any, passages: Any) -> None:
+    """Loop-erased random walks: a spanning tree drawn uniformly from all of them. Wilson (1996)."""
+    size = height * width
+    inside = np.zeros(size, dtype=np.bool_)
+    last_exit = np.empty(size, dtype=np.int8)
+    inside[next_below(streams, 0, size)] = True
+    for origin in range(size):
+        cell = origin
+        while not inside[cell]:
+            action = next_below(streams, 0, 4)
+            if passage_of(cell, action, height, width) >= 0:
+                last_exit[cell] = action
+                cell = cell_after(cell, action, width)
+        # Following the last exits retraces the walk without its loops.
+        cell = origin
+        while not inside[cell]:
+            inside[cell] = True
+            passages[passage_of(cell, last_exit[cell], height, width)] = True
+            cell = cell_after(cell, last_exit[cell], width)
+
+
+def open_room(height: int, width: int, streams: Any, passages: Any) -> None:
+    """No inner walls at all."""
+    passages[:] = True
+
+
+@compiled
+def braid(height: int, width: int, order: Any, streams: Any, passages: Any) -> None:
+    """Visit the cells in this order and open a wall of each that is a dead end.
+
+    The wall is a random one of those to another dead end, or of all where there is none.
+    """
+    for cell in order:
+        if degree(cell, height, width, passages) != 1:
+            continue
+        for dead_ends_only in (True, False):
+            chosen, count = -1, 0
+            for action in range(4):
+                wall = passage_of(cell, action, height, width)
+                if wall < 0 or passages[wall]:
+                    continue
+                after = cell_after(cell, action, width)
+                if not dead_ends_only or degree(after, height, width, passages) == 1:
+                    count += 1
+                    if next_below(streams, 0, count) == 0:
+                        chosen = wall
+            if chosen >= 0:
+                passages[chosen] = True
+                break
+
+
+ALGORITHMS: dict[str, Callable[[int, int, Any, Any], None]] = {
+    "prim": prim,
+    "backtracker": backtracker,
+    "wilson": wilson,
+    "open": open_room,
+}
+
+
+def generate_maze(
+    algorithm: str,
+    height: int,
+    width: int | None = None,
+    loops: float = 0.0,
+    no_dead_ends: bool = False,
+    seed: int | np.random.Generator = 0,
+    name: str | None = None,
+) -> Maze:
+    """A random connected maze without marks or blocked cells.
+
+    Args:
+        algorithm: `"prim"` (randomised Prim), `"backtracker"` (depth-first), `"wilson"` (uniform
+            over all spanning trees) or `"open"` (no inner walls). The first three make trees.
+        height: rows of cells.
+        width: columns of cells; as many as rows if not given.
+        loops: the share, 0 to 1, of the remaining inner walls that is removed (rounded to whole
+            walls, drawn uniformly). In a tree each removed wall makes one independent cycle.
+        no_dead_ends: open further walls, last of all, until no cell has just one open side.
+        seed: an int, which decides the maze, or a generator, which is drawn from.
+        name: the name of the maze; by default the algorithm and the size, `"prim-9x9"`.
+
+    Raises:
+        ValueError: an unknown algorithm, a size below 1, above MAX_CELLS cells or beyond memory
+            (with the bytes that it needs), loops outside 0 to 1, a negative seed, or no_dead_ends
+            with a single row or column of cells.
+    """
+    width = height if width is None else width
+    check_arguments(algorithm, height, width, loops, no_dead_ends, seed)
+    height, width = int(height), int(width)
+    rng = np.random.default_rng(seed)
+    streams = rng.integers(2**64, size=1, dtype=np.uint64)
+    num_south = (height - 1) * width
+    passages = np.zeros(num_south + height * (width - 1), dtype=np.bool_)
+    ALGORITHMS[algorithm](height, width, streams, passages)
+    walls = np.flatnonzero(~passages)
+    passages[rng.choice(walls, size=round(loops * walls.size), replace=False)] = True
+    if no_dead_ends:
+        braid(height, width, rng.permutation(height * width), streams, passages)
+    return Maze(
+        np.ones((height, width), dtype=np.bool_),
+        passages[:num_south].reshape(height - 1, width),
+        passages[num_south:].reshape(height, width - 1),
+        name=f"{algorithm}-{height}x{width}" if name is None else name,
+    )
+
+
+def check_arguments(
+    algorithm: str,
+    height: int,
+    width: int,
+    loops: float,
+    no_dead_ends: bool,
+    seed: int | np.random.Generator,
+) -> None:
+    """Raise ValueError if `generate_maze` cannot take these."""
+    if not isinstance(algorithm, str) or algorithm not in ALGORITHMS:
+        raise ValueError(f"unknown algorithm {algorithm!r}; choose one of {', '.join(ALGORITHMS)}")
+    for side, length in (("height", height), ("width", width)):
+        if not is_whole(length) or length < 1:
+            raise ValueError(f"{side} {length!r}; give a whole number of cells, 1 or more")
+    cells = int(height) * int(width)
+    if cells > MAX_CELLS:
+        raise ValueError(
+            f"{height}x{width} is {cells} cells; they need {cells * BYTES_PER_CELL:,} bytes, and a "
+            f"generated maze has at most {MAX_CELLS}: make it smaller"
+        )
+    check_memory(f"{height}x{width} cells", cells * BYTES_PER_CELL, "make it smaller")
+    truth("no_dead_ends", no_dead_ends)
+    if not is_number(loops) or not 0 <= loops <= 1:
+        raise ValueError(
+            f"loops {loops!r}; it is a share of the inner walls: give a number from 0 (a tree "
+            "stays one) to 1 (the open room)"
+        )
+    if no_dead_ends and min(height, width) == 1 < max(height, width):
+        raise ValueError(
+            f"no_dead_ends in {height}x{width} cells; both ends of a single row or column are dead "
+            "ends: give height and width of 2 or more, or leave no_dead_ends out"
+        )
+    if not isinstance(seed, np.random.Generator) and (not is_whole(seed) or seed < 0):
+        raise ValueError(f"seed {seed!r}; give an int of 0 or more, or a numpy Generator")
+
+
+# -- the shipped library ---------------------------------------------------------------------------
+
+# Size -> seeds of the maze without dead ends and of the tree: those that give, among the first
+# thousand, few open squares and few loops on the one side and a long way from S to G on both.
+LIBRARY_SEEDS = {
+    2: (0, 0),
+    3: (0, 506),
+    4: (0, 313),
+    5: (88, 557),
+    6: (150, 622),
+    7: (513, 739),
+    8: (144, 575),
+    9: (635, 676),
+    15: (83, 928),
+}
+
+
+def library_mazes() -> dict[str, Maze]:
+    """The mazes of the shipped library by name, made afresh.
+
+    S and G mark opposite corners. `"5x5"` has no dead ends, `"5x5-tree"` no loops, `"5x5-open"` no
+    inner walls.
+    """
+    mazes = {}
+    for size, (seed, tree_seed) in LIBRARY_SEEDS.items():
+        name = f"{size}x{size}"
+        mazes[name] = generate_maze("prim", size, loops=0.05, no_dead_ends=True, seed=seed)
+        mazes[f"{name}-tree"] = generate_maze("prim", size, seed=tree_seed)
+        mazes[f"{name}-open"] = generate_maze("open", size)
+    return {name: with_corner_marks(maze, name) for name, maze in mazes.items()}
+
+
+def with_corner_marks(maze: Maze, name: str) -> Maze:
+    """The same maze with S in the first cell and G in the last."""
+    corner = (maze.height - 1, maze.width - 1)
+    walkable = maze.cell_numbers >= 0
+    return Maze(walkable, maze.joined_south, maze.joined_east, (0, 0), (corner,), name)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the shipped library, or compare it (`--check`); the exit status, 1 if it differs."""
+    parser = check_option("python -m pursuit.mazes.generation", "Make the shipped mazes.")
+    made = {f"{name}.txt": maze.to_text().encode() for name, maze in library_mazes().items()}
+    return renew(LIBRARY, made, LIBRARY.glob("*.txt"), parser.parse_args(arguments).check)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,334 @@
+"""Maze: an immutable graph of cells, its text format, its neighbours and its distances."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.mazes.formats import read_walls
+from pursuit.mazes.sources import LIBRARY as LIBRARY
+from pursuit.mazes.sources import drawing_of
+from pursuit.mazes.sources import library_names as library_names
+from pursuit.memory import check_memory
+from pursuit.rules import (
+    EAST,
+    NORTH,
+    SOUTH,
+    UNREACHABLE,
+    WEST,
+    all_distances,
+    breadth_first,
+    longest_distance,
+)
+from pursuit.validation import as_array, is_whole
+
+BYTES_PER_CELL = 70
+"""The memory that it takes to make a maze: measured on 1000x1000 cells."""
+MAX_TABLE_CELLS = 4096
+"""Above this number of cells no all-pairs table is built (its size grows with the square)."""
+
+
+class Maze:
+    """Cells in rows and columns with thin walls between them; a cell may be blocked.
+
+    Walkable cells are numbered row by row from 0. The maze never changes: its arrays are read-only,
+    equal mazes compare and hash as equal.
+
+    Args:
+        walkable: [height, width] bool, False where the cell is blocked.
+        open_south: [height - 1, width] bool, True where there is no wall between (r, c) and
+            (r + 1, c).
+        open_east: [height, width - 1] bool, True where there is no wall between (r, c) and
+            (r, c + 1).
+        start: the (row, column) of the start mark, or None.
+        goals: the (row, column) of every goal mark.
+        name: what error messages and results call this maze.
+
+    Raises:
+        ValueError: no walkable cell; a mark on a blocked cell; a goal that the start, or another
+            goal, cannot reach; shapes that do not fit together; more than memory holds.
+
+    Attributes:
+        height, width: rows and columns of cells.
+        num_cells: how many of them are walkable.
+        cell_numbers: [height, width] int32, the number of each cell; -1 where blocked.
+        rows, columns: [num_cells] int32, where each cell lies.
+        neighbors: [num_cells, 5] int32, the cell after north, south, east, west and stay; the cell
+            itself where a wall is in the way.
+        start_mark: the number of the cell marked `S`, or None.
+        goal_marks: the numbers of the cells marked `G`, in order.
+    """
+
+    def __init__(
+        self,
+        walkable: NDArray[np.bool_],
+        open_south: NDArray[np.bool_],
+        open_east: NDArray[np.bool_],
+        start: tuple[int, int] | None = None,
+        goals: tuple[tuple[int, int], ...] = (),
+        name: str = "maze",
+    ) -> None:
+        walkable, open_south, open_east = _own_grids(name, walkable, open_south, open_east)
+        height, width = walkable.shape
+        if open_south.shape != (height - 1, width) or open_east.shape != (height, width - 1):
+            raise ValueError(
+                f"{name}: open_south has shape {open_south.shape} and open_east {open_east.shape}; "
+                f"{height}x{width} cells need {(height - 1, width)} and {(height, width - 1)}"
+            )
+        if not walkable.any():
+            raise ValueError(f"{name}: no walkable cell; leave at least one cell blank")
+        self.name = name
+        self.height, self.width = height, width
+        self.num_cells = int(walkable.sum())
+        self.cell_numbers = np.full((height, width), -1, dtype=np.int32)
+        self.cell_numbers[walkable] = np.arange(self.num_cells, dtype=np.int32)
+        rows, columns = np.nonzero(walkable)
+        self.rows, self.columns = rows.astype(np.int32), columns.astype(np.int32)
+        self.neighbors = self._neighbor_table(open_south, open_east)
+        self.start_mark = None if start is None else self._marked(start, "S")
+        if not isinstance(goals, Iterable):
+            raise ValueError(f"{name}: goals={goals!r}; give the (row, column) of each")
+        self.goal_marks = tuple(sorted({self._marked(goal, "G") for goal in goals}))
+        if self.start_mark in self.goal_marks:
+            raise ValueError(f"{name}: start and goal are both at {start}; move one of the marks")
+        for array in (self.cell_numbers, self.rows, self.columns, self.neighbors):
+            array.flags.writeable = False
+        self._check_marks_reachable()
+
+    def _neighbor_table(
+        self, open_south: NDArray[np.bool_], open_east: NDArray[np.bool_]
+    ) -> NDArray[np.int32]:
+        numbers = self.cell_numbers
+        table = np.repeat(np.arange(self.num_cells, dtype=np.int32)[:, None], 5, axis=1)
+        joined_south = open_south & (numbers[:-1] >= 0) & (numbers[1:] >= 0)
+        joined_east = open_east & (numbers[:, :-1] >= 0) & (numbers[:, 1:] >= 0)
+        upper, lower = numbers[:-1][joined_south], numbers[1:][joined_south]
+        left, right = numbers[:, :-1][joined_east], numbers[:, 1:][joined_east]
+        table[upper, SOUTH], table[lower, NORTH] = lower, upper
+        table[left, EAST], table[right, WEST] = right, left
+        return table
+
+    def _marked(self, place: tuple[int, int], mark: str) -> int:
+        if np.shape(place) != (2,) or np.asarray(place).dtype.kind not in "iu":
+            raise ValueError(f"{self.name}: the mark {mark!r} at {place!r}; give (row, column)")
+        inside = 0 <= place[0] < self.height and 0 <= place[1] < self.width
+        cell = int(self.cell_numbers[place]) if inside else -1
+        if cell < 0:
+            where = "on a blocked cell" if inside else "outside the maze"
+            raise ValueError(
+                f"{self.name}: the mark {mark!r} at {place} is {where}; put it on a walkable cell"
+            )
+        return cell
+
+    def _check_marks_reachable(self) -> None:
+        if not self.goal_marks:
+            return
+        origin = self.goal_marks[0] if self.start_mark is None else self.start_mark
+        distances = self.distances_from(origin)
+        for goal in self.goal_marks:
+            if distances[goal] == UNREACHABLE:
+                row, column = int(self.rows[goal]), int(self.columns[goal])
+                raise ValueError(
+                    f"{self.name}: line {2 * row + 2}: the goal in row {row}, column {column} is "
+                    f"unreachable from {'the other goals' if self.start_mark is None else 'S'}; "
+                    "open a wall or move the mark"
+                )
+
+    # -- text ------------------------------------------------------------------------------------
+
+    @classmethod
+    def from_text(cls, text: str, name: str = "maze text") -> Maze:
+        """Read a maze of H×W cells from 2H+1 lines of 2W+1 characters.
+
+        The character at (2r+1, 2c+1) is the cell: blank, `S` (start), `G` (goal) or `#` (blocked).
+        A blank between two cells joins them and any other character there is a wall. The border
+        counts as closed whatever stands there. Blank lines before and after, carriage returns, a
+        missing last newline and trailing blanks cut by an editor are all fine.
+
+        Raises:
+            ValueError: naming `name`, the line and the remedy, if the text is no such maze.
+        """
+        return cls(*read_walls(text, name), name)
+
+    def to_text(self) -> str:
+        """The maze in the text format; `Maze.from_text` of it gives an equal maze."""
+        grid = np.full((2 * self.height + 1, 2 * self.width + 1), " ", dtype="<U1")
+        grid[::2, ::2] = "+"
+        grid[::2, 1::2] = "-"
+        grid[1::2, ::2] = "|"
+        cells = grid[1::2, 1::2]
+        cells[self.cell_numbers < 0] = "#"
+        grid[2:-1:2, 1::2][self.joined_south] = " "
+        grid[1::2, 2:-1:2][self.joined_east] = " "
+        if self.start_mark is not None:
+            cells[self.rows[self.start_mark], self.columns[self.start_mark]] = "S"
+        for goal in self.goal_marks:
+            cells[self.rows[goal], self.columns[goal]] = "G"
+        return "\n".join("".join(line) for line in grid) + "\n"
+
+    @property
+    def joined_south(self) -> NDArray[np.bool_]:
+        """[height - 1, width] bool, True where (r, c) and (r + 1, c) are neighbours."""
+        numbers, south = self.cell_numbers[:-1], self.neighbors[:, SOUTH]
+        return (numbers >= 0) & (south[numbers] != numbers)
+
+    @property
+    def joined_east(self) -> NDArray[np.bool_]:
+        """[height, width - 1] bool, True where (r, c) and (r, c + 1) are neighbours."""
+        numbers, east = self.cell_numbers[:, :-1], self.neighbors[:, EAST]
+        return (numbers >= 0) & (east[numbers] != numbers)
+
+    # -- graph -----------------------------------------------------------------------------------
+
+    @cached_property
+    def degrees(self) -> NDArray[np.int32]:
+        """[num_cells] int32, the number of moves that change the cell."""
+        own = np.arange(self.num_cells, dtype=np.int32)[:, None]
+        return (self.neighbors[:, :4] != own).sum(axis=1, dtype=np.int32)
+
+    @cached_property
+    def dead_ends(self) -> NDArray[np.int32]:
+        """The numbers of the cells with exactly one neighbour, in order."""
+        return np.flatnonzero(self.degrees == 1).astype(np.int32)
+
+    @cached_property
+    def num_components(self) -> int:
+        """How many parts the maze falls into; 1 where every cell reaches every other."""
+        unseen, parts = np.ones(self.num_cells, dtype=bool), 0
+        while unseen.any():
+            unseen &= self.distances_from(int(unseen.argmax())) == UNREACHABLE
+            parts += 1
+        return parts
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether every walkable cell can be reached from every other."""
+        return self.num_components == 1
+
+    @property
+    def num_loops(self) -> int:
+        """Independent cycles: passages - cells + connected parts; 0 for a tree."""
+        return int(self.degrees.sum()) // 2 - self.num_cells + self.num_components
+
+    @cached_property
+    def distances(self) -> NDArray[np.int32]:
+        """[num_cells, num_cells] int32, steps on a shortest path; UNREACHABLE where there is none.
+
+        Computed on first use and read-only.
+
+        Raises:
+            ValueError: the maze has more than MAX_TABLE_CELLS cells. Use `distances_from`, or
+                `scripted_agents.shortest_path`, which need no table.
+        """
+        if self.num_cells > MAX_TABLE_CELLS:
+            raise ValueError(
+                f"{self.name}: {self.num_cells} cells; a table of all distances is built up to "
+                f"{MAX_TABLE_CELLS}. Use maze.distances_from(cell) or scripted_agents.shortest_path"
+            )
+        table = table_of_distances(self)
+        table.flags.writeable = False
+        return table
+
+    def distances_from(self, cell: int) -> NDArray[np.int32]:
+        """[num_cells] int32, steps between `cell` and every cell, by one breadth-first search.
+
+        UNREACHABLE where there is no path. Needs no table: for mazes of any size.
+        """
+        self.check_cell(cell)
+        if "distances" in self.__dict__:
+            return self.distances[cell]
+        distances = np.empty(self.num_cells, dtype=np.int32)
+        queue = np.empty(self.num_cells, dtype=np.int32)
+        distances.fill(UNREACHABLE)
+        breadth_first(self.neighbors, cell, distances, queue)
+        return distances
+
+    @cached_property
+    def longest_distance(self) -> int:
+        """The largest finite distance between two cells; exact, and quadratic in their number."""
+        if self.num_cells <= MAX_TABLE_CELLS:
+            table = self.distances
+            return int(table[table != UNREACHABLE].max())
+        return int(longest_distance(self.neighbors))
+
+    def check_cell(self, cell: int) -> int:
+        """`cell`, if it is the number of a cell; raises ValueError otherwise."""
+        if not is_whole(cell):
+            raise ValueError(f"{self.name}: cell {cell!r}; a cell is a whole number")
+        if not 0 <= cell < self.num_cells:
+            raise ValueError(f"{self.name}: cell {cell}; the cells are 0 to {self.num_cells - 1}")
+        return int(cell)
+
+    @cached_property
+    def _content(self) -> bytes:
+        """A digest of all that a maze is but its name: equal where the texts are."""
+        digest = hashlib.sha256(repr((self.start_mark, self.goal_marks)).encode())
+        for array in (self.cell_numbers, self.neighbors):
+            digest.update(repr(array.shape).encode())
+            digest.update(array.tobytes())
+        return digest.digest()
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        return isinstance(other, Maze) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the table of distances, which is larger than all the rest, and soon made."""
+        return {name: kept for name, kept in vars(self).items() if name != "distances"}
+
+    def __repr__(self) -> str:
+        return f"<Maze {self.name}: {self.height}x{self.width}, {self.num_cells} cells>"
+
+
+def _own_grids(name: str, *grids: Any) -> tuple[NDArray[np.bool_], ...]:
+    """The grids [rows, columns] of a maze of that name, as arrays of their own.
+
+    Raises:
+        ValueError: they are not of two dimensions, hold no bools, or need more than memory holds.
+    """
+    rule = "walkable, open_south and open_east are arrays [rows, columns] of bools"
+    found = [as_array(f"{name}: grid", grid, "b", rule) for grid in grids]
+    if any(grid.ndim != 2 for grid in found):
+        raise ValueError(f"{name}: {rule}; these have shapes {[grid.shape for grid in found]}")
+    height, width = found[0].shape
+    needed = BYTES_PER_CELL * found[0].size
+    check_memory(f"{name} of {height}x{width} cells", needed, "make it smaller")
+    return tuple(np.array(grid, dtype=bool) for grid in found)
+
+
+def table_of_distances(maze: Maze) -> NDArray[np.int32]:
+    """A fresh `maze.distances`, which the maze does not keep; for mazes of which there are many."""
+    if "distances" in vars(maze):
+        return maze.distances
+    table = np.empty((maze.num_cells, maze.num_cells), dtype=np.int32)
+    all_distances(maze.neighbors, table)
+    return table
+
+
+def load_maze(maze: str | Path | Maze) -> Maze:
+    """A maze of the shipped library by its name (`"5x5"`), of a suite, or of a file by its path.
+
+    A `Maze` is returned as it is, so that whoever takes a maze can take a name as well. One maze of
+    a suite is `"suite:7x7-test/017"` (all of it: `pursuit.load_suite`). A file whose name ends in
+    `.map` is read as `pursuit.read_map` does.
+
+    Raises:
+        ValueError: no such name or file; a directory; not text; not a maze. The message names the
+            file, the line and the remedy.
+    """
+    if isinstance(maze, Maze):
+        return maze
+    if not isinstance(maze, (str, Path)):
+        raise ValueError(f"maze={maze!r}; give the name of a maze, a path, or a Maze")
+    drawing, name = drawing_of(maze)
+    return Maze(*drawing, name)

@@ -1,0 +1,77 @@
+"""Mazes as the kernels need them: laid end to end in four flat arrays."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, table_of_distances
+from pursuit.rules import layout
+from pursuit.rules.distances import NO_PATH
+
+
+class MazeArrays(NamedTuple):
+    """What kernels are given of the mazes; `layout.world_of` names what is in them.
+
+    Attributes:
+        mazes: [GOAL_MARKS + marks, num_mazes] int64, where each maze begins, and its marks.
+        neighbors: [all cells, 5] int32.
+        facts: [FACT_LAYERS, all cells] int32, row, column, distance to the nearest goal mark, mask
+            of moves.
+        tables: uint16, the distance tables of all mazes that have one, flattened.
+    """
+
+    mazes: NDArray[np.int64]
+    neighbors: NDArray[np.int32]
+    facts: NDArray[np.int32]
+    tables: NDArray[np.uint16]
+
+    @property
+    def world(self) -> layout.World:
+        """The same under the names of the rule book."""
+        return layout.named(layout.world_of, *self)
+
+
+@lru_cache(maxsize=64)
+def lay_out(mazes: tuple[Maze, ...]) -> MazeArrays:
+    """The arrays of `mazes`; mazes of more than MAX_TABLE_CELLS cells get no distance table."""
+    num_marks = max(len(maze.goal_marks) for maze in mazes)
+    num_cells = sum(maze.num_cells for maze in mazes)
+    num_distances = sum(maze.num_cells**2 for maze in mazes if maze.num_cells <= MAX_TABLE_CELLS)
+    arrays = MazeArrays(
+        mazes=np.full((layout.GOAL_MARKS + num_marks, len(mazes)), -1, dtype=np.int64),
+        neighbors=np.concatenate([maze.neighbors for maze in mazes]),
+        facts=np.zeros((layout.FACT_LAYERS, num_cells), dtype=np.int32),
+        tables=np.empty(num_distances, dtype=np.uint16),
+    )
+    world = arrays.world
+    first_cell = first_distance = 0
+    for number, maze in enumerate(mazes):
+        own = slice(first_cell, first_cell + maze.num_cells)
+        world.first_cell[number], world.num_cells[number] = first_cell, maze.num_cells
+        if maze.num_cells <= MAX_TABLE_CELLS:
+            world.table[number] = first_distance
+            distances = maze.distances if len(mazes) == 1 else table_of_distances(maze)
+            last_distance = first_distance + maze.num_cells**2
+            np.minimum(
+                distances.ravel(),
+                NO_PATH,
+                out=arrays.tables[first_distance:last_distance],
+                casting="unsafe",
+            )
+            first_distance = last_distance
+        if maze.start_mark is not None:
+            world.start_mark[number] = maze.start_mark
+        world.num_goal_marks[number] = len(maze.goal_marks)
+        world.goal_marks[: len(maze.goal_marks), number] = maze.goal_marks
+        world.row[own], world.column[own] = maze.rows, maze.columns
+        changes = maze.neighbors[:, :4] != np.arange(maze.num_cells)[:, None]
+        world.moves[own] = changes @ (1 << np.arange(4))
+        if maze.goal_marks:
+            nearest = np.min([maze.distances_from(goal) for goal in maze.goal_marks], axis=0)
+            world.mark_distance[own] = nearest
+        first_cell += maze.num_cells
+    return arrays

@@ -1,0 +1,159 @@
+"""Frozen suites of mazes: to train on, to choose by, and to report on mazes that were never seen.
+
+`python -m pursuit.mazes.suites` writes the mazes of `pursuit/mazes/files/suites/` anew from their
+seeds; with `--check` it compares only. (`python -m scripted_agents.graphs.difficulty` does so for
+the measures.)
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import sys
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from itertools import count, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.mazes.generation import generate_maze
+from pursuit.mazes.maze import Maze, load_maze
+from pursuit.mazes.suite_files import (
+    SIZES,
+    SPLITS,
+    SUITES,
+    SUMS,
+    check_option,
+    difficulty_of,
+    grids_of_row,
+    is_suite,
+    renew,
+    rows_of,
+    sums_text,
+)
+from pursuit.mazes.suite_files import suite_names as suite_names
+
+KINDS = tuple(
+    product(
+        ("prim", "backtracker", "wilson"), ((0.0, False), (0.1, False), (0.3, False), (0.0, True))
+    )
+)
+"""Maze number i of a suite is of kind i modulo 12: (generator, (loops, no_dead_ends))."""
+
+FIRST_SEEDS = {"train": 0, "validation": 10**6, "test": 2 * 10**6}
+"""Every maze of a split takes the next seed that gives a maze not yet in any split."""
+
+
+@lru_cache(maxsize=64)
+def load_suite(name: str) -> tuple[Maze, ...]:
+    """The mazes of a frozen suite, in order; each is called NAME/NUMBER, as `"7x7-test/017"`.
+
+    Args:
+        name: `"7x7-train"`, `"7x7-validation"`, `"7x7-test"`, or another size of 5, 9 and 15;
+            `"7x7-train/0-99"` is the first hundred of it, in which all kinds are, too.
+
+    Raises:
+        ValueError: no such suite, or a file that is not as it was shipped.
+    """
+    if not isinstance(name, str):
+        raise ValueError(f"suite={name!r}; give the name of one: {', '.join(suite_names())}")
+    return tuple(Maze(*grids_of_row(row), name=row.name) for row in rows_of(name))
+
+
+def load_mazes(given: str | Path | Maze | Sequence[str | Path | Maze]) -> tuple[Maze, ...]:
+    """One maze or several of them, each of them a name, a path, a `Maze`, or a suite of mazes.
+
+    Raises:
+        ValueError: as `load_maze` and `load_suite`.
+    """
+    if isinstance(given, str) and is_suite(given):
+        return load_suite(given)
+    if isinstance(given, (str, Path, Maze)):
+        return (load_maze(given),)
+    return tuple(maze for each in given for maze in load_mazes(each))
+
+
+def suite_difficulty(name: str) -> dict[str, NDArray[np.float64]]:
+    """How hard the mazes of a whole suite are, [mazes] float64 by measure, as frozen with it.
+
+    The measures are those of `scripted_agents.maze_difficulty`.
+
+    Raises:
+        ValueError: as `load_suite`.
+    """
+    suite = name.removeprefix("suite:")
+    if suite not in suite_names():
+        raise ValueError(f"unknown suite {name!r}; suites: {', '.join(suite_names())}")
+    return difficulty_of(suite)
+
+
+# -- how they are made -----------------------------------------------------------------------------
+
+
+def least_copy(maze: Maze) -> bytes:
+    """The same for all rotated and mirrored copies of a maze, and for no other maze."""
+    grid = np.zeros((2 * maze.height - 1, 2 * maze.width - 1), dtype=bool)
+    grid[::2, ::2] = maze.cell_numbers >= 0
+    grid[1::2, ::2], grid[::2, 1::2] = maze.joined_south, maze.joined_east
+    turned = [np.rot90(side, turns) for side in (grid, grid.T) for turns in range(4)]
+    return min(repr(each.shape).encode() + np.packbits(each).tobytes() for each in turned)
+
+
+@lru_cache(maxsize=1)
+def held_out_copies() -> frozenset[bytes]:
+    """`least_copy` of every maze that is kept for judging: of all validation and test suites."""
+    held_out = [name for name in suite_names() if not name.endswith("train")]
+    return frozenset(least_copy(maze) for name in held_out for maze in load_suite(name))
+
+
+def suite_rows(size: int) -> Iterator[tuple[str, list[list[Any]]]]:
+    """(split, its rows) of the suites of a size, made afresh: no maze twice, nor a copy of one."""
+    taken: set[bytes] = set()
+    for split, number in SPLITS.items():
+        seeds = count(FIRST_SEEDS[split])
+        rows: list[list[Any]] = []
+        while len(rows) < number:
+            generator, (loops, braided) = KINDS[len(rows) % len(KINDS)]
+            seed = next(seeds)
+            maze = generate_maze(generator, size, loops=loops, no_dead_ends=braided, seed=seed)
+            copy = least_copy(maze)
+            if copy not in taken:
+                taken.add(copy)
+                openings = np.concatenate([maze.joined_south.ravel(), maze.joined_east.ravel()])
+                digits = np.packbits(openings).tobytes().hex()
+                told = "yes" if braided else "no"
+                rows.append([len(rows), generator, loops, told, seed, digits])
+        yield split, rows
+
+
+def suite_tables() -> dict[str, bytes]:
+    """The files of the suites by name, made afresh."""
+    tables = {}
+    for size in SIZES:
+        for split, rows in suite_rows(size):
+            text = io.StringIO()
+            writer = csv.writer(text, lineterminator="\n")
+            writer.writerow(["number", "generator", "loops", "no_dead_ends", "seed", "openings"])
+            writer.writerows(rows)
+            tables[f"{size}x{size}-{split}.csv"] = text.getvalue().encode()
+    return tables
+
+
+def freeze(made: dict[str, bytes], check: bool) -> int:
+    """Write these files and the sums of all, or compare only; the exit status, 1 if they differ."""
+    shipped = {path.name: path.read_bytes() for path in SUITES.glob("*.csv")}
+    made = {**made, SUMS: sums_text(shipped | made).encode()}
+    return renew(SUITES, made, [SUITES / name for name in made], check)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the suites, or compare them (`--check`); the exit status, 1 if they differ."""
+    parser = check_option("python -m pursuit.mazes.suites", "Make the frozen suites of mazes.")
+    return freeze(suite_tables(), parser.parse_args(arguments).check)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

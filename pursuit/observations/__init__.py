@@ -1,0 +1,1 @@
+"""What agents observe: encodings, limited sight, masks, and observations of users' own."""

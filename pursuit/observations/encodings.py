@@ -1,0 +1,173 @@
+"""The kernels of the encodings: first the entities that each agent sees, then how they are written.
+
+`list_entities` alone looks at the games; for grids and planes what it finds, `seen` [games, seats,
+entities + 1] int32, holds the cell of every entity, -1 where it is gone or not in view, and last
+the agent's own cell if it collected a goal in the last step, else -1.
+
+`table` and `begin` are the sight of the task (`pursuit.rules.sight`), both None where it is full;
+`view` [games, seats] int64 is where the table has the row of an agent's cell.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pursuit.compilation.compiled import compiled, inlined
+from pursuit.rules.layout import Games
+from pursuit.rules.sight import (
+    COLLECTED_PLANE,
+    GOALS_PLANE,
+    IN_VIEW_PLANE,
+    MAZE_PLANES,
+    UNSEEN,
+    goal_in_view,
+    goal_rank,
+    has_collected,
+    in_view,
+    view_of,
+)
+
+
+@inlined
+def put(out: Any, game: int, seat: int, entity: int, place: int, shown: bool, gone: Any) -> None:
+    """Write the place of an entity; without a number for those who are gone, mark it by 1."""
+    if gone is None:
+        if shown:
+            out[game, seat, place] = 1.0
+    else:
+        out[game, seat, entity] = place if shown else gone
+
+
+@compiled
+def list_entities(
+    position: Any, active: Any, event: Any, goal: Any, steps: Any, maze: Any, table: Any,
+    begin: Any, order: Any, first: int, size: int, gone: Any, out: Any,
+) -> None:  # fmt: skip
+    """Fill `out` [games, seats, entities + 1] with first + size * entity + cell, or `gone`.
+
+    Where `gone` is None, these are the places of the ones of `out` [games, seats, any], else of 0.
+    `order` [seats, agents] has the agents in the order of entities.
+    """
+    games = Games(position, active, event, goal, steps, maze)
+    num_agents, num_goals = position.shape[1], goal.shape[1]
+    last = num_agents + num_goals
+    if gone is None:
+        out[:] = 0.0
+    for game in range(out.shape[0]):
+        for seat in range(out.shape[1]):
+            own = np.uintp(order[seat, 0])  # unsigned: faster
+            view = view_of(begin, games, game, own)
+            for entity in range(num_agents):
+                agent = np.uintp(order[seat, entity])
+                cell = games.position[game, agent]
+                shown = (games.active[game, agent] != 0) & in_view(table, view, cell)
+                put(out, game, seat, entity, first + size * entity + cell, shown, gone)
+            for number in range(num_goals):
+                cell = goal_in_view(games, table, view, game, number)
+                entity = num_agents + goal_rank(games, table, view, game, number)
+                put(out, game, seat, entity, first + size * entity + cell, cell >= 0, gone)
+            place = first + size * last + games.position[game, own]
+            put(out, game, seat, last, place, has_collected(games, game, own), gone)
+
+
+@compiled
+def list_views(
+    position: Any, active: Any, event: Any, goal: Any, steps: Any, maze: Any, begin: Any,
+    order: Any, view: Any,
+) -> None:  # fmt: skip
+    """Fill `view`."""
+    games = Games(position, active, event, goal, steps, maze)
+    for game in range(view.shape[0]):
+        for seat in range(view.shape[1]):
+            view[game, seat] = view_of(begin, games, game, order[seat, 0])
+
+
+@compiled
+def draw_codes(seen: Any, maze: Any, codes: Any, places: Any, out: Any) -> None:
+    """Write the code of every entity into `out` [games, seats, flattened grid].
+
+    `codes` [seats, entities, 2] has (entity, code) in the order of drawing; `places` [mazes, cells]
+    is where each cell lies in the grid.
+    """
+    for game in range(seen.shape[0]):
+        for seat in range(seen.shape[1]):
+            for turn in range(codes.shape[1]):
+                entity, code = codes[seat, turn]
+                cell = seen[game, seat, entity]
+                if cell >= 0:
+                    out[game, seat, places[maze[game], cell]] = code
+
+
+@compiled
+def hide_grid(
+    maze: Any, table: Any, view: Any, num_cells: Any, hidden: Any, places: Any, background: Any,
+    columns: int, reach: int, out: Any,
+) -> None:  # fmt: skip
+    """Leave in `out` [games, seats, flattened grid] of the maze only what is within view.
+
+    `num_cells` is [mazes], `hidden` [seats] bool (whose maze is hidden), `background` [mazes,
+    flattened grid], `columns` the width of a row of it, and `reach` 1 where walls lie beside cells,
+    which are seen with them.
+    """
+    for game in range(out.shape[0]):
+        number = maze[game]
+        for seat in range(out.shape[1]):
+            if not hidden[seat]:
+                continue
+            for place in range(out.shape[2]):
+                out[game, seat, place] = UNSEEN
+            for cell in range(num_cells[number]):
+                if in_view(table, view[game, seat], cell):
+                    for down in range(-reach, reach + 1):
+                        for right in range(-reach, reach + 1):
+                            place = places[number, cell] + down * columns + right
+                            out[game, seat, place] = background[number, place]
+
+
+@compiled
+def draw_planes(
+    seen: Any, at: Any, maze: Any, table: Any, view: Any, hidden: Any, layers: Any, cells: Any,
+    rows: Any, columns: Any, walls: Any, centred: bool, out: Any,
+) -> None:  # fmt: skip
+    """Fill `out` [games, seats, planes, height, width], around the agent's own cell if `centred`.
+
+    `at` [games, seats] are the own cells, `layers` [seats, agents] the planes of the agents; see
+    `pursuit.observations.observations.Grids` for the mazes.
+    """
+    num_entities, num_agents = seen.shape[2] - 1, layers.shape[1]
+    height, width = out.shape[3], out.shape[4]
+    for game in range(seen.shape[0]):
+        number = np.uintp(maze[game])
+        for seat in range(seen.shape[1]):
+            row = view[game, seat]
+            top, left = 0, 0
+            if centred:
+                top = rows[number, at[game, seat]] - height // 2
+                left = columns[number, at[game, seat]] - width // 2
+            out[game, seat] = 0.0
+            for down in range(max(0, -top), min(height, cells.shape[1] - top)):
+                for right in range(max(0, -left), min(width, cells.shape[2] - left)):
+                    cell = cells[number, top + down, left + right]
+                    if cell < 0:
+                        continue
+                    is_seen = in_view(table, row, cell)
+                    if table is not None and is_seen:
+                        out[game, seat, IN_VIEW_PLANE, down, right] = 1.0
+                    if is_seen or not hidden[seat]:
+                        out[game, seat, MAZE_PLANES, down, right] = 1.0
+                        closed = walls[number, np.uintp(cell)]
+                        for side in range(4):
+                            wall = np.float32((closed >> side) & 1)
+                            out[game, seat, MAZE_PLANES + 1 + side, down, right] = wall
+            for entity in range(num_entities + 1):
+                cell = seen[game, seat, entity]
+                if cell < 0:
+                    continue
+                down, right = rows[number, cell] - top, columns[number, cell] - left
+                if 0 <= down < height and 0 <= right < width:
+                    layer = COLLECTED_PLANE if entity == num_entities else GOALS_PLANE
+                    if entity < num_agents:
+                        layer = layers[seat, entity]
+                    out[game, seat, layer, down, right] = 1.0

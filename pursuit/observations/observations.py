@@ -1,0 +1,253 @@
+"""Encodings: what one agent observes, and the space of each.
+
+An agent observes *entities*: itself, then the others of its role, then all other agents, then the
+goals sorted by cell (those gone first). A captured evader is gone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.observations import encodings
+from pursuit.observations.own import ENCODINGS as ENCODINGS
+from pursuit.observations.own import WINDOW, Observation, OwnEncoding, given_radius, is_ours
+from pursuit.rules.layout import Games
+from pursuit.rules.sight import FLOOR, GOAL, IN_VIEW, OTHER, SELF, TEAM, UNSEEN, WALL
+from pursuit.rules.sight import PLANES as PLANES
+from pursuit.tasks.task import Task, checked_task
+
+NO_CELL = -1
+DRAWING_ORDER = (GOAL, TEAM, OTHER, SELF)
+"""Where several share a cell of a grid, the last of these is drawn over the others."""
+
+
+class Encoder:
+    """One encoding of one task.
+
+    - "one_hot": float32 [(entities + 1) * cells]: a row for each entity with a 1 at its cell, and
+      the just-collected row with a 1 at the agent's own cell if it collected a goal in this step.
+    - "positions": int32 [entities + 1]: 1 + cell of each entity, 0 when gone; just collected 0/1.
+    - "cells": uint8 [height, width]: the codes FLOOR, SELF, TEAM, OTHER, GOAL, WALL (blocked).
+    - "walls": uint8 [2*height + 1, 2*width + 1]: the same with the walls between the cells.
+    - "planes": float32 [10, height, width] of 0 and 1, named in PLANES.
+    - "window": float32 [10, 2R+1, 2R+1], the planes of what lies around the agent, who is in the
+      middle: the same for mazes of any size, outside of which nothing is walkable. "window:4" has
+      R = 4; "window" the largest view radius of the task, or one that always shows the whole maze.
+    - "index": int32 [entities + 1]: the places of the ones of "one_hot" (gone: its size, a padding
+      row), so that an embedding bag that sums rows equals a matrix times "one_hot".
+
+    With several mazes, cells, height and width are those of the largest.
+
+    Where the task limits sight, who and what an agent does not see is as if gone, and "planes"
+    and "window" have one plane more, "in view": 1 for the cells that are seen. Who knows of the
+    maze only what is within view (`Task.unknown_maze`) is shown the code UNSEEN in place of all
+    other cells, and of the walls that are not beside a cell in view; on planes all numbers of other
+    cells are 0.
+
+    Args:
+        task: the task.
+        encoding: one of ENCODINGS, or an `Observation` of your own: itself, its class, or its name
+            "package.module:Name".
+
+    Raises:
+        ValueError: an unknown encoding, or an observation without a Box as its space.
+
+    Attributes:
+        shape, dtype: of one observation.
+        space: its Gymnasium space (one object, the same at every call).
+    """
+
+    def __init__(self, task: Task, encoding: str | Observation) -> None:
+        self.encoding: Any = encoding
+        self._sight = checked_task(task).sight
+        self.num_entities, self.num_cells = task.num_agents + task.num_goals, task.max_cells
+        roles = task.seat_roles
+        order = [
+            sorted(
+                range(len(roles)), key=lambda other: (other != seat, roles[other] != role, other)
+            )
+            for seat, role in enumerate(roles)
+        ]
+        self._order = np.array(order, dtype=np.int64)
+        same_role = np.array(roles)[self._order] == np.array(roles)[:, None]
+        self._codes = np.where(same_role, TEAM, OTHER)
+        self._codes[:, 0] = SELF
+        self._own = None if is_ours(encoding) else OwnEncoding(task, encoding)
+        self.space: Any = self._space(task) if self._own is None else self._own.space
+        self.shape, self.dtype = self.space.shape, self.space.dtype
+
+    def _space(self, task: Task) -> gymnasium.spaces.Box:
+        """The space of an encoding of ours; makes what its kernels need of the mazes."""
+        box: Any = gymnasium.spaces.Box
+        entities, cells = self.num_entities, self.num_cells
+        if self.encoding == "one_hot":
+            return box(0.0, 1.0, ((entities + 1) * cells,), np.float32)
+        if self.encoding == "positions":
+            high = np.array([cells] * entities + [1], dtype=np.int32)
+            return box(np.zeros_like(high), high, dtype=np.int32)
+        if self.encoding == "index":
+            return box(0, (entities + 1) * cells, (entities + 1,), np.int32)
+        if self.encoding in ("cells", "walls"):
+            self._places, self._background = _drawn_mazes(task, self.encoding == "walls")
+            self._draws = _draws(self._codes, task.num_goals)
+            self._num_cells = np.array([maze.num_cells for maze in task.mazes])
+            most = UNSEEN if self._sight.hidden_maze.any() else WALL
+            return box(FLOOR, most, self._background.shape[1:], np.uint8)
+        self._grids = grids_of(task)
+        sides = self._grids.cells.shape[1:]
+        if self.encoding != "planes":
+            sides = (2 * radius_of(task, self.encoding) + 1,) * 2
+        return box(0.0, 1.0, (len(planes_of(task)), *sides), np.float32)
+
+    def encode(
+        self, games: Games, seats: slice = slice(None), out: NDArray[Any] | None = None
+    ) -> NDArray[Any]:
+        """[games, seats, *shape]: what these seats observe in these games, played or not.
+
+        Raises:
+            ValueError: `out` has another shape or dtype.
+        """
+        shape = (len(games.steps), len(self._order[seats]), *self.shape)
+        if out is None:
+            out = np.empty(shape, self.dtype)
+        elif not isinstance(out, np.ndarray):
+            raise ValueError(f"out={out!r}; give an array of shape {shape} and dtype {self.dtype}")
+        elif out.shape != shape or out.dtype != self.dtype:
+            raise ValueError(
+                f"out of shape {out.shape} and dtype {out.dtype}; {self.encoding!r} needs {shape} "
+                f"and {self.dtype}"
+            )
+        if self._own is not None:
+            out[:] = self._own.encode(games, seats)
+        elif not out.flags.c_contiguous:
+            out[:] = self.encode(games, seats)
+        else:
+            self._fill(games, seats, out)
+        return out
+
+    def _fill(self, games: Games, seats: slice, out: NDArray[Any]) -> None:
+        """Fill `out`, contiguous, with an encoding of ours."""
+        order, size, sight = self._order[seats], self.num_cells, self._sight
+        seen_from = (*games, sight.table, sight.begin, order)
+        if self.encoding == "index":
+            encodings.list_entities(*seen_from, 0, size, out.shape[2] * size, out)
+            return
+        if self.encoding == "positions":
+            encodings.list_entities(*seen_from, 1, 0, 0, out)
+            out[:, :, -1] = out[:, :, -1] > 0
+            return
+        if self.encoding == "one_hot":
+            encodings.list_entities(*seen_from, 0, size, None, out)
+            return
+        seen = np.empty((*out.shape[:2], self.num_entities + 1), dtype=np.int32)
+        encodings.list_entities(*seen_from, 0, 0, -1, seen)
+        view = np.empty(out.shape[:2], dtype=np.int64)
+        encodings.list_views(*games, sight.begin, order, view)
+        hidden = sight.hidden_maze[seats]
+        if self.encoding in ("cells", "walls"):
+            out[:] = self._background[games.maze][:, None]
+            flat = out.reshape(*out.shape[:2], math.prod(self.shape))
+            if hidden.any():
+                mazes = self._background.reshape(len(self._background), -1)
+                maze = (self._num_cells, hidden, self._places, mazes, self.shape[1])
+                reach = int(self.encoding == "walls")
+                encodings.hide_grid(games.maze, sight.table, view, *maze, reach, flat)
+            encodings.draw_codes(seen, games.maze, self._draws[seats], self._places, flat)
+        else:
+            at = games.position[:, seats]
+            looks = (games.maze, sight.table, view, hidden, self._codes[seats] - SELF)
+            centred = self.encoding != "planes"
+            encodings.draw_planes(seen, at, *looks, *self._grids, centred, out)
+
+
+def _draws(codes: NDArray[np.int64], num_goals: int) -> NDArray[np.int64]:
+    """[seats, entities, 2]: (entity, code) in the order of drawing; `codes` is of the agents."""
+    goals = np.full((len(codes), num_goals), GOAL)
+    of_all = np.concatenate([codes, goals], axis=1)
+    turns = np.argsort(np.argsort(DRAWING_ORDER)[of_all - SELF], axis=1, kind="stable")
+    return np.stack([turns, np.take_along_axis(of_all, turns, axis=1)], axis=2)
+
+
+def _drawn_mazes(task: Task, with_walls: bool) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+    """Where each cell lies in the flattened grid [maze, cell], and the grids of the empty mazes."""
+    height = max(maze.height for maze in task.mazes)
+    width = max(maze.width for maze in task.mazes)
+    shape = (2 * height + 1, 2 * width + 1) if with_walls else (height, width)
+    places = np.zeros((len(task.mazes), task.max_cells), dtype=np.int64)
+    background = np.full((len(task.mazes), *shape), WALL, dtype=np.uint8)
+    for number, maze in enumerate(task.mazes):
+        rows, columns = maze.rows, maze.columns
+        if with_walls:
+            rows, columns = 2 * rows + 1, 2 * columns + 1
+            for action, (down, right) in enumerate(((-1, 0), (1, 0), (0, 1), (0, -1))):
+                joined = maze.neighbors[:, action] != np.arange(maze.num_cells)
+                background[number, rows[joined] + down, columns[joined] + right] = FLOOR
+        background[number, rows, columns] = FLOOR
+        places[number, : maze.num_cells] = rows * shape[1] + columns
+    return places, background
+
+
+# -- planes and windows ----------------------------------------------------------------------------
+
+
+def planes_of(task: Task) -> tuple[str, ...]:
+    """The names of the planes of "planes" and "window": one more where sight is limited."""
+    return (*PLANES, IN_VIEW) if task.sight.limited else PLANES
+
+
+def radius_of(task: Task, encoding: str) -> int:
+    """R, of a window of 2R + 1 rows and columns.
+
+    It is that of "window:R"; of "window" alone the largest view radius of the task, and where there
+    is none the smallest that shows the whole of every maze from each of its cells.
+
+    Raises:
+        ValueError: an R that is none.
+    """
+    given = given_radius(encoding)
+    if given is not None:
+        return given
+    radii = [limit.view_radius for limit in task.sight.limits if limit.view_radius is not None]
+    if radii:
+        return given_radius(f"{WINDOW}:{max(radii)}") or 0
+    return max(max(maze.height, maze.width) for maze in task.mazes) - 1
+
+
+class Grids(NamedTuple):
+    """Mazes as grids.
+
+    Attributes:
+        cells: [mazes, height, width] int32, the number of each cell, NO_CELL where none is.
+        rows, columns: [mazes, cells] int32, where each cell lies.
+        walls: [mazes, cells] uint8, the bit 1 << action where a move does not change the cell.
+    """
+
+    cells: NDArray[np.int32]
+    rows: NDArray[np.int32]
+    columns: NDArray[np.int32]
+    walls: NDArray[np.uint8]
+
+
+def grids_of(task: Task) -> Grids:
+    """The mazes of a task."""
+    count, size = len(task.mazes), task.max_cells
+    height = max(maze.height for maze in task.mazes)
+    width = max(maze.width for maze in task.mazes)
+    grids = Grids(
+        np.full((count, height, width), NO_CELL, dtype=np.int32),
+        np.zeros((count, size), dtype=np.int32),
+        np.zeros((count, size), dtype=np.int32),
+        np.zeros((count, size), dtype=np.uint8),
+    )
+    for number, maze in enumerate(task.mazes):
+        own = np.arange(maze.num_cells)
+        grids.cells[number, maze.rows, maze.columns] = own
+        grids.rows[number, : len(own)], grids.columns[number, : len(own)] = maze.rows, maze.columns
+        closed = maze.neighbors[:, :4] == own[:, None]
+        grids.walls[number, : len(own)] = closed @ (1 << np.arange(4))
+    return grids

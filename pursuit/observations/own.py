@@ -1,0 +1,146 @@
+"""Observations of a user's own: what they must have, and how the games are shown to them."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Protocol
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.plugins import Registry
+from pursuit.rules.layout import Games
+from pursuit.tasks.moments import Before, distances_of, moment_of, roles_of
+from pursuit.tasks.task import Task
+
+ENCODINGS = ("one_hot", "positions", "cells", "walls", "planes", "index", "window")
+"""The names of ours; see `pursuit.observations.observations.Encoder`. "window:R" is
+one too, for a number R."""
+WINDOW = "window"
+MAX_WINDOW = 255
+"""The largest R."""
+
+
+def is_ours(encoding: object) -> bool:
+    """Whether an encoding is one of ours, "window:R" included."""
+    if not isinstance(encoding, str):
+        return False
+    return encoding in ENCODINGS or re.fullmatch(rf"{WINDOW}:[0-9]+", encoding) is not None
+
+
+def given_radius(encoding: str) -> int | None:
+    """R of "window:R"; None of any other encoding.
+
+    Raises:
+        ValueError: it is too large.
+    """
+    _, colon, radius = encoding.partition(":")
+    if not colon:
+        return None
+    if int(radius) > MAX_WINDOW:
+        raise ValueError(
+            f"a window of radius {radius}; it is at most {MAX_WINDOW}: give a smaller one, such as "
+            "window:4"
+        )
+    return int(radius)
+
+
+def check_observation(name: object) -> None:
+    """ValueError unless it names one of ours, or a part of a user's."""
+    if is_ours(name):
+        given_radius(str(name))
+    elif isinstance(name, str) and name.startswith(f"{WINDOW}:"):
+        raise ValueError(
+            f"observation {name!r}; of window:R, R is a whole number from 0 to {MAX_WINDOW}, such "
+            "as window:4"
+        )
+    else:
+        OBSERVATIONS.check(name)
+
+
+class Observation(Protocol):
+    """An observation of a user's own, which brings its space."""
+
+    def space(self, task: Task) -> gymnasium.spaces.Box:
+        """The space of what one agent observes: numbers of any shape.
+
+        Networks see [channels, height, width] by convolutions, everything else as a vector.
+        """
+
+    def encode(self, task: Task, games: Before, seats: NDArray[np.intp]) -> NDArray[Any]:
+        """[games, seats, *shape]: what the agents in `seats` [k] observe; `games` is read-only.
+
+        Where the task limits sight, this is called for one seat at a time, with the games as that
+        agent sees them: whoever is out of view is not active, in cell -1 and without events, and
+        goals out of view are -1. The mazes of the task are not hidden.
+        """
+
+
+OBSERVATIONS: Registry[Any] = Registry(
+    "observation",
+    "an object or class with space(task) and encode(task, games, seats)",
+    lambda part: callable(getattr(part, "space", None)) and callable(getattr(part, "encode", None)),
+    ours=ENCODINGS,
+)
+
+
+class OwnEncoding:
+    """A user's observation of one task.
+
+    Args:
+        task: the task.
+        encoding: its name, the object, or its class.
+
+    Raises:
+        ValueError: no observation, or one without a Box as its space.
+
+    Attributes:
+        space: its Gymnasium space.
+    """
+
+    def __init__(self, task: Task, encoding: Any) -> None:
+        if isinstance(encoding, str):
+            check_observation(encoding)
+        part = OBSERVATIONS.take(encoding)
+        self.task, self.encoding = task, encoding
+        self.part: Observation = part() if isinstance(part, type) else part
+        self.space = self.part.space(task)
+        if not isinstance(self.space, gymnasium.spaces.Box) or not self.space.shape:
+            raise ValueError(
+                f"observation {encoding!r} has the space {self.space}; it must be a "
+                "gymnasium.spaces.Box of at least one dimension"
+            )
+
+    def encode(self, games: Games, seats: slice) -> NDArray[Any]:
+        """[games, seats, *shape], a fresh array of the dtype of the space.
+
+        Raises:
+            ValueError: what it gave has another shape, or a dtype that does not fit.
+        """
+        chosen = np.arange(self.task.num_agents)[seats]
+        if not self.task.sight.limited:
+            return self._encode(games, chosen)
+        sight = self.task.sight
+        return np.concatenate(
+            [
+                self._encode(sight.games_seen(games, seat), chosen[i : i + 1])
+                for i, seat in enumerate(chosen)
+            ],
+            axis=1,
+        )
+
+    def _encode(self, games: Games, chosen: NDArray[np.intp]) -> NDArray[Any]:
+        task = self.task
+        moment = moment_of(games, roles_of(task.seat_roles), distances_of(task.mazes))
+        shown = Before(*(array.view() for array in moment))
+        for view in shown:
+            view.flags.writeable = False
+        seen = np.asarray(self.part.encode(task, shown, chosen))
+        shape, dtype = (len(games.steps), len(chosen), *self.space.shape), self.space.dtype
+        if seen.shape != shape or not np.can_cast(seen.dtype, dtype, "same_kind"):
+            raise ValueError(
+                f"observation {self.encoding!r} gave {seen.dtype} of shape {seen.shape}; its space "
+                f"asks for {dtype} [games, seats, *shape] = {shape}"
+            )
+        return np.array(seen, dtype=dtype, order="C")

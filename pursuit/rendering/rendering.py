@@ -1,0 +1,353 @@
+"""Pictures of a game: plain text, an RGB array, a window; of any world, once it can draw."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import chain
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from pursuit.mazes.maze import Maze
+
+Color = tuple[int, int, int]
+
+WHITE: Color = (255, 255, 255)
+FLOOR: Color = WHITE
+OPENING: Color = (238, 238, 238)  # the faint line between two joined cells
+WALL: Color = (38, 42, 48)
+BLOCKED: Color = (212, 212, 212)
+HATCH: Color = (158, 158, 158)
+CAPTURED: Color = (205, 205, 205)
+CAPTURED_LINE: Color = (112, 112, 112)
+# The colours of Okabe and Ito (2008), which colour-blind readers can tell apart.
+ROLE_COLORS: dict[str, Color] = {
+    "chaser": (213, 94, 0),
+    "evader": (0, 114, 178),
+    "runner": (0, 158, 115),
+    "goal": (240, 228, 66),
+}
+SUPERSAMPLING = 8
+MARGIN = 12
+MIN_CELL_PIXELS = 3
+MIN_TOKEN_PIXELS = 9
+
+
+class Drawable(Protocol):
+    """One moment of a game that can draw itself: what windows and animations show."""
+
+    def draw(self, size: int = 480) -> NDArray[np.uint8]:
+        """[height, width, 3] uint8, RGB; both sides are even numbers."""
+        ...
+
+    def text(self) -> str:
+        """The same in characters."""
+        ...
+
+
+@dataclass(frozen=True)
+class AgentMark:
+    """One agent in a picture.
+
+    Args:
+        name: role and number, as in `"chaser_0"`; the role is chaser, evader or runner.
+        cell: the number of the cell in which it stands, or was captured.
+        active: False once it is captured.
+
+    Raises:
+        ValueError: a name of another form.
+    """
+
+    name: str
+    cell: int
+    active: bool = True
+
+    def __post_init__(self) -> None:
+        if self.role not in ("chaser", "evader", "runner") or not self.number.isdecimal():
+            raise ValueError(
+                f"agent name {self.name!r}; names are chaser_N, evader_N and runner_N, N a number"
+            )
+
+    @property
+    def role(self) -> str:
+        """`"chaser"`, `"evader"` or `"runner"`."""
+        return self.name.rpartition("_")[0]
+
+    @property
+    def number(self) -> str:
+        """What follows the role, as text."""
+        return self.name.rpartition("_")[2]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All that a picture of one moment of a game shows.
+
+    Args:
+        maze: where it takes place.
+        agents: every agent, captured ones too.
+        goals: the cells of the goals that are left.
+        steps, max_steps: how many steps were made, and after how many the game is truncated.
+        caption: a remark for the footer.
+
+    Raises:
+        ValueError: an agent or a goal is on a cell that the maze does not have.
+    """
+
+    maze: Maze
+    agents: tuple[AgentMark, ...]
+    goals: tuple[int, ...]
+    steps: int
+    max_steps: int
+    caption: str = ""
+
+    def __post_init__(self) -> None:
+        for cell in chain((agent.cell for agent in self.agents), self.goals):
+            self.maze.check_cell(cell)
+
+    @property
+    def footer(self) -> str:
+        """The step count, as in `step 12 / 200`."""
+        return f"step {self.steps} / {self.max_steps}"
+
+    def draw(self, size: int = 480) -> NDArray[np.uint8]:
+        """The picture that `draw_scene` makes."""
+        return draw_scene(self, size=size)
+
+    def text(self) -> str:
+        """The text that `scene_to_text` makes."""
+        return scene_to_text(self)
+
+
+def scene_to_text(scene: Scene) -> str:
+    """The scene in the text format of mazes, then the step count and the caption.
+
+    A cell holds C (chaser), E (evader), R (runner) or G (goal), in lower case when captured. Where
+    several share a cell, their number stands there (`+` above nine), and a line below names them.
+    """
+    maze = scene.maze
+    lines = [list(line) for line in maze.to_text().splitlines()]
+    for mark in (*maze.goal_marks, *(() if maze.start_mark is None else (maze.start_mark,))):
+        lines[2 * maze.rows[mark] + 1][2 * maze.columns[mark] + 1] = " "
+    names = defaultdict(list)
+    for agent in scene.agents:
+        names[agent.cell].append(agent.name if agent.active else f"{agent.name} (captured)")
+    for goal in scene.goals:
+        names[goal].append("goal")
+    shared = []
+    for cell in sorted(names):
+        row, column, here = int(maze.rows[cell]), int(maze.columns[cell]), names[cell]
+        letter = here[0][0] if "captured" in here[0] else here[0][0].upper()
+        if len(here) > 1:
+            letter = str(len(here)) if len(here) < 10 else "+"
+            shared.append(f"{letter} at row {row}, column {column}: {', '.join(here)}")
+        lines[2 * row + 1][2 * column + 1] = letter
+    footer = f"{scene.footer}  {scene.caption}".rstrip()
+    return "\n".join([*("".join(line) for line in lines), footer, *shared]) + "\n"
+
+
+def draw_scene(scene: Scene, cell_pixels: int | None = None, size: int = 480) -> NDArray[np.uint8]:
+    """[height, width, 3] uint8, a picture of the scene in RGB; both sides are even numbers.
+
+    Chasers are orange triangles, evaders blue circles, runners green squares, goals yellow stars;
+    captured agents are grey and crossed out. Agents of one role carry numbers if there are several
+    of them. All who share a cell are drawn side by side. The picture depends on the scene alone.
+
+    Args:
+        scene: what to draw.
+        cell_pixels: the side of a cell; None to fit the maze into `size`.
+        size: where `cell_pixels` is None, the longer side of the picture without its footer is at
+            most this; but a maze that would get less than 3 pixels a cell makes a larger picture.
+
+    Raises:
+        ValueError: `cell_pixels` or `size` is too small to show anything.
+    """
+    if cell_pixels is not None and cell_pixels < MIN_CELL_PIXELS:
+        raise ValueError(f"cell_pixels={cell_pixels}; a cell needs at least {MIN_CELL_PIXELS}")
+    if size < 2 * MARGIN + MIN_CELL_PIXELS:
+        raise ValueError(f"size={size}; a picture needs at least {2 * MARGIN + MIN_CELL_PIXELS}")
+    image, layout = _background(scene.maze, cell_pixels, size, scene.max_steps)
+    image = image.copy()
+    for token, x, y in _placed_tokens(scene, layout):
+        image.paste(token, (x, y), token)
+    draw_footer(image, layout.height, layout.font_size, scene.footer, scene.caption)
+    return np.array(image)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where things lie in a picture, in pixels; the maze's outer corner is at (left, MARGIN)."""
+
+    cell: int
+    wall: int
+    left: int
+    width: int
+    height: int
+    font_size: int
+
+    @property
+    def room(self) -> int:
+        """The side of a cell between its walls."""
+        return self.cell - self.wall
+
+    @property
+    def smallest_token(self) -> int:
+        """The least diameter that shows in a picture of this size, however small the cells are."""
+        return max(MIN_TOKEN_PIXELS, max(self.width, self.height) // 40)
+
+
+def _wall_pixels(cell: int) -> int:
+    return max(1, round(0.4 * math.sqrt(cell)))
+
+
+@lru_cache(maxsize=8)
+def _background(
+    maze: Maze, cell_pixels: int | None, size: int, max_steps: int
+) -> tuple[Image.Image, _Layout]:
+    """The picture of the empty maze, to be copied, and its layout."""
+    longest = max(maze.height, maze.width)
+    room = size - 2 * MARGIN
+    cell = cell_pixels or max(MIN_CELL_PIXELS, (room - _wall_pixels(room // longest)) // longest)
+    wall = _wall_pixels(cell)
+    maze_width, height = maze.width * cell + wall, maze.height * cell + wall + 2 * MARGIN
+    font_size = min(18, max(11, max(maze_width, height) // 32))
+    longest_count = font_of(font_size).getlength(f"step {max_steps} / {max_steps}")
+    width = 2 * MARGIN + max(maze_width, math.ceil(longest_count))
+    width, footer_height = width + width % 2, 2 * font_size
+    layout = _Layout(cell, wall, (width - maze_width) // 2, width, height, font_size)
+    image = Image.new("RGB", (width, height + footer_height + height % 2), WHITE)
+    image.paste(Image.fromarray(_maze_pixels(maze, cell, wall)), (layout.left, MARGIN))
+    return image, layout
+
+
+def _maze_pixels(maze: Maze, cell: int, wall: int) -> NDArray[np.uint8]:
+    """[height * cell + wall, width * cell + wall, 3] uint8.
+
+    One code for each character of the text format, widened to pixels: no line is ever blurred, and
+    walls meet in their corners.
+    """
+    floor, opening, closed, blocked, hatch = range(5)
+    colors = np.array([FLOOR, OPENING, WALL, BLOCKED, HATCH], dtype=np.uint8)
+    codes = np.full((2 * maze.height + 1, 2 * maze.width + 1), closed, dtype=np.uint8)
+    is_blocked = maze.cell_numbers < 0
+    codes[1::2, 1::2] = np.where(is_blocked, blocked, floor)
+    codes[2:-1:2, 1::2][maze.joined_south] = opening
+    codes[1::2, 2:-1:2][maze.joined_east] = opening
+    codes[2:-1:2, 1::2][is_blocked[:-1] & is_blocked[1:]] = blocked
+    codes[1::2, 2:-1:2][is_blocked[:, :-1] & is_blocked[:, 1:]] = blocked
+    # A corner is closed where any of the four walls around it is.
+    around = np.stack(
+        [codes[1:-2:2, 2:-1:2], codes[3::2, 2:-1:2], codes[2:-1:2, 1:-2:2], codes[2:-1:2, 3::2]]
+    )
+    codes[2:-1:2, 2:-1:2] = np.where((around == closed).any(axis=0), closed, around[0])
+    spans = [np.array([wall, cell - wall] * n + [wall]) for n in (maze.height, maze.width)]
+    pixels = codes.repeat(spans[0], axis=0).repeat(spans[1], axis=1)
+    if cell >= 8:
+        period = max(4, cell // 7)
+        diagonals = np.arange(pixels.shape[0])[:, None] + np.arange(pixels.shape[1])
+        striped = diagonals % period < max(1, round(0.22 * period))
+        pixels[(pixels == blocked) & striped] = hatch
+    return colors[pixels]
+
+
+def _placed_tokens(scene: Scene, layout: _Layout) -> Iterator[tuple[Image.Image, int, int]]:
+    """Every token of the scene and the pixel of its upper left corner, captured agents first."""
+    roles = [agent.role for agent in scene.agents]
+    inside = defaultdict(list)
+    for goal in scene.goals:
+        inside[goal].append(("goal", "", True))
+    for agent in sorted(scene.agents, key=lambda agent: agent.active):
+        label = agent.number if roles.count(agent.role) > 1 else ""
+        inside[agent.cell].append((agent.role, label, agent.active))
+    for cell, tokens in inside.items():
+        columns = math.ceil(math.sqrt(len(tokens)))
+        rows = math.ceil(len(tokens) / columns)
+        share = layout.room / columns
+        diameter = max(layout.smallest_token, round((0.7 if columns == 1 else 0.9) * share))
+        diameter += (layout.room - diameter) % 2  # a lone token sits exactly in the middle
+        pitch = max(0.94 * share, diameter)
+        to_middle = layout.wall + layout.room / 2
+        middle_x = layout.left + int(scene.maze.columns[cell]) * layout.cell + to_middle
+        middle_y = MARGIN + int(scene.maze.rows[cell]) * layout.cell + to_middle
+        half = (columns - 1) / 2 * pitch + diameter / 2 + 1  # of the group, kept in the picture
+        middle_x = min(max(middle_x, half), layout.width - half)
+        middle_y = min(max(middle_y, half), layout.height - half)
+        for place, (role, label, active) in enumerate(tokens):
+            row, column = divmod(place, columns)
+            in_row = min(columns, len(tokens) - row * columns)  # a short last row is centred
+            token = _token(role, label, active, diameter)
+            x = middle_x + (column - (in_row - 1) / 2) * pitch - token.width / 2
+            y = middle_y + (row - (rows - 1) / 2) * pitch - token.height / 2
+            yield token, math.floor(x), math.floor(y)
+
+
+def _regular(corners: int, radius: float, inner: float | None = None) -> list[tuple[float, float]]:
+    """The corners of a polygon that points up, centred on (0, 0); with `inner`, of a star."""
+    radii = [radius] if inner is None else [radius, inner]
+    count = corners * len(radii)
+    angles = [2 * math.pi * i / count - math.pi / 2 for i in range(count)]
+    return [
+        (radii[i % len(radii)] * math.cos(a), radii[i % len(radii)] * math.sin(a))
+        for i, a in enumerate(angles)
+    ]
+
+
+# Outlines in a token of diameter 1, of about equal weight to the eye.
+OUTLINES: dict[str, list[tuple[float, float]]] = {
+    "chaser": [(x, y + 0.13) for x, y in _regular(3, 0.56)],
+    "evader": _regular(60, 0.45),
+    "runner": [(-0.38, -0.38), (0.38, -0.38), (0.38, 0.38), (-0.38, 0.38)],
+    "goal": [(x, y + 0.03) for x, y in _regular(5, 0.5, 0.23)],
+}
+
+
+@lru_cache(maxsize=512)
+def _token(role: str, label: str, active: bool, diameter: int) -> Image.Image:
+    """[diameter + 2] squared RGBA, the shape of a role; a white rim parts it from walls."""
+    scale, side = SUPERSAMPLING * diameter, SUPERSAMPLING * (diameter + 2)
+    image = Image.new("RGBA", (side, side), (*WHITE, 0))
+    draw = ImageDraw.Draw(image)
+    points = [(side / 2 + scale * x, side / 2 + scale * y) for x, y in OUTLINES[role]]
+    line = max(SUPERSAMPLING * 0.7, 0.045 * scale)
+    fill, edge = (ROLE_COLORS[role], WALL) if active else (CAPTURED, CAPTURED_LINE)
+    for color, stroke in ((WHITE, line + 2 * SUPERSAMPLING), (edge, line)):
+        draw.line([*points, *points[:2]], color, round(stroke), joint="curve")
+    draw.polygon(points, fill)
+    if not active:
+        reach = 0.26 * scale
+        for sign in (-1, 1):
+            ends = [(side / 2 + s * reach, side / 2 + s * sign * reach) for s in (-1, 1)]
+            draw.line(ends, CAPTURED_LINE, round(1.8 * line))
+    height, lower = (0.5, 0.14) if role == "chaser" else (0.64, 0.0)
+    if active and label and height * diameter >= 8:
+        font_size = round(height * scale * (1 if len(label) == 1 else 0.75))
+        middle = (side / 2, side / 2 + lower * scale)
+        bold = font_size // 32
+        draw.text(middle, label, WHITE, font_of(font_size), "mm", stroke_width=bold)
+    return image.reduce(SUPERSAMPLING)
+
+
+@lru_cache(maxsize=64)
+def font_of(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    """The font of all pictures."""
+    return ImageFont.load_default(size=size)
+
+
+def draw_footer(image: Image.Image, top: int, font_size: int, said: str, caption: str) -> None:
+    """Below the row `top` what is said on the left; on the right what there is room for."""
+    draw, font = ImageDraw.Draw(image), font_of(font_size)
+    middle = top + (image.height - top - MARGIN) // 2
+    draw.text((MARGIN, middle), said, WALL, font, anchor="lm")
+    caption = " ".join(caption.split())
+    room = image.width - 2 * MARGIN - font.getlength(said) - font_size
+    if font.getlength(caption) > room:
+        while caption and font.getlength(caption + "...") > room:
+            caption = caption[:-1]
+        caption = caption and caption.rstrip() + "..."
+    draw.text((image.width - MARGIN, middle), caption, WALL, font, anchor="rm")

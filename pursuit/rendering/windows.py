@@ -1,0 +1,105 @@
+"""What an environment shows when it is rendered: a text, a picture, or a window."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.rendering.rendering import Drawable
+
+RENDER_MODES = ("ansi", "rgb_array", "human")
+
+
+class Rendered:
+    """`render` and `close` of an environment of one game, which says what its `_scene` is."""
+
+    metadata: dict[str, Any]
+    render_mode: str | None
+    _window: Window | None = None
+
+    def _render_as(self, render_mode: str | None, fps: int, **metadata: Any) -> None:
+        """Set the render mode and the metadata; ValueError for an unknown mode."""
+        if render_mode is not None and render_mode not in RENDER_MODES:
+            raise ValueError(
+                f"unknown render_mode {render_mode!r}; None or one of {', '.join(RENDER_MODES)}"
+            )
+        self.render_mode = render_mode
+        self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": fps, **metadata}
+
+    def _scene(self) -> Drawable:
+        """What is drawn now."""
+        raise NotImplementedError
+
+    def _show(self) -> None:
+        """After a reset or a step: the next frame of a window."""
+        if self.render_mode == "human":
+            self.render()
+
+    def render(self) -> str | NDArray[np.uint8] | None:
+        """A text ("ansi"), a picture [height, width, 3] uint8 ("rgb_array"), or a window."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() without a render_mode; give one when making the env")
+            return None
+        if self.render_mode == "ansi":
+            return self._scene().text()
+        if self.render_mode == "rgb_array":
+            return self._scene().draw()
+        self._window = self._window or Window()
+        self._window.show(self._scene(), self.metadata["render_fps"])
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+
+class Window:
+    """A window that shows scenes. Its close button closes it; later scenes are then ignored.
+
+    Args:
+        title: what the window's bar says.
+        size: as for `draw_scene`.
+
+    Raises:
+        ImportError: pygame-ce is not installed.
+    """
+
+    def __init__(self, title: str = "pursuit", size: int = 480) -> None:
+        os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+        try:
+            self._pygame = importlib.import_module("pygame")
+        except ImportError:
+            raise ImportError("a window needs pygame-ce: pip install 'pursuit[render]'") from None
+        self._pygame.display.init()
+        self._pygame.display.set_caption(title)
+        self._clock = self._pygame.time.Clock()
+        self._size = size
+        self.is_open = True
+
+    def show(self, scene: Drawable, fps: float = 5) -> None:
+        """Draw the scene, then wait until 1 / fps seconds after the scene before it (0: never)."""
+        if not self.is_open:
+            return
+        display = self._pygame.display
+        pixels = scene.draw(self._size).swapaxes(0, 1)
+        surface = display.get_surface()
+        if surface is None or surface.get_size() != pixels.shape[:2]:
+            surface = display.set_mode(pixels.shape[:2])
+        self._pygame.surfarray.blit_array(surface, pixels)
+        display.flip()
+        self._clock.tick(fps)
+        if any(event.type == self._pygame.QUIT for event in self._pygame.event.get()):
+            self.close()
+
+    def close(self) -> None:
+        """Close the window; more than once does no harm."""
+        if self.is_open:
+            self.is_open = False
+            self._pygame.display.quit()

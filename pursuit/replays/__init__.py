@@ -1,0 +1,1 @@
+"""Recorded games: files, and the page that shows them."""

@@ -1,0 +1,262 @@
+"""What the player is given: replays played again, as plain values."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.mazes.maze import Maze
+from pursuit.observations.observations import PLANES
+from pursuit.replays.viewer.page import page
+from pursuit.replays.worlds import State
+from pursuit.rules.layout import CAPTURED, COLLECTED
+from pursuit.rules.sight import IN_VIEW
+
+MOVING = PLANES.index("walkable")
+"""The planes of the encoding "planes" before this one are of what moves, the others of the maze."""
+MOST_NUMBERS = 400
+"""Observations with more numbers than this are not written beside the board."""
+MOST_SEEN_STEPS = 2000
+"""Longer episodes come without what was observed."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """What is known of one side of a duel, laid over its board.
+
+    Attributes:
+        name: of the agent.
+        seat, other: its number, and that of whom it plays against.
+        values: [own cell, other cell] float, the exact expected steps until capture.
+        learned: [own cell, other cell, action] probabilities of its policy.
+        optimal: [own cell, other cell, action] bool, the optimal actions.
+    """
+
+    name: str
+    seat: int
+    other: int
+    values: NDArray[np.float64] | None = None
+    learned: NDArray[np.float64] | None = None
+    optimal: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What a page adds to the episodes of a replay.
+
+    Attributes:
+        names: of the episodes, in the order of the replay; their labels if left out.
+        notes: a remark for each.
+        sides: laid over the board, where it is a duel in the one maze that they belong to.
+        seat: whose observation is shown; None for nobody's.
+        encoding: of that observation.
+    """
+
+    names: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    sides: Sequence[Side] = ()
+    seat: str | None = None
+    encoding: str | None = None
+
+
+@dataclass
+class Builder:
+    """Gathers the replays of a page.
+
+    Attributes:
+        items: an episode each; see `player.js`.
+        worlds: mazes and arms, each once.
+        overlays: a `Side` each, as the player takes it.
+        warnings: in words, what plays differently than it was recorded.
+    """
+
+    items: list[dict[str, Any]] = field(default_factory=list)
+    worlds: list[dict[str, Any]] = field(default_factory=list)
+    overlays: list[dict[str, Any]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    def add(self, replay: Any, extras: Extras = Extras()) -> None:
+        """Add every episode of a `pursuit.replays.replay.Replay`."""
+        first = len(self.overlays)
+        self.overlays += [side_data(side) for side in extras.sides]
+        numbers = list(range(first, len(self.overlays)))
+        for number, episode in enumerate(replay.episodes):
+            played = replay.play(number)
+            paid = played.rewards
+            if replay.own_rewards:  # what a function paid is known from the record only
+                paid = episode.rewards[: len(played.rewards)]
+            title = " ".join(filter(None, (replay.title, episode.label)))
+            name = extras.names[number] if number < len(extras.names) else title
+            item = {
+                "name": name or f"episode {len(self.items) + 1}",
+                "note": extras.notes[number] if number < len(extras.notes) else "",
+                "length": len(played.states) - 1,
+                "terminated": episode.terminated,
+                "truncated": episode.truncated,
+                "players": [replay.players.get(agent, "") for agent in replay.agents],
+                "rewards": [_plain(column) for column in paid.T],
+                "overlays": numbers,
+            }
+            if played.differences:
+                told = "; ".join(played.differences)
+                then = replay.versions.get("pursuit", "unknown")
+                item["note"] = (
+                    f"Recorded with pursuit {then}, and it plays differently now: {told}."
+                )
+                self.warnings.append(f"{item['name']}: {item['note']}")
+            fill = self._arm if replay.world.name == "arm" else self._maze
+            fill(item, replay, episode, played.states, extras)
+            self.items.append(item)
+
+    def data(self, title: str) -> dict[str, Any]:
+        """What `player.js` reads."""
+        return {
+            "title": title,
+            "items": self.items,
+            "worlds": self.worlds,
+            "overlays": self.overlays,
+        }
+
+    def _world(self, world: dict[str, Any]) -> int:
+        if world not in self.worlds:
+            self.worlds.append(world)
+        return self.worlds.index(world)
+
+    def _maze(
+        self, item: dict[str, Any], replay: Any, episode: Any, states: list[State], extras: Extras
+    ) -> None:
+        task = replay.task
+        maze = task.mazes[int(episode.start.get("maze") or 0)]
+        item["world"] = self._world(maze_data(maze, task.agent_names, task.num_goals))
+        cells = np.stack([state["cells"] for state in states])
+        goals = np.stack([state["goals"] for state in states]).reshape(len(states), -1)
+        events = np.stack([state["events"] for state in states])
+        item["gone"] = [_first(cells[:, agent] < 0) for agent in range(cells.shape[1])]
+        item["cells"] = [_held(cells[:, agent]).tolist() for agent in range(cells.shape[1])]
+        item["goals"] = [
+            [int(goals[0, goal]), _first(goals[:, goal] < 0)] for goal in range(goals.shape[1])
+        ]
+        item["events"] = [
+            [int(step), int(agent), kind]
+            for kind, bit in (("collected", COLLECTED), ("captured", CAPTURED))
+            for step, agent in np.argwhere(events & bit)
+        ]
+        if extras.seat is not None and len(states) <= MOST_SEEN_STEPS:
+            self._observed(item, replay, episode, extras)
+
+    def _observed(self, item: dict[str, Any], replay: Any, episode: Any, extras: Extras) -> None:
+        task, simulator = replay.task, replay.world.simulator(replay.task)
+        seat, encoding = task.seat(extras.seat), extras.encoding
+        replay.world.begin(simulator, episode.start)
+        marks, numbers = [], []
+        maze = task.mazes[int(episode.start.get("maze") or 0)]
+        for step in range(item["length"] + 1):
+            planes = simulator.observe("planes", seat)[0]
+            planes = np.concatenate([planes[:MOVING], planes[len(PLANES) :]])  # and what is in view
+            marks.append(
+                [[int(p), int(maze.cell_numbers[r, c])] for p, r, c in np.argwhere(planes)]
+            )
+            if encoding is not None and encoding != "planes":
+                numbers.append(simulator.observe(encoding, seat)[0].ravel())
+            if step < item["length"]:
+                replay.world.step(simulator, episode.actions[step])
+        item["seen"] = {
+            "agent": task.agent_names[seat],
+            "names": list(PLANES[:MOVING]) + [IN_VIEW] * task.sight.limited,
+            "steps": marks,
+        }
+        if numbers and len(numbers[0]) <= MOST_NUMBERS:
+            rows = [_plain(row) for row in numbers]
+            item["observed"] = {"encoding": encoding, "steps": rows}
+
+    def _arm(
+        self, item: dict[str, Any], replay: Any, episode: Any, states: list[State], extras: Extras
+    ) -> None:
+        task = replay.task
+        tolerance = float(episode.start.get("tolerance") or task.tolerance)
+        item["world"] = self._world({"kind": "arm", "joints": task.joints, "tolerance": tolerance})
+        item["angles"] = [np.round(state["angles"], 4).tolist() for state in states]
+        item["target"] = np.round(states[0]["target"], 4).tolist()
+        item["events"] = []
+
+
+def maze_data(maze: Maze, agents: Sequence[str], num_goals: int) -> dict[str, Any]:
+    """What `maze_board.js` takes as its world."""
+    return {
+        "kind": "maze",
+        "name": maze.name,
+        "height": maze.height,
+        "width": maze.width,
+        "walls": maze.to_text(),
+        "cells": np.stack([maze.rows, maze.columns], axis=1).tolist(),
+        "agents": [{"name": name, "role": name.split("_")[0]} for name in agents],
+        "num_goals": num_goals,
+    }
+
+
+def side_data(side: Side) -> dict[str, Any]:
+    """What `player.js` takes as an overlay: values float32, probabilities in 255ths, bits."""
+    given = next(a for a in (side.values, side.learned, side.optimal) if a is not None)
+    actions = [a.shape[2] for a in (side.learned, side.optimal) if a is not None]
+    found: dict[str, Any] = {
+        "name": side.name,
+        "seat": side.seat,
+        "other": side.other,
+        "cells": len(given),
+        "actions": actions[0] if actions else 0,
+    }
+    if side.values is not None:
+        found["values"] = _bytes(side.values.astype("<f4"))
+    if side.learned is not None:
+        found["learned"] = _bytes(np.round(255.0 * side.learned).astype(np.uint8))
+    if side.optimal is not None:
+        bits = (side.optimal << np.arange(side.optimal.shape[2])).sum(axis=2)
+        found["optimal"] = _bytes(bits.astype(np.uint8))
+    return found
+
+
+def replay_page(replays: Mapping[str, Any] | Sequence[Any], title: str = "") -> str:
+    """One page that plays replays.
+
+    Args:
+        replays: `pursuit.replays.replay.Replay`s, by name where they are to be told apart.
+        title: plain text.
+
+    Raises:
+        ValueError: no episode at all, or one that begins where none can.
+    """
+    builder = Builder()
+    named = replays.items() if isinstance(replays, Mapping) else [("", each) for each in replays]
+    for name, replay in named:
+        labels = [each.label or f"episode {n + 1}" for n, each in enumerate(replay.episodes)]
+        names = [" ".join(filter(None, (name or replay.title, label))) for label in labels]
+        builder.add(replay, Extras(names=names))
+    if not builder.items:
+        raise ValueError("no episode to show; play one to its end first")
+    return page(title or "pursuit replay", builder.data(title))
+
+
+def _plain(numbers: NDArray[Any]) -> list[float]:
+    if not np.isfinite(numbers).all():
+        raise ValueError("a number that is not finite, paid or observed; a page shows finite ones")
+    return [int(n) if n == int(n) else round(float(n), 5) for n in numbers.tolist()]
+
+
+def _first(found: NDArray[np.bool_]) -> int | None:
+    return int(np.argmax(found)) if found.any() else None
+
+
+def _held(path: NDArray[Any]) -> NDArray[Any]:
+    """With the cell before in place of -1."""
+    steps = np.where(path >= 0, np.arange(len(path)), 0)
+    held: NDArray[Any] = path[np.maximum.accumulate(steps)]
+    return held
+
+
+def _bytes(array: NDArray[Any]) -> str:
+    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")

@@ -1,0 +1,91 @@
+"""Pages: HTML that stands alone in one file, and asks nothing of anywhere."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Sequence
+from functools import cache
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+PLAYER = ("board.js", "maze_board.js", "arm_board.js", "player.js")
+"""The scripts of a page that shows replays, in the order in which they need each other."""
+STYLE = "style.css"
+
+
+@cache
+def resource(name: str) -> str:
+    """The text of a file of this package."""
+    return files("pursuit.replays.viewer").joinpath(name).read_text(encoding="utf-8")
+
+
+def json_for_html(data: Any) -> str:
+    """`data` as JSON that ends no script element, whatever its texts are.
+
+    Raises:
+        ValueError: a number that JSON has not (NaN, infinity).
+    """
+    text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    for character in "<>&\u2028\u2029":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text
+
+
+def digest(text: str) -> str:
+    """The source of a content security policy that allows just this inline text."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def page(
+    title: str,
+    data: Any,
+    scripts: Sequence[str] = PLAYER,
+    body: str = '<main id="pursuit"></main>',
+    connects: bool = False,
+) -> str:
+    """One page, complete in itself.
+
+    Its content security policy lets nothing run but the scripts that are put in here, and nothing
+    be asked for but, with `connects`, from where the page came.
+
+    Args:
+        title: plain text.
+        data: what JSON can hold; the scripts find it in the element "pursuit-data".
+        scripts: files of this package.
+        body: HTML in which every text of others is escaped (`html.escape`).
+        connects: whether the scripts talk to the server that the page came from.
+
+    Raises:
+        ValueError: data that JSON cannot hold.
+    """
+    code, style = "\n".join(resource(name) for name in scripts), resource(STYLE)
+    policy = (
+        f"default-src 'none'; script-src {digest(code)}; style-src {digest(style)}; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+        + ("; connect-src 'self'" if connects else "")
+    )
+    return "\n".join(
+        [
+            "<!DOCTYPE html>",
+            '<html lang="en">',
+            "<head>",
+            '<meta charset="utf-8">',
+            f'<meta http-equiv="Content-Security-Policy" content="{escape(policy)}">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            '<meta name="color-scheme" content="light dark">',
+            '<link rel="icon" href="data:,">',
+            f"<title>{escape(title)}</title>",
+            f"<style>{style}</style>",
+            "</head>",
+            "<body>",
+            body,
+            f'<script type="application/json" id="pursuit-data">{json_for_html(data)}</script>',
+            f"<script>{code}</script>",
+            "</body>",
+            "</html>",
+            "",
+        ]
+    )

@@ -1,0 +1,339 @@
+// The player: one clock for one episode or for several side by side. What it plays stands in the
+// element "pursuit-data" (see pursuit/replays/viewer/data.py).
+
+const TRAIL = 24; // steps that a trail shows
+const HELP = [
+  ["space", "play, pause"], ["← →", "a step back, forth (with shift ten)"], ["home end", "first, last step"],
+  ["↑ ↓", "another episode"], ["0 … 9", "speed: 1 is one step a second, each next one doubles it, 0 is as fast as it goes"],
+  ["b", "all episodes side by side, or one"], ["t", "trails"], ["v", "exact value of every cell, for the side chosen"],
+  ["p", "learned policy (solid) beside the optimal moves (dashed)"], ["o", "what the learner observes"], ["d", "dark, light"], ["?", "this list"],
+];
+
+function make(name, attributes = {}, ...children) {
+  const element = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key.startsWith("on")) element.addEventListener(key.slice(2), value);
+    else if (value !== null && value !== false) element.setAttribute(key, value === true ? "" : value);
+  }
+  element.append(...children);
+  return element;
+}
+
+function bytes(text) {
+  return Uint8Array.from(atob(text), (character) => character.charCodeAt(0));
+}
+
+// An episode at any of its steps, in the form that boards show.
+class Episode {
+  constructor(item, worlds) {
+    Object.assign(this, item);
+    this.world = worlds[item.world];
+    this.length = item.length;
+  }
+
+  frame(step) {
+    if (this.world.kind === "arm") {
+      return { angles: this.angles[step], target: this.target, step };
+    }
+    const cells = this.cells.map((path, agent) => (this.gone[agent] !== null && step >= this.gone[agent] ? -1 : path[step]));
+    const goals = this.goals.map(([cell, gone]) => (gone !== null && step >= gone ? -1 : cell));
+    return { cells, goals, step };
+  }
+
+  // Rewards of the step that led here, and all so far, of every agent.
+  paid(step) {
+    return this.rewards.map((row) => {
+      let sum = 0;
+      for (let i = 0; i < step; i++) sum += row[i];
+      return [step > 0 ? row[step - 1] : null, sum];
+    });
+  }
+
+  count(step, agent, kind) {
+    return this.events.filter(([when, who, what]) => when <= step && who === agent && what === kind).length;
+  }
+
+  ending(step) {
+    if (step < this.length) return "";
+    return this.terminated ? "ended" : this.truncated ? "out of time" : "cut off";
+  }
+}
+
+// The exact values and the policies of one side of a duel, by its own cell and the other's.
+class Overlay {
+  constructor(given) {
+    Object.assign(this, given);
+    this.values = given.values ? new Float32Array(bytes(given.values).buffer) : null;
+    this.learned = given.learned ? bytes(given.learned) : null;
+    this.optimal = given.optimal ? bytes(given.optimal) : null;
+    if (this.values) {
+      this.low = this.values.reduce((a, b) => (b > 0 && b < a ? b : a), Infinity);
+      this.high = this.values.reduce((a, b) => Math.max(a, b), 0);
+    }
+  }
+
+  valuesAt(other) {
+    const numbers = Array.from({ length: this.cells }, (_, own) => (own === other ? NaN : this.values[own * this.cells + other]));
+    return { numbers, low: this.low, high: this.high };
+  }
+
+  arrowsAt(other) {
+    const range = Array.from({ length: this.cells }, (_, own) => own);
+    const optimal = this.optimal && range.map((own) => (own === other ? 0 : this.optimal[own * this.cells + other]));
+    const learned = this.learned && range.map((own) => {
+      if (own === other) return null;
+      const at = (own * this.cells + other) * this.actions;
+      return Array.from(this.learned.subarray(at, at + this.actions), (part) => part / 255);
+    });
+    return { optimal, learned };
+  }
+}
+
+class Player {
+  constructor(root, data) {
+    this.root = root;
+    this.episodes = data.items.map((item) => new Episode(item, data.worlds));
+    this.overlays = (data.overlays || []).map((given) => new Overlay(given));
+    this.chosen = 0;
+    this.step = 0;
+    this.speed = 3;
+    this.playing = false;
+    this.several = false;
+    this.shown = { trails: true, values: false, policy: false, seen: false };
+    this.side = 0;
+    this.build();
+    this.lay();
+    document.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  get episode() { return this.episodes[this.chosen]; }
+
+  get length() {
+    return this.several ? Math.max(...this.episodes.map((episode) => episode.length)) : this.episode.length;
+  }
+
+  sides(episode = this.episode) { return (episode.overlays || []).map((number) => this.overlays[number]); }
+
+  // What tests and notebooks ask.
+  state() {
+    const frame = this.episode.frame(Math.min(this.step, this.episode.length));
+    return { episode: this.chosen, playing: this.playing, speed: this.speed, several: this.several, length: this.length, shown: { ...this.shown }, ...frame, step: this.step };
+  }
+
+  build() {
+    const button = (label, title, action) => make("button", { type: "button", title, "aria-label": title, onclick: action }, label);
+    const toggle = (label, key, title, action) => make("button", { type: "button", title: `${title} (${key})`, "aria-pressed": "false", onclick: action }, label);
+    this.buttons = {
+      play: button("play", "play (space)", () => this.play(!this.playing)),
+      trails: toggle("trails", "t", "trails", () => this.toggle("trails")),
+      values: toggle("values", "v", "exact value of every cell", () => this.toggle("values")),
+      policy: toggle("policy", "p", "learned policy beside the optimal moves", () => this.toggle("policy")),
+      seen: toggle("observed", "o", "what the learner observes", () => this.toggle("seen")),
+      several: toggle("side by side", "b", "all episodes side by side", () => this.lay(!this.several)),
+    };
+    this.bar = make("input", { type: "range", min: 0, step: 1, value: 0, "aria-label": "step", oninput: () => this.go(Number(this.bar.value)) });
+    this.clock = make("output", {});
+    this.pace = make("select", { "aria-label": "speed", onchange: () => this.setSpeed(Number(this.pace.value)) },
+      ...Array.from({ length: 10 }, (_, speed) => make("option", { value: speed }, speed ? `${2 ** (speed - 1)}/s` : "fastest")));
+    this.choice = make("select", { "aria-label": "episode", onchange: () => this.choose(Number(this.choice.value)) },
+      ...this.episodes.map((episode, number) => make("option", { value: number }, episode.name)));
+    this.sideChoice = make("select", { "aria-label": "side", onchange: () => { this.side = Number(this.sideChoice.value); this.show(); } });
+    this.stage = make("div", { class: "stage" });
+    this.score = make("div", { class: "wide" });
+    this.numbers = make("div", { class: "numbers" });
+    this.note = make("p", { class: "faint" });
+    this.legend = make("p", { class: "legend" });
+    this.spoken = make("p", { class: "faint", "aria-live": "polite" });
+    this.help = make("dialog", {}, make("h2", {}, "Keys"),
+      make("table", {}, ...HELP.map(([keys, what]) => make("tr", {}, make("td", {}, make("kbd", {}, keys)), make("td", {}, what)))),
+      make("form", { method: "dialog" }, make("button", {}, "close")));
+    const controls = make("div", { class: "controls" },
+      button("«", "first step (home)", () => this.go(0)), button("‹", "a step back (left)", () => this.go(this.step - 1)),
+      this.buttons.play, button("›", "a step forth (right)", () => this.go(this.step + 1)), button("»", "last step (end)", () => this.go(this.length)),
+      this.bar, this.clock, this.pace);
+    const side = make("div", { class: "side" }, make("div", { class: "row" }, this.choice), this.note,
+      make("div", { class: "row" }, this.buttons.trails, this.buttons.values, this.buttons.policy, this.buttons.seen, this.sideChoice),
+      this.score, this.legend, this.numbers, this.spoken);
+    const view = make("div", { class: "row controls" }, this.buttons.several, button("dark / light", "dark or light (d)", () => this.theme()), button("keys", "keys (?)", () => this.help.showModal()));
+    this.frame = make("section", { class: "player", "aria-label": "player" }, controls, view, this.stage, side, this.help);
+    view.classList.add("view");
+    this.root.append(this.frame);
+  }
+
+  // Boards for what is shown now.
+  lay(several = this.several) {
+    this.several = several && this.episodes.length > 1;
+    this.frame.classList.toggle("several", this.several);
+    const shown = this.several ? this.episodes : [this.episode];
+    this.boards = shown.map((episode) => {
+      const picture = document.createElementNS(SVG, "svg");
+      const caption = make("figcaption", {}, this.several ? episode.name : "");
+      this.stage.append(make("figure", {}, picture, caption));
+      return { episode, picture, caption, board: new Board(picture, episode.world) };
+    });
+    this.stage.replaceChildren(...this.boards.map(({ picture }) => picture.parentElement));
+    const sides = this.sides();
+    this.side = Math.min(this.side, Math.max(sides.length - 1, 0));
+    this.sideChoice.replaceChildren(...sides.map((side, number) => make("option", { value: number }, `side: ${side.name}`)));
+    this.sideChoice.value = String(this.side);
+    this.sideChoice.hidden = sides.length < 2;
+    this.buttons.several.hidden = this.episodes.length < 2;
+    this.choice.hidden = this.episodes.length < 2;
+    this.buttons.values.disabled = !sides.some((side) => side.values);
+    this.buttons.policy.disabled = !sides.some((side) => side.learned || side.optimal);
+    this.buttons.seen.disabled = !(this.episode.seen || this.episode.observed);
+    this.choice.value = String(this.chosen);
+    this.note.textContent = this.episode.note || "";
+    this.bar.max = String(this.length);
+    this.go(Math.min(this.step, this.length));
+  }
+
+  choose(number) {
+    this.chosen = (number + this.episodes.length) % this.episodes.length;
+    this.step = 0;
+    this.lay(false);
+  }
+
+  go(step) {
+    this.step = Math.min(Math.max(Math.round(step), 0), this.length);
+    if (this.step >= this.length && this.playing) this.play(false);
+    this.show();
+  }
+
+  setSpeed(speed) {
+    this.speed = speed;
+    this.pace.value = String(speed);
+  }
+
+  toggle(what) {
+    if (this.buttons[what].disabled) return;
+    this.shown[what] = !this.shown[what];
+    this.show();
+  }
+
+  theme() {
+    const dark = document.documentElement.dataset.theme
+      ? document.documentElement.dataset.theme === "dark"
+      : window.matchMedia("(prefers-color-scheme: dark)").matches;
+    document.documentElement.dataset.theme = dark ? "light" : "dark";
+  }
+
+  play(on) {
+    if (on && this.step >= this.length) this.step = 0;
+    this.playing = on;
+    this.buttons.play.textContent = on ? "pause" : "play";
+    this.buttons.play.setAttribute("aria-label", on ? "pause (space)" : "play (space)");
+    cancelAnimationFrame(this.ticking);
+    if (on) {
+      let last = null, owed = 0;
+      const tick = (now) => {
+        if (!this.playing) return;
+        owed += this.speed === 0 ? 1 : last === null ? 0 : ((now - last) / 1000) * 2 ** (this.speed - 1);
+        last = now;
+        const steps = Math.floor(owed);
+        if (steps > 0) {
+          owed -= steps;
+          this.go(this.step + steps);
+        }
+        this.ticking = requestAnimationFrame(tick);
+      };
+      this.ticking = requestAnimationFrame(tick);
+    }
+    this.show();
+  }
+
+  key(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey || this.help.open) return;
+    const target = event.target, typing = target.closest && target.closest("select, textarea, input:not([type=range])");
+    if (typing) return;
+    const leap = event.shiftKey ? 10 : 1;
+    const actions = {
+      " ": () => this.play(!this.playing), ArrowLeft: () => this.go(this.step - leap), ArrowRight: () => this.go(this.step + leap),
+      Home: () => this.go(0), End: () => this.go(this.length),
+      ArrowUp: () => this.choose(this.chosen - 1), ArrowDown: () => this.choose(this.chosen + 1),
+      t: () => this.toggle("trails"), v: () => this.toggle("values"), p: () => this.toggle("policy"), o: () => this.toggle("seen"),
+      b: () => this.lay(!this.several), d: () => this.theme(), "?": () => this.help.showModal(),
+    };
+    if (event.key.startsWith("Arrow") && (event.key === "ArrowUp" || event.key === "ArrowDown") && this.episodes.length < 2) return;
+    const action = actions[event.key] || (/^[0-9]$/.test(event.key) && (() => this.setSpeed(Number(event.key))));
+    if (!action) return;
+    if (event.key === " " && target.tagName === "BUTTON") target.blur();
+    event.preventDefault();
+    action();
+  }
+
+  show() {
+    for (const { episode, board, caption, picture } of this.boards) {
+      const step = Math.min(this.step, episode.length), frame = episode.frame(step);
+      board.show(frame, this.extras(episode, frame, step));
+      if (this.several) caption.textContent = `${episode.name}: step ${step} of ${episode.length} ${episode.ending(step)}`;
+      picture.setAttribute("aria-label", `${episode.name}, step ${step}`);
+    }
+    this.bar.value = String(this.step);
+    this.clock.textContent = `step ${this.step} of ${this.length}${this.several ? "" : ` ${this.episode.ending(this.step)}`}`;
+    this.pace.value = String(this.speed);
+    for (const name of ["trails", "values", "policy", "seen"]) this.buttons[name].setAttribute("aria-pressed", String(this.shown[name]));
+    this.buttons.several.setAttribute("aria-pressed", String(this.several));
+    if (!this.several) this.tell();
+  }
+
+  extras(episode, frame, step) {
+    const first = Math.max(0, step - TRAIL);
+    if (episode.world.kind === "arm") return { trail: this.shown.trails ? episode.angles.slice(first, step + 1) : [] };
+    const until = episode.cells.map((path, agent) => (episode.gone[agent] === null ? step : Math.min(step, episode.gone[agent])));
+    const extras = {
+      trails: this.shown.trails ? episode.cells.map((path, agent) => path.slice(first, until[agent] + 1)) : [],
+      last: episode.cells.map((path, agent) => path[until[agent]]),
+    };
+    const side = this.sides(episode)[this.several ? 0 : this.side];
+    const other = side ? frame.cells[side.other] : -1;
+    if (side && other >= 0 && step < episode.length) {
+      if (this.shown.values && side.values) extras.values = side.valuesAt(other);
+      if (this.shown.policy) extras.arrows = side.arrowsAt(other);
+    }
+    if (this.shown.seen && episode.seen) extras.seen = episode.seen.steps[step];
+    return extras;
+  }
+
+  // The numbers beside the board.
+  tell() {
+    const { episode, step } = this;
+    const row = (...parts) => make("tr", {}, ...parts);
+    const number = (value) => make("td", { class: "number" }, value === null ? "" : Number(value.toFixed(3)).toString());
+    const head = ["", "reward", "sum"], arm = episode.world.kind === "arm";
+    const goals = !arm && episode.world.num_goals > 0, hunted = !arm && episode.world.agents.some((agent) => agent.role === "chaser");
+    if (goals) head.push("goals");
+    if (hunted) head.push("captures");
+    const names = arm ? ["arm"] : episode.world.agents.map((agent) => agent.name);
+    const paid = episode.paid(step);
+    this.score.replaceChildren(make("table", {}, row(...head.map((text) => make("th", { class: text ? "number" : "" }, text))),
+      ...names.map((name, agent) => {
+        const cells = [make("td", { title: episode.players[agent] || "" }, name), number(paid[agent][0]), number(paid[agent][1])];
+        if (goals) cells.push(number(episode.count(step, agent, "collected")));
+        if (hunted) cells.push(number(episode.count(step, agent, "captured")));
+        return row(...cells);
+      })));
+    const side = this.sides()[this.side], parts = [];
+    const who = names.map((name, agent) => episode.players[agent] && `${name} is ${episode.players[agent]}`).filter(Boolean);
+    if (who.length) parts.push(`${who.join(", ")}.`);
+    if (side && this.shown.values && side.values) parts.push(`Values: exact expected steps until capture if the ${side.name} stood there, at the start of an episode (blue few, yellow many).`);
+    if (side && this.shown.policy) parts.push(`Moves of the ${side.name}: dashed optimal${side.learned ? ", solid learned (its most probable one); a dotted frame where they differ" : ""}.`);
+    if (this.shown.seen && episode.seen) parts.push(`Observed by ${episode.seen.agent}: ${episode.seen.names.join(", ")}.`);
+    this.legend.textContent = parts.join(" ");
+    const observed = this.shown.seen && episode.observed;
+    this.numbers.textContent = observed ? `${observed.encoding}: ${observed.steps[step].join(" ")}` : "";
+    this.spoken.textContent = this.playing ? "" : this.words(episode.frame(step));
+  }
+
+  words(frame) {
+    if (frame.angles) return `step ${frame.step}: target at ${frame.target.map((part) => part.toFixed(2)).join(", ")}`;
+    const where = (cell) => (cell < 0 ? "gone" : `row ${this.episode.world.cells[cell][0] + 1}, column ${this.episode.world.cells[cell][1] + 1}`);
+    return `step ${frame.step}: ${this.episode.world.agents.map((agent, number) => `${agent.name} ${where(frame.cells[number])}`).join("; ")}`;
+  }
+}
+
+const pursuitRoot = document.getElementById("pursuit");
+const pursuitData = document.getElementById("pursuit-data");
+if (pursuitRoot && pursuitData && pursuitRoot.dataset.mode !== "play") {
+  window.pursuit = new Player(pursuitRoot, JSON.parse(pursuitData.textContent));
+}

@@ -1,0 +1,44 @@
+"""Captures: when a chaser captures an evader. Steps and exact solvers ask here alone."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from pursuit.compilation.compiled import inlined
+
+
+def captured(
+    chasers_first: bool,
+    chaser_before: Any,
+    chaser_after: Any,
+    evader_before: Any,
+    evader_after: Any,
+) -> Any:
+    """Whether a chaser captures an evader, by their cells before and after their moves.
+
+    It does if both moves lead to one cell; if both move at once and swap; and, where chasers move
+    first, if it comes to where the evader stands. Cells are numbers or NumPy arrays.
+    """
+    reached = chaser_after == evader_before
+    if not chasers_first:
+        reached = reached & (chaser_before == evader_after)
+    return reached | (chaser_after == evader_after)
+
+
+captures = inlined(captured)
+"""`captured`, for kernels."""
+
+
+class Duel(NamedTuple):
+    """One chaser against one evader, seen by one of them: *own*, against *other*."""
+
+    own_chases: bool
+    chasers_first: bool
+
+
+@inlined
+def ends_duel(duel: Duel, own: int, own_after: int, other: int, other_after: int) -> bool:
+    """Whether two moves of a duel end in a capture."""
+    if duel.own_chases:
+        return captures(duel.chasers_first, own, own_after, other, other_after)
+    return captures(duel.chasers_first, other, other_after, own, own_after)

@@ -1,0 +1,399 @@
+"""Simulator: thousands of games in lockstep, as named arrays over the rule book's memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pursuit import rules
+from pursuit.mazes.maze_arrays import lay_out
+from pursuit.memory import check_memory
+from pursuit.observations.observations import Encoder
+from pursuit.rules import layout
+from pursuit.simulator import next_episode
+from pursuit.simulator.next_episode import Shares, slots
+from pursuit.simulator.policy import GameArrays, GameView, Policy, play_all
+from pursuit.simulator.state import (
+    SimulatorState,
+    arrays_of,
+    bytes_of_game,
+    check_fits,
+    live_state,
+)
+from pursuit.tasks.payments import step_games_of
+from pursuit.tasks.placements import place_the_unplaced
+from pursuit.tasks.task import Task, checked_task
+from pursuit.validation import as_array, truth, whole
+
+__all__ = ["Simulator", "SimulatorState"]
+
+
+class Simulator(GameArrays):
+    """Any number of games of one task, stepped in lockstep by compiled kernels.
+
+    Every game is ready to be played as soon as the simulator is made. A game that ends restarts in
+    the same step; what it ended with stays readable. Game i of a batch seeded s is identical to a
+    single game made with `seed=s, first_game=i`, whatever the batch size: every random number comes
+    from streams derived from (seed, game index).
+
+    Args:
+        task: the rules and settings.
+        num_games: games in the batch.
+        seed: 0 to 2**64 - 1.
+        first_game: the index of the first game of this batch.
+        auto_restart: False leaves ended games as they are, still flagged as ended and with rewards
+            of 0, until `reset` restarts them.
+
+    Raises:
+        ValueError: counts or seeds out of range, or more games than memory holds.
+
+    Attributes (arrays that every step overwrites in place; copy what you keep):
+        games: the arrays of the games under the names of the rule book.
+        positions, active, events, goals, steps, maze_index: the same under their public names; see
+            `pursuit.simulator.policy.GameArrays`.
+        streams: [num_games, ...] uint64, the random streams.
+        rewards: [num_games, num_agents] float32, of the last step.
+        returns: [num_games, num_agents] float64, the sum of rewards of the episode so far.
+        collected: [num_games, num_agents] float64, the goals collected in it; shared ones in parts.
+        terminated, truncated: [num_games] bool, of the last step; never both.
+        episode_returns: [num_games, num_agents] float64, of each game's last finished episode.
+        episode_lengths: [num_games] int32, likewise.
+        final_positions: [num_games, num_agents] int32, where that episode ended.
+        epsilon: [num_games, num_agents] float64, the share of random moves of the scripted agent
+            in each seat; NaN leaves it to the agent. Write to it to change it at once; what is
+            written stays, until `configure` says something else for the next episode. It may be
+            set to a number, to [num_games] (one for each game, as in `configure`) or to
+            [num_games, num_agents].
+        next_epsilon: the same from each game's next episode on; -1 where nothing waits.
+        last_seed: what all streams were last seeded with; None after `set_state`, and where only
+            some games were seeded.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        num_games: int = 1,
+        seed: int = 0,
+        first_game: int = 0,
+        auto_restart: bool = True,
+    ) -> None:
+        task, num_games = checked_task(task), whole("num_games", num_games, 1, 2**63 - 1)
+        first_game = whole("first_game", first_game, 0, 2**62)
+        seed, auto_restart = whole("seed", seed, 0, 2**64 - 1), truth("auto_restart", auto_restart)
+        check_memory(f"num_games={num_games}", num_games * bytes_of_game(task), "take fewer games")
+        self.task, self.num_games, self.num_agents = task, num_games, task.num_agents
+        self.first_game, self.auto_restart = first_game, auto_restart
+        self._actions_shape = (num_games, task.num_agents)
+        memory = layout.allocate(num_games, task.num_agents, task.num_goals)
+        self._mazes = lay_out(task.mazes)
+        # What every kernel over the batch is given: the batch, the rules, the mazes, room to work.
+        self._kernel_arrays = (
+            *memory,
+            task.numbers_for_kernels(),
+            task.rewards_for_kernels(),
+            *self._mazes,
+            layout.scratch_for(task.max_cells, task.num_agents, task.num_goals),
+        )
+        self._step_games = step_games_of(task)
+        self.games: layout.Games = layout.named(layout.games_of, memory)
+        self._outcome: layout.Outcome = layout.named(layout.outcome_of, memory)
+        self._coming: layout.NextEpisode = layout.named(layout.next_episode_of, memory)
+        self.streams: NDArray[np.uint64] = memory.streams
+        self._epsilon: NDArray[np.float64] = memory.reals[:, layout.EPSILON]
+        self.next_epsilon: NDArray[np.float64] = self._coming.epsilon
+        outcome = self._outcome
+        self.rewards: NDArray[np.float32] = outcome.rewards
+        self.returns: NDArray[np.float64] = outcome.returns
+        self.collected: NDArray[np.float64] = outcome.collected
+        self.terminated: NDArray[np.bool_] = outcome.terminated
+        self.truncated: NDArray[np.bool_] = outcome.truncated
+        self.episode_returns: NDArray[np.float64] = outcome.episode_returns
+        self.final_positions: NDArray[np.int32] = outcome.final.position
+        self.episode_lengths: NDArray[np.int32] = outcome.final.steps
+        self._encoders: dict[str, Encoder] = {}
+        self._views: dict[int, GameView] = {}
+        self._coming.min_start_distance[:] = task.min_start_distance
+        self.last_seed: int | None = None
+        self.reset(seed)
+
+    @property
+    def ended(self) -> NDArray[np.bool_]:
+        """[num_games] bool, a fresh array: terminated or truncated in the last step."""
+        return self.terminated | self.truncated
+
+    @property
+    def epsilon(self) -> NDArray[np.float64]:
+        """See the attributes; a live array that refuses what is no share."""
+        return self._epsilon.view(Shares)
+
+    @epsilon.setter
+    def epsilon(self, shares: ArrayLike) -> None:
+        next_episode.fill_epsilon(self._epsilon, shares)
+
+    def seed(self, seed: int, games: ArrayLike | None = None) -> None:
+        """Give every random stream the state that belongs to (seed, game index).
+
+        Args:
+            seed: 0 to 2**64 - 1.
+            games: a bool mask or index list; all by default.
+
+        Raises:
+            ValueError: a seed or game out of range.
+        """
+        seed, chosen = whole("seed", seed, 0, 2**64 - 1), slots(games, self.num_games)
+        fresh = np.empty_like(self.streams)
+        rules.seed_streams(fresh, np.uint64(seed), self.first_game)  # type: ignore[arg-type]
+        self.streams[chosen] = fresh[chosen]
+        self.last_seed = seed if games is None else None
+
+    def reset(self, seed: int | None = None, games: ArrayLike | None = None) -> None:
+        """Begin new episodes in all games, or in those of the bool mask or index list `games`.
+
+        A seed is that of these games only; the streams of the others go on.
+
+        Raises:
+            ValueError: a seed or game out of range.
+        """
+        chosen = np.zeros(self.num_games, dtype=bool)
+        chosen[slots(games, self.num_games)] = True
+        if seed is not None:
+            self.seed(seed, games)
+        self._check(rules.start_games(*self._kernel_arrays, chosen))
+
+    def step(self, actions: ArrayLike) -> None:
+        """Move every game by one step. Results are in the attributes.
+
+        Args:
+            actions: [num_games, num_agents] integers below `task.num_actions`; those of captured
+                evaders are ignored (but must be in range).
+
+        Raises:
+            ValueError: a wrong shape, dtype or action. Then no game has moved.
+        """
+        if not (
+            type(actions) is np.ndarray
+            and actions.dtype == np.int32
+            and actions.flags.c_contiguous
+            and actions.shape == self._actions_shape
+        ):
+            actions = self._checked_actions(actions)
+        outcome = self._step_games(*self._kernel_arrays, actions, self.auto_restart)
+        if outcome:
+            self._check(outcome, actions)
+
+    def _checked_actions(self, actions: ArrayLike) -> NDArray[np.int32]:
+        array = as_array("actions", actions, "iu", "give integers")
+        if array.shape != self._actions_shape:
+            shape = self._actions_shape
+            raise ValueError(f"actions of shape {array.shape}; [num_games, num_agents] is {shape}")
+        return np.ascontiguousarray(np.clip(array, -1, self.task.num_actions), dtype=np.int32)
+
+    def _check(self, outcome: int, actions: NDArray[np.int32] | None = None) -> None:
+        if outcome == layout.NO_PLACEMENT:
+            task, arrays = self.task, self._kernel_arrays
+            place_the_unplaced(task.apart, task.teams, self.games, self._coming, arrays)
+        if outcome == layout.BAD_ACTION and actions is not None:
+            game, seat = np.argwhere((actions < 0) | (actions >= self.task.num_actions))[0]
+            raise ValueError(
+                f"an action of {self.task.agent_names[seat]} in game {game} is out of range; "
+                f"actions are 0 to {self.task.num_actions - 1}"
+                + ("" if self.task.stay_action else " (4, stay, needs stay_action=True)")
+            )
+
+    # -- the next episode ------------------------------------------------------------------------
+
+    def configure(
+        self,
+        games: ArrayLike | None = None,
+        *,
+        epsilon: ArrayLike | None = None,
+        seat: int | str | None = None,
+        maze: ArrayLike | None = None,
+        num_goals: ArrayLike | None = None,
+        goal_radius: ArrayLike | None = None,
+        goals_around: str | None = None,
+        min_start_distance: ArrayLike | None = None,
+        max_start_distance: ArrayLike | None = None,
+    ) -> None:
+        """Change settings of all games, or of `games`, from their next restart on.
+
+        Args:
+            games: a bool mask or index list; all by default.
+            epsilon: share of random moves in [0, 1] of the scripted agent in `seat` (all seats by
+                default); NaN leaves it to the agent. A number, [games] (one for each game), or
+                without a seat [games, agents].
+            maze: index into `task.mazes`; -1 draws one at every restart.
+            num_goals: at most `task.num_goals`; -1 is all of them.
+            goal_radius: goals lie within this path distance; -1 is anywhere. Where too few cells
+                are that near, the radius grows until the goals fit.
+            goals_around: what that radius surrounds: "start" (the first runner's or evader's start)
+                or "marks" (the nearest goal mark of the maze).
+            min_start_distance, max_start_distance: path distance between every chaser and every
+                evader; -1 for no maximum. Cells that no path joins are infinitely far apart: every
+                minimum holds for them, and no maximum does.
+
+        Raises:
+            ValueError: a value out of range, or distances that no placement meets; nothing is
+                changed then.
+        """
+        next_episode.configure(
+            self.task,
+            self._coming,
+            slots(games, self.num_games),
+            epsilon=epsilon,
+            seat=seat,
+            goals_around=goals_around,
+            maze=maze,
+            num_goals=num_goals,
+            goal_radius=goal_radius,
+            min_start_distance=min_start_distance,
+            max_start_distance=max_start_distance,
+        )
+
+    def seed_starts(self, games: ArrayLike | None, seeds: ArrayLike) -> None:
+        """Make levels repeat: the next start of each game is that of its seed alone.
+
+        Two games of one task that are given the same seed here (and the same settings) begin their
+        next episode alike; later episodes follow from there. Other random numbers stay as they
+        were.
+
+        Args:
+            games: a bool mask or index list; None for all.
+            seeds: one whole number from 0 to 2**63 - 1 for all of them, or for each.
+
+        Raises:
+            ValueError: a seed out of range, or a wrong number of them.
+        """
+        next_episode.seed_starts(self.streams, slots(games, self.num_games), seeds)
+
+    # -- copies ----------------------------------------------------------------------------------
+
+    def get_state(self, games: ArrayLike | None = None) -> SimulatorState:
+        """Copies of all games, or of those of the index list `games`, exact to the last bit."""
+        chosen = slots(games, self.num_games)
+        live = vars(live_state(self, self._epsilon, self._coming))
+        state = SimulatorState(**{name: array[chosen] for name, array in live.items()})
+        if self.auto_restart:  # the episodes that ended are over, these games are not
+            state.terminated[:] = state.truncated[:] = False
+        return state
+
+    def set_state(self, state: SimulatorState, games: ArrayLike | None = None) -> None:
+        """Put copied games into all slots, or into those of `games`; they go on as they would have.
+
+        Raises:
+            ValueError: the number of games, or the task, is another one; or a game is over, and
+                this simulator restarts games by itself. Nothing is changed then.
+        """
+        chosen = slots(games, self.num_games)
+        live = live_state(self, self._epsilon, self._coming)
+        check_fits(state, live, self.task, len(chosen))
+        if self.auto_restart and (state.terminated | state.truncated).any():
+            raise ValueError("a game of this state is over; reset it, or take auto_restart=False")
+        for name, array in vars(live).items():
+            array[chosen] = getattr(state, name)
+        self.last_seed = None
+
+    def place(
+        self,
+        positions: ArrayLike,
+        goals: ArrayLike | None = None,
+        maze: ArrayLike | None = None,
+        seed: int | None = None,
+    ) -> None:
+        """Put every game at the beginning of an episode with these cells, however far apart.
+
+        Args:
+            positions: [num_games, num_agents] cells (or one row for all games).
+            goals: [num_games, num_goals] cells, -1 for an absent goal; needed if there are goals.
+            maze: index into `task.mazes`, for all games or for each; needed where there are
+                several, unless `configure` has chosen.
+            seed: as in `reset`.
+
+        Raises:
+            ValueError: a cell out of range, two agents or goals in one cell, or goals or the maze
+                left out. Nothing is changed then.
+        """
+        start = next_episode.start_at(self.task, self._coming, positions, goals, maze)
+        self.reset(seed)
+        self.positions[:], self.goals[:], self.maze_index[:] = start
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For `copy` and `pickle`, which would tear the arrays that share memory apart."""
+        batch = (self.task, self.num_games, self.first_game, self.auto_restart)
+        return _copied, (*batch, self.get_state(), self._outcome)
+
+    # -- what agents see -------------------------------------------------------------------------
+
+    def encoder(self, encoding: str) -> Encoder:
+        """The `Encoder` of `encoding` for this task."""
+        if not isinstance(encoding, str) or encoding not in self._encoders:
+            self._encoders[encoding] = Encoder(self.task, encoding)
+        return self._encoders[encoding]
+
+    def observe(
+        self, encoding: str = "one_hot", seat: int | str | None = None, out: Any = None
+    ) -> NDArray[Any]:
+        """What the agents observe now: a fresh array, or `out`.
+
+        It is [num_games, num_agents, ...], or [num_games, ...] for one `seat`.
+        """
+        return self._encode(self.games, encoding, seat, out)
+
+    def observe_final(
+        self,
+        encoding: str = "one_hot",
+        seat: int | str | None = None,
+        games: ArrayLike | None = None,
+    ) -> NDArray[Any]:
+        """What the agents observed as the last finished episode ended, of all games or `games`."""
+        final = self._outcome.final
+        if games is not None:
+            chosen = slots(games, self.num_games)
+            final = layout.Games(*(array[chosen] for array in final))
+        return self._encode(final, encoding, seat)
+
+    def _encode(
+        self, games: layout.Games, encoding: str, seat: int | str | None, out: Any = None
+    ) -> NDArray[Any]:
+        encoder = self.encoder(encoding)
+        if seat is None:
+            return encoder.encode(games, out=out)
+        number = self.task.seat(seat)
+        one = out[:, None] if isinstance(out, np.ndarray) and out.ndim else out
+        return encoder.encode(games, slice(number, number + 1), one)[:, 0]
+
+    def view(self, seat: int | str) -> GameView:
+        """The games as the policy in `seat` sees them."""
+        number = self.task.seat(seat)
+        if number not in self._views:
+            self._views[number] = GameView(
+                self.task, number, self.games, self.streams, self._epsilon, self._mazes,
+                observe=lambda encoding: self._encode(self.games, encoding, number),
+            )  # fmt: skip
+        return self._views[number]
+
+    def act(self, policies: Sequence[Policy | None], actions: NDArray[np.int32]) -> None:
+        """Write the action of every seat that has a policy into `actions` [games, agents].
+
+        Raises:
+            ValueError: a wrong shape, another number of seats, or a policy of no or another role.
+        """
+        play_all(policies, actions, self._actions_shape, self.view)
+
+
+def _copied(
+    task: Task,
+    num_games: int,
+    first_game: int,
+    auto_restart: bool,
+    state: SimulatorState,
+    outcome: layout.Outcome,
+) -> Simulator:
+    simulator = Simulator(task, num_games, first_game=first_game, auto_restart=auto_restart)
+    simulator.set_state(state)
+    for array, copied in zip(arrays_of(simulator._outcome), arrays_of(outcome), strict=True):
+        array[:] = copied
+    return simulator

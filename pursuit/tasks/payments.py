@@ -1,0 +1,94 @@
+"""Payments: steps of games whose rewards a user's own function decides."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit import rules
+from pursuit.rules import layout
+from pursuit.tasks.moments import After, Before, distances_of, moment_of, roles_of
+from pursuit.tasks.rewards import RewardFunction
+from pursuit.tasks.task import Task
+
+
+def step_games_of(task: Task) -> Any:
+    """The entry that moves games of this task, as `rules.step_games_of`; with its own payment."""
+    entry = rules.step_games_of(task.teams)
+    pay = task.reward_function
+    return entry if pay is None else _paying(entry, pay, task)
+
+
+def _paying(entry: Any, pay: RewardFunction, task: Task) -> Any:
+    """`entry` with its payment replaced; games begin anew only after they are paid."""
+    roles, distances = roles_of(task.seat_roles), distances_of(task.mazes)
+
+    def step_games(*given: Any) -> int:
+        *arrays, actions, auto_restart = given
+        memory = layout.Memory(*arrays[: len(layout.Memory._fields)])
+        outcome: layout.Outcome = layout.named(layout.outcome_of, memory)
+        before = _copied(memory, roles, distances)
+        returns, flags = outcome.returns.copy(), memory.flags.copy()
+        if auto_restart:  # those that ended have begun anew, and all of them move
+            memory.flags[:] = False
+        playing = ~(outcome.terminated | outcome.truncated)
+        found = int(entry(*arrays, actions, False))
+        if found != layout.OK:
+            memory.flags[:] = flags
+            return found
+        after = After(
+            *_copied(memory, roles, distances),
+            outcome.terminated.copy(),
+            outcome.truncated.copy(),
+            outcome.rewards.copy(),
+        )
+        paid = _checked(pay(before, actions.copy(), after), pay, actions.shape)
+        np.multiply(paid, (before.active != 0) & playing[:, None], out=outcome.rewards)
+        np.add(returns, outcome.rewards, out=outcome.returns)
+        ended = playing & (outcome.terminated | outcome.truncated)
+        outcome.episode_returns[ended] = outcome.returns[ended]
+        if auto_restart and ended.any():
+            flags[:] = memory.flags
+            start: Any = rules.start_games
+            found = int(start(*arrays, ended))
+            memory.flags[:] = flags
+        return found
+
+    return step_games
+
+
+def _copied(memory: layout.Memory, roles: Any, distances: Any) -> Before:
+    """The games as they stand; copied layer on layer, which is ten times faster than one by one."""
+    memory = memory._replace(
+        agents=memory.agents.copy(), goals=memory.goals.copy(), clocks=memory.clocks.copy()
+    )
+    return moment_of(layout.named(layout.games_of, memory), roles, distances)
+
+
+def _checked(paid: Any, pay: RewardFunction, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """What a reward function returned, as [games, agents] float32.
+
+    Raises:
+        ValueError: another shape, no numbers, or one that is not finite.
+    """
+    name = getattr(pay, "__name__", repr(pay))
+    try:
+        array = np.asarray(paid)
+    except ValueError:
+        array = np.asarray(None)
+    if array.dtype.kind not in "fiub" or array.shape != shape:
+        raise ValueError(
+            f"reward function {name} gave {array.dtype} of shape {array.shape}; it must give "
+            f"numbers [games, agents] = {shape}"
+        )
+    with np.errstate(over="ignore"):
+        kept = array.astype(np.float32)
+    if not np.isfinite(kept).all():
+        game, seat = np.argwhere(~np.isfinite(kept))[0]
+        raise ValueError(
+            f"reward function {name} pays {array[game, seat]} to agent {seat} of game {game}; "
+            "rewards are finite"
+        )
+    return kept

@@ -1,0 +1,207 @@
+"""Fields of frozen dataclasses that say beside them what they may hold, checked at birth.
+
+    @dataclass(frozen=True)
+    class Settings:
+        steps: int = count(1, default=200)
+        order: str = choice(("first", "last"), default="first")
+
+        def __post_init__(self) -> None:
+            check_fields(self)
+
+A check takes the field's name and the value given, and returns the value as it is kept; its
+ValueError names the value, the rule and the remedy. `whole`, `number`, `truth`, `one_of` and
+`whole_numbers` check the arguments of functions in the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import field, fields
+from math import inf, isfinite
+from typing import Any, NoReturn, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+Check = Callable[[str, Any], Any]
+
+
+def declared(check: Check, default: Any) -> Any:
+    """A field with a check of its own."""
+    return field(default=default, metadata={"check": check})
+
+
+def count(least: int, default: int) -> Any:
+    """A field for a whole number from `least` to 2**31 - 1."""
+    return declared(lambda name, value: whole(name, value, least), default)
+
+
+def finite(default: float) -> Any:
+    """A field for a finite number."""
+    return declared(number, default)
+
+
+def flag(default: bool) -> Any:
+    """A field for True or False."""
+    return declared(truth, default)
+
+
+def choice(choices: Sequence[str], default: str) -> Any:
+    """A field for one of `choices`."""
+    return declared(lambda name, value: one_of(name, value, choices), default)
+
+
+def one_of(what: str, value: Any, choices: Sequence[str]) -> Any:
+    """`value`, if it is one of `choices`; ValueError otherwise."""
+    if not isinstance(value, str) or value not in choices:
+        raise ValueError(f"unknown {what} {value!r}; one of {', '.join(choices)}")
+    return value
+
+
+def is_whole(value: Any) -> bool:
+    """Whether it is a whole number, of Python's or NumPy's; True and False are none."""
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is a real number, of Python's or NumPy's; True and False are none."""
+    return is_whole(value) or isinstance(value, (float, np.floating))
+
+
+def whole(name: str, value: Any, least: int = 0, most: int = 2**31 - 1) -> int:
+    """`value` as an int, if it is a whole number from `least` to `most`; ValueError otherwise."""
+    if not is_whole(value):
+        raise ValueError(f"{name}={value!r}; it is a whole number")
+    if value < least:
+        raise ValueError(f"{name}={value}; it is at least {least}")
+    if value > most:
+        raise ValueError(f"{name}={value}; it is at most {most}")
+    return int(value)
+
+
+def number(name: str, value: Any) -> float:
+    """`value` as a float, if it is a finite number; ValueError otherwise."""
+    if not is_number(value):
+        raise ValueError(f"{name}={value!r}; it is a number")
+    try:
+        found = float(value)
+    except OverflowError:  # a whole number of hundreds of digits
+        found = inf
+    if not isfinite(found):
+        raise ValueError(f"{name}={value}; it is finite")
+    return found
+
+
+def share(name: str, value: Any) -> float:
+    """`value` as a float, if it is a share of random moves; ValueError otherwise."""
+    if not is_number(value) or not 0.0 <= value <= 1.0:
+        raise ValueError(f"{name}={value!r}; a share of random moves lies in [0, 1]")
+    return float(value)
+
+
+def checked_seed(seed: Any) -> int:
+    """`seed` as an int, if it is a whole number from 0 to 2**64 - 1; ValueError otherwise."""
+    return whole("seed", seed, 0, 2**64 - 1)
+
+
+def some_seed() -> int:
+    """A seed from the operating system."""
+    return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+
+
+def truth(name: str, value: Any) -> bool:
+    """`value` as a bool, if it is True or False; ValueError otherwise."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise ValueError(f"{name}={value!r}; it is True or False")
+    return bool(value)
+
+
+def whole_numbers(name: str, value: Any, least: int, most: int) -> NDArray[Any]:
+    """`value` as an array of whole numbers from `least` to `most`; ValueError otherwise."""
+    array = as_array(name, value, "iu", f"whole numbers from {least} to {most}")
+    if array.size and not least <= array.min() <= array.max() <= most:
+        raise ValueError(f"{name}={value!r}; whole numbers from {least} to {most}")
+    return array
+
+
+def as_array(name: str, value: Any, kinds: str, rule: str) -> NDArray[Any]:
+    """`value` as an array, if its dtype is of one of the `kinds` of NumPy (or it is empty)."""
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name}={value!r}; {rule}") from None
+    if array.size and array.dtype.kind not in kinds:
+        raise ValueError(f"{name}={value!r}; {rule}")
+    return array
+
+
+def check_fields(settings: Any) -> None:
+    """Check every declared field of a frozen dataclass, and keep what its check returns."""
+    for each in fields(settings):
+        if "check" in each.metadata:
+            kept = each.metadata["check"](each.name, getattr(settings, each.name))
+            object.__setattr__(settings, each.name, kept)
+
+
+def named_settings(function: str, settings: dict[str, Any], known: Sequence[str]) -> dict[str, Any]:
+    """`settings` by the names that are `known`; `max_cycles`, PettingZoo's name, is `max_steps`.
+
+    Raises:
+        TypeError: an unknown setting, as an unknown keyword is everywhere, or both names at once.
+    """
+    named = dict(settings)
+    if "max_cycles" in named:
+        if "max_steps" in named:
+            raise TypeError(f"{function}() got max_steps and max_cycles, which are one; give one")
+        named["max_steps"] = named.pop("max_cycles")
+    for setting in named:
+        if setting not in known:
+            raise TypeError(
+                f"{function}() got an unexpected keyword argument {setting!r}; the settings are "
+                f"{', '.join(known)}"
+            )
+    return named
+
+
+def reset_options(options: Any, needed: Sequence[str], known: Sequence[str] = ()) -> dict[str, Any]:
+    """The `options` of an environment's `reset` by name; empty where none are given.
+
+    Args:
+        options: a mapping, or None.
+        needed: names that are given together, or not at all.
+        known: further names, which are given beside them.
+
+    Raises:
+        ValueError: no mapping, an unknown name, or a name without those that are needed.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise ValueError(f"options={options!r}; give a dict")
+    # PettingZoo's own tests of environments pass {"options": 1}.
+    given = {name: value for name, value in (options or {}).items() if name != "options"}
+    for name in given:
+        if name not in (*needed, *known):
+            raise ValueError(
+                f"options={options!r}: unknown option {name!r}; the options of reset are "
+                f"{', '.join([*needed, *known])}"
+            )
+    if given and not set(needed) <= set(given):
+        raise ValueError(f"options={options!r}; give {' and '.join(needed)} too, or no option")
+    return given
+
+
+class FrozenDict(dict[Key, Value]):
+    """A dict that never changes, and hashes by its content."""
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(frozenset(self.items()))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (dict(self),)
+
+    def _refuse(self, *args: Any, **kwargs: Any) -> NoReturn:
+        raise TypeError("this dict never changes; take dict(it) for one that does")
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse

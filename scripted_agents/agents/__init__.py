@@ -1,0 +1,1 @@
+"""Scripted epsilon-greedy agents: A*, runners, searchers, tables."""

@@ -1,0 +1,348 @@
+"""The decisions of the scripted agents, compiled: which moves are greedy, and which one is taken.
+
+A set of moves is a bit mask over the actions. The same functions fill the tables of exact
+probabilities and act in the batch, so that what is solved exactly is what plays. Those that act
+take the arrays of games and mazes one by one, which takes less time to hand over. `scratch` is
+int32 [NUM_SCRATCH, cells of the largest maze], -1 in the rows of distances: room for three
+searches.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pursuit.compilation.compiled import compiled, inlined, subroutine
+from pursuit.rules.distances import (
+    FAR,
+    NO_MOVES,
+    begin_field,
+    distance_within,
+    forget,
+    has_table,
+    moves_by_landmarks,
+    moves_down,
+    pair_index,
+    search_within,
+    spread_field,
+    table_distance,
+)
+from pursuit.rules.layout import (
+    STAY,
+    Games,
+    Search,
+    Teams,
+    World,
+    chasers_of,
+    evaders_of,
+    goals_of,
+    stream_of,
+    world_of,
+)
+from pursuit.rules.lookups import away_from_nearest, take, towards_nearest
+from pursuit.rules.randomness import draw_action
+from pursuit.rules.step import legal_moves
+
+CHASER, EVADER, RUNNER, RANDOM = range(4)
+(
+    LOOK_DISTANCE,
+    LOOK_QUEUE,
+    PATH_DISTANCE,
+    PATH_QUEUE,
+    FIELD_DISTANCE,
+    FIELD_QUEUE,
+    FIELD_OWNER,
+    SOUGHT,
+    NUM_SCRATCH,
+) = range(9)
+PAIRS_A_CELL = 8
+"""A search takes about as long for a cell as it takes to look up so many pairs."""
+CELLS_A_SEARCH = 200
+"""A search by landmarks for one agent takes about as long as one for all for so many cells."""
+
+
+@inlined
+def look_of(scratch: Any) -> Search:
+    """Room for the search around oneself."""
+    return Search(scratch[LOOK_DISTANCE], scratch[LOOK_QUEUE])
+
+
+@inlined
+def path_of(scratch: Any) -> Search:
+    """Room for searches for a path."""
+    return Search(scratch[PATH_DISTANCE], scratch[PATH_QUEUE])
+
+
+@inlined
+def field_of(scratch: Any) -> Search:
+    """Room for one search for all agents of a kind, from all whom they seek."""
+    return Search(scratch[FIELD_DISTANCE], scratch[FIELD_QUEUE])
+
+
+@subroutine
+def mask_fleeing(
+    world: World,
+    scratch: Any,
+    maze: int,
+    own: int,
+    threat: int,
+    reach: int,
+    look_radius: int,
+    stay_action: bool,
+) -> int:
+    """First steps of shortest paths to the cells within `look_radius` farthest from `threat`.
+
+    Where one's own cell is as far as any, staying if that is an action, else every move.
+    `reach` is at least the distance between `threat` and any cell looked at.
+    """
+    look, path = look_of(scratch), path_of(scratch)
+    seen = search_within(world, maze, own, look_radius, -1, look)
+    farthest = own_distance = distance_within(world, path, maze, own, threat, reach)
+    for i in range(seen):
+        away = distance_within(world, path, maze, look.queue[i], threat, reach)
+        farthest = max(farthest, away)
+    mask = 0
+    if farthest == own_distance:
+        mask = 1 << STAY if stay_action else legal_moves(world, maze, own)
+    else:
+        for i in range(seen):
+            cell = look.queue[i]
+            if farthest != distance_within(world, path, maze, cell, threat, reach):
+                continue
+            steps = np.int64(look.distance[cell])
+            for action in range(4):
+                after = world.neighbors[world.first_cell[maze] + own, action]
+                if after != own and not mask >> action & 1:
+                    rest = distance_within(world, path, maze, after, cell, steps)
+                    if rest == steps - 1:
+                        mask |= 1 << action
+    forget(look, seen)
+    return mask
+
+
+@compiled
+def fill_greedy_table(
+    kind: int,
+    mazes: Any,
+    scratch: Any,
+    settings: Any,
+    greedy: Any,
+) -> None:
+    """Fill `greedy`, laid out as `tables`: the mask at [own, other], all moves where any will do.
+
+    `settings` is (epsilon, alert distance, look radius, stay action).
+    """
+    world = world_of(*mazes)
+    _, alert, look, stay_action = settings
+    for maze in range(world.num_cells.shape[0]):
+        if not has_table(world, maze):
+            continue
+        for own in range(world.num_cells[maze]):
+            for other in range(world.num_cells[maze]):
+                mask, distance = 0, table_distance(world, maze, own, other)
+                if kind == EVADER and 0 < distance < alert:
+                    mask = mask_fleeing(
+                        world, scratch, maze, own, other, alert + look, look, stay_action
+                    )
+                elif kind != EVADER:
+                    for action in range(4):
+                        after = world.neighbors[world.first_cell[maze] + own, action]
+                        if table_distance(world, maze, after, other) == distance - 1:
+                            mask |= 1 << action
+                if mask == 0:
+                    mask = legal_moves(world, maze, own)
+                greedy[pair_index(world, maze, own, other)] = mask
+
+
+@inlined
+def sought_by(kind: int, teams: Teams) -> Any:
+    """The numbers of whom an agent of this kind heads for, or keeps away from."""
+    if kind == CHASER:
+        return evaders_of(teams)
+    if kind == EVADER:
+        return chasers_of(teams)
+    return goals_of(teams) if kind == RUNNER else range(0, 0)
+
+
+@inlined
+def list_sought(kind: int, games: Games, game: int, teams: Teams, cells: Any) -> int:
+    """List the cells of the goals or opponents that are left, in their order; how many."""
+    count = 0
+    for number in sought_by(kind, teams):
+        sought = np.uint64(number)
+        if kind == RUNNER:
+            cells[np.uint64(count)] = games.goal[game, sought]
+            count += games.goal[game, sought] >= 0
+        else:
+            cells[np.uint64(count)] = games.position[game, sought]
+            count += games.active[game, sought] != 0
+    return count
+
+
+@inlined
+def moves_away(
+    world: World, maze: int, own: int, threat: int, greedy: Any, scratch: Any, settings: Any
+) -> int:
+    """The moves of an evader whose nearest chaser stands in `threat`."""
+    _, alert, look, stay = settings
+    if has_table(world, maze):
+        return np.int64(greedy[pair_index(world, maze, own, threat)])
+    return mask_fleeing(world, scratch, maze, own, threat, alert + look, look, stay)
+
+
+@inlined
+def use_table(world: World, maze: int, pairs: int) -> bool:
+    """Whether so many pairs are quicker looked up than searched, which takes all cells at most."""
+    return has_table(world, maze) and pairs <= PAIRS_A_CELL * world.num_cells[maze]
+
+
+@compiled
+def list_moves(
+    kind: int,
+    games: Games,
+    seat: int,
+    counts: Any,
+    mazes: Any,
+    greedy: Any,
+    sought: Any,
+    moves: Any,
+) -> None:
+    """Fill `moves` [games, 2] with the masks that agents draw from: greedy, and every move.
+
+    Arguments are those of `entry_for`'s kernels; `sought` is room for all agents or goals, and all
+    mazes have tables.
+    """
+    teams = Teams(counts[0], counts[1], counts[2], counts[3])
+    world = world_of(*mazes)
+    for game in range(moves.shape[0]):
+        row, mask = np.uint64(game), np.int64(0)
+        maze, own = np.int64(games.maze[row]), np.int64(games.position[row, np.uint64(seat)])
+        count = list_sought(kind, games, row, teams, sought)
+        if kind == EVADER:
+            mask = away_from_nearest(world, maze, own, sought, count, greedy)
+        elif kind != RANDOM:
+            mask = towards_nearest(world, maze, own, sought, count, greedy)
+        every = legal_moves(world, maze, own)
+        moves[game, 0], moves[game, 1] = every if mask == 0 else mask, every
+
+
+@compiled
+def draw_moves(
+    games: Games,
+    streams: Any,
+    epsilon_of: Any,
+    seat: int,
+    mazes: Any,
+    masks: Any,
+    settings: Any,
+    actions: Any,
+) -> None:
+    """Fill `actions` [games] by drawing from `masks` [games], from every move where one is 0.
+
+    `settings` is (epsilon, stay action). An epsilon of NaN in the game means that of the settings.
+    """
+    default, stay_action = settings
+    world = world_of(*mazes)
+    for game in range(actions.shape[0]):
+        every = legal_moves(world, np.int64(games.maze[game]), np.int64(games.position[game, seat]))
+        mask, epsilon = np.int64(masks[game]), epsilon_of[game, seat]
+        actions[game] = draw_action(
+            every if mask == 0 else mask,
+            every,
+            default if np.isnan(epsilon) else epsilon,
+            stay_action,
+            streams[game],
+            stream_of(seat),
+        )
+
+
+def entry_for(kind: int, by_landmarks: bool) -> Any:
+    """The compiled decisions of the agents of one kind, with the search by landmarks or without."""
+
+    @compiled
+    def choose_actions(
+        position: Any,
+        active: Any,
+        event: Any,
+        goal: Any,
+        steps: Any,
+        maze_of: Any,
+        streams: Any,
+        epsilon_of: Any,
+        seats: Any,
+        columns: Any,
+        counts: Any,
+        mazes: Any,
+        neighbors: Any,
+        facts: Any,
+        tables: Any,
+        greedy: Any,
+        landmarks: Any,
+        scratch: Any,
+        settings: Any,
+        actions: Any,
+    ) -> None:
+        """Fill `columns` of `actions` [games, any] for the agents in `seats`, both [agents] int64.
+
+        `counts` is (chasers, evaders, runners, goals); `settings` is (epsilon, alert distance, look
+        radius, stay action). An epsilon of NaN in the game means that of the settings. Captured
+        evaders choose as if they were free: it takes less time than to ask who is.
+
+        Whom they seek is listed once a game. A few are looked up one by one; where agents are many,
+        one search spreads from all who are sought, so that agents and cells add up. Without a table
+        few search by landmarks, each by itself, until that comes to about half of the cells.
+        """
+        default, alert, _, stay_action = settings
+        games = Games(position, active, event, goal, steps, maze_of)
+        teams = Teams(counts[0], counts[1], counts[2], counts[3])
+        world = world_of(mazes, neighbors, facts, tables)
+        look, path, field = look_of(scratch), path_of(scratch), field_of(scratch)
+        owner, sought = scratch[FIELD_OWNER], scratch[SOUGHT]
+        for game in range(actions.shape[0]):
+            maze, row = np.int64(games.maze[np.uint64(game)]), np.uint64(game)
+            head = tail = 0
+            count = list_sought(kind, games, row, teams, sought)
+            by_table = use_table(world, maze, count * seats.shape[0])
+            if not by_table and kind != RANDOM:
+                tail = begin_field(field, owner, sought, count)
+                if kind == EVADER:
+                    head, tail = spread_field(world, maze, field, owner, -1, alert - 1, head, tail)
+            share = room = 0
+            if by_landmarks and not has_table(world, maze):
+                share = world.num_cells[maze] // (2 * seats.shape[0])
+                room = 4 * share if 2 * share >= CELLS_A_SEARCH else 0
+            for i in range(seats.shape[0]):
+                seat = np.uint64(seats[np.uint64(i)])
+                own, mask = np.int64(games.position[row, seat]), np.int64(0)
+                if by_table and kind == EVADER:
+                    mask = away_from_nearest(world, maze, own, sought, count, greedy)
+                elif by_table:
+                    mask = towards_nearest(world, maze, own, sought, count, greedy)
+                elif kind == EVADER:
+                    if 0 <= field.distance[own] < alert:
+                        threat = np.int64(sought[owner[own]])
+                        mask = moves_away(world, maze, own, threat, greedy, scratch, settings)
+                elif kind != RANDOM:
+                    mask = NO_MOVES
+                    if by_landmarks and room > 0:
+                        room = min(room + share, world.num_cells[maze] // 2)
+                        mask, used = moves_by_landmarks(
+                            world, maze, landmarks, own, sought, count, look, path, room
+                        )
+                        room -= used
+                    if mask == NO_MOVES:
+                        room = 0
+                        head, tail = spread_field(world, maze, field, owner, own, FAR, head, tail)
+                        mask = moves_down(world, maze, field, own)
+                every = legal_moves(world, maze, own)
+                column, share = np.uint64(columns[np.uint64(i)]), epsilon_of[row, seat]
+                take(actions, row, column, mask, every, share, default, stay_action, streams, seat)
+            forget(field, tail)
+
+    return choose_actions
+
+
+ENTRIES = {kind: entry_for(kind, False) for kind in (CHASER, EVADER, RUNNER, RANDOM)}
+"""What fills actions, by the kind, each compiled when first used; LARGE: where are no tables."""
+LARGE_ENTRIES = {**ENTRIES, **{kind: entry_for(kind, True) for kind in (CHASER, RUNNER)}}

@@ -1,0 +1,129 @@
+"""Runners: to the nearest goal, or along the shortest tour through all of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.mazes.maze import Maze
+from pursuit.rules.layout import Games
+from pursuit.simulator.policy import GameView
+from pursuit.tasks.task import Task
+from scripted_agents.agents import kernels
+from scripted_agents.agents.scripted import Scripted
+from scripted_agents.tours.kernels import first_of_tour, plan_next_goals
+from scripted_agents.tours.tour import MAX_EXACT_GOALS, shortest_tour
+
+
+class Plans(NamedTuple):
+    """What a `TourRunner` remembers of each game, int32.
+
+    Attributes:
+        next_goal: [games] the cell of the next goal; -1 for none.
+        maze, own: [games] the maze and the own cell that it was last asked for.
+        goals: [games, goals] what was left then.
+    """
+
+    next_goal: NDArray[np.int32]
+    maze: NDArray[np.int32]
+    own: NDArray[np.int32]
+    goals: NDArray[np.int32]
+
+    @classmethod
+    def empty(cls, num_games: int, num_goals: int) -> Plans:
+        """Plans that hold for nothing."""
+        never = np.full(num_games, -2, dtype=np.int32)
+        goals = np.full((num_games, num_goals), -2, dtype=np.int32)
+        return cls(never, never.copy(), never.copy(), goals)
+
+
+class NearestGoalRunner(Scripted):
+    """With probability epsilon a random move, else a first step towards the nearest goal.
+
+    Goals that are equally near, and paths that are equally short, are drawn uniformly. An evader
+    that collects goals can be played by it as well; it ignores chasers.
+    """
+
+    kind, role = kernels.RUNNER, "runner"
+
+
+class TourRunner(Scripted):
+    """Optimal where it is alone: follows a shortest tour through all goals that are left.
+
+    Exact up to `scripted_agents.tours.tour.MAX_EXACT_GOALS` goals, a heuristic tour beyond. It
+    keeps the plans of the games that it last saw, for speed only: what it does depends on the state
+    alone.
+    """
+
+    kind, role = kernels.RUNNER, "runner"
+
+    def __init__(self, epsilon: float = 0.0) -> None:
+        super().__init__(epsilon)
+        self._kept = Plans.empty(0, 0)
+        self._kept_for: object = None
+
+    def act(self, view: GameView) -> NDArray[np.int32]:
+        """[num_games] int32, an action for every game; random numbers from the seat's stream."""
+        goals = view.task.num_goals
+        if goals == 0:
+            return super().act(view)
+        if self._kept_for is not view.mazes or self._kept.goals.shape != view.goals.shape:
+            self._kept_for, self._kept = view.mazes, Plans.empty(view.num_games, goals)
+        if goals <= MAX_EXACT_GOALS and (view.mazes.world.table >= 0).all():
+            room = (
+                np.empty((1 << goals, goals), dtype=np.int32),
+                np.empty((1 + goals, 1 + goals), dtype=np.int32),
+                np.empty(1 + goals, dtype=np.int64),
+            )
+            plan_next_goals(view.games, view.seat, view.mazes, self._kept, room)
+        else:
+            self._plan_one_by_one(view)
+        # The kernel of the nearest goal sees one goal only: the next of the tour.
+        left = np.full_like(view.goals, -1)
+        left[:, 0] = self._kept.next_goal
+        return super().act(replace(view, games=view.games._replace(goal=left)))
+
+    def moves(self, task: Task, games: Games, seat: int) -> NDArray[np.uint8]:
+        """As `NearestGoalRunner.moves`, in games of one goal.
+
+        Raises:
+            ValueError: several goals: of tours that are equally short it takes the one whose goal
+                has the smallest number, so that what it plays is no function of where goals are.
+        """
+        if task.num_goals > 1:
+            raise ValueError(
+                f"{self!r} in task {task.name!r}: with {task.num_goals} goals what it plays "
+                "depends on their numbers, and it has no distribution; take NearestGoalRunner"
+            )
+        return super().moves(task, games, seat)
+
+    def _plan_one_by_one(self, view: GameView) -> None:
+        """The same where mazes have no distance table, or goals are too many to be exact."""
+        kept = self._kept
+        for game, (own, maze) in enumerate(
+            zip(view.positions[:, view.seat].tolist(), view.maze_index.tolist(), strict=True)
+        ):
+            place, goals, aim = view.task.mazes[maze], view.goals[game], int(kept.next_goal[game])
+            holds = kept.maze[game] == maze and aim >= 0 and np.array_equal(kept.goals[game], goals)
+            if holds and own != kept.own[game]:
+                away, before = place.distances_from(aim), kept.own[game]
+                holds = own in place.neighbors[before] and away[own] < away[before]
+            if not holds:
+                kept.next_goal[game] = _next_goal(place, own, goals[goals >= 0].tolist())
+                kept.goals[game] = goals
+            kept.maze[game], kept.own[game] = maze, own
+
+
+def _next_goal(maze: Maze, own: int, goals: list[int]) -> int:
+    """The goal that a shortest tour visits first, of several the first in `goals`; -1 for none."""
+    if not goals:
+        return -1
+    if len(goals) > MAX_EXACT_GOALS:
+        return shortest_tour(maze, own, goals).order[0]
+    cells = np.array([own, *goals])
+    between = np.stack([maze.distances_from(int(cell))[cells] for cell in cells])
+    best = np.empty((1 << len(goals), len(goals)), dtype=np.int32)
+    return int(cells[first_of_tour(between, len(goals), best)])

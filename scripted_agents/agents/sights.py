@@ -1,0 +1,55 @@
+"""Eyes: what an agent of limited sight sees, as the task says or as it is told itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.mazes.maze import Maze
+from pursuit.simulator.policy import GameView, Memory
+from pursuit.tasks.sight import check_visible, visible_cells
+from pursuit.validation import truth, whole
+
+
+class Eyes:
+    """Whether a cell is in view from another.
+
+    Args:
+        view_radius: path steps that it sees, at least 0.
+        line_of_sight: whether it sees along rows and columns only, until a wall.
+            Where neither is given, it sees what the task lets its seat see.
+
+    Raises:
+        ValueError: a setting outside these limits.
+    """
+
+    def __init__(self, view_radius: int | None = None, line_of_sight: bool = False) -> None:
+        self.view_radius = None if view_radius is None else whole("view_radius", view_radius)
+        self.line_of_sight = truth("line_of_sight", line_of_sight)
+        self._kept = Memory(self._laid_out)
+
+    def __repr__(self) -> str:
+        radius = [] if self.view_radius is None else [f"view_radius={self.view_radius}"]
+        return ", ".join([*radius, "line_of_sight=True"][: len(radius) + self.line_of_sight])
+
+    def table(self, view: GameView) -> NDArray[np.uint8]:
+        """uint8 [own, other] of all mazes of the view, laid out as its distance tables.
+
+        Raises:
+            ValueError: a maze is too large for a table.
+        """
+        return self._kept.of(view)["sight"]
+
+    def _laid_out(self, view: GameView) -> dict[str, NDArray[Any]]:
+        for maze in view.task.mazes:
+            check_visible(maze)
+        pairs = [self.of(view, number, maze).ravel() for number, maze in enumerate(view.task.mazes)]
+        return {"sight": np.concatenate(pairs).astype(np.uint8)}
+
+    def of(self, view: GameView, number: int, maze: Maze) -> NDArray[np.bool_]:
+        """[own, other] bool in one of the mazes of a view."""
+        if self.view_radius is None and not self.line_of_sight:
+            return view.task.sees(view.seat, number)
+        return visible_cells(maze, self.view_radius, self.line_of_sight)

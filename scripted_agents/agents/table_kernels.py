@@ -1,0 +1,66 @@
+"""Compiled play of policy tables, of one agent and of teams that draw together."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pursuit.compilation.compiled import compiled
+from pursuit.rules.layout import Games, stream_of, team_stream, world_of
+from pursuit.rules.randomness import draw_action, mix, next_uniform
+from pursuit.rules.step import legal_moves
+
+
+@compiled
+def sample_table(
+    games: Games,
+    streams: Any,
+    epsilon_of: Any,
+    seat: int,
+    opponents: Any,
+    mazes: Any,
+    cumulative: Any,
+    table_offsets: Any,
+    default: float,
+    actions: Any,
+) -> None:
+    """Fill `actions` [games] from a policy table, given as cumulative sums over the actions.
+
+    The other cell is that of the first active opponent. `cumulative` is [all pairs, actions], the
+    pairs of maze m beginning at `table_offsets[m]`.
+    """
+    world, stream = world_of(*mazes), stream_of(seat)
+    num_actions = cumulative.shape[1]
+    for game in range(actions.shape[0]):
+        actions[game] = 0
+        maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
+        other = np.int64(-1)
+        for i in range(opponents.shape[0]):
+            if other < 0 and games.active[game, opponents[i]]:
+                other = np.int64(games.position[game, opponents[i]])
+        if other < 0 or not games.active[game, seat]:
+            continue
+        epsilon = epsilon_of[game, seat]
+        if np.isnan(epsilon):
+            epsilon = default
+        if epsilon > 0.0 and next_uniform(streams[game], stream) < epsilon:
+            every = legal_moves(world, maze, own)
+            actions[game] = draw_action(every, every, 0.0, num_actions == 5, streams[game], stream)
+            continue
+        pair = table_offsets[maze] + own * world.num_cells[maze] + other
+        draw = next_uniform(streams[game], stream) * cumulative[pair, num_actions - 1]
+        while actions[game] < num_actions - 1 and draw >= cumulative[pair, actions[game]]:
+            actions[game] += 1
+
+
+@compiled
+def draw_together(streams: Any, steps: Any, numbers: Any) -> None:
+    """Fill `numbers` [games] with a uniform float64 in [0, 1) that all who ask in a step find.
+
+    A function of the state of the stream of teams, which moves on with every episode, and of the
+    step; no stream moves on.
+    """
+    for game in range(numbers.shape[0]):
+        word = mix(streams[game, team_stream(streams[game])]) ^ mix(np.uint64(steps[game] + 1))
+        numbers[game] = np.float64(mix(word) >> np.uint64(11)) * (1.0 / 9007199254740992.0)

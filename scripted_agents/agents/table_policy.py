@@ -1,0 +1,113 @@
+"""TablePolicy: a policy given as a table of probabilities over pairs of cells."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pursuit.mazes.maze import Maze, load_maze
+from pursuit.rules.layout import Games
+from pursuit.simulator.policy import GameView
+from pursuit.tasks.task import Task
+from pursuit.validation import share, truth
+from scripted_agents.agents import table_kernels
+from scripted_agents.agents.scripted import RandomAgent
+from scripted_agents.duel.best_response import checked_table
+
+
+class TablePolicy:
+    """Plays the distribution table[own cell, other cell] in games of one against one.
+
+    The other cell is that of the first active agent of another role; in a race, where all have one
+    role, that of the first active other runner. Exact solutions
+    (`best_response(...).policy`) and learned networks, run once on all pairs, are such tables.
+
+    Args:
+        maze: the maze that the table belongs to.
+        table: [cells, cells, actions], probabilities over 4 or 5 actions.
+        epsilon: share of random moves in [0, 1]; the simulator's own epsilon of a game goes first.
+
+    Raises:
+        ValueError: a shape that does not fit, negative entries, or rows that do not sum to 1.
+    """
+
+    def __init__(self, maze: Maze, table: ArrayLike, epsilon: float = 0.0) -> None:
+        self.maze = load_maze(maze)
+        self.table = checked_table(self.maze, table, "table")
+        self.epsilon = share("epsilon", epsilon)
+        self._cumulative = self.table.cumsum(axis=2).reshape(-1, self.table.shape[2])
+        self._offsets = np.zeros(1, dtype=np.int64)
+
+    def act(self, view: GameView) -> NDArray[np.int32]:
+        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+
+        Raises:
+            ValueError: the games are in another maze, or have another number of actions.
+        """
+        task = view.task
+        self._check(task.mazes, task.stay_action)
+        actions = np.empty(view.num_games, dtype=np.int32)
+        table_kernels.sample_table(
+            view.games,
+            view.streams,
+            view.epsilon,
+            view.seat,
+            opponents_of(task, view.seat),
+            view.mazes,
+            self._cumulative,
+            self._offsets,
+            self.epsilon,
+            actions,
+        )
+        return actions
+
+    def _check(self, mazes: tuple[Maze, ...], stay_action: bool) -> None:
+        actions = 4 + stay_action
+        if mazes != (self.maze,) or self.table.shape[2] != actions:
+            raise ValueError(
+                f"a table over {self.table.shape[2]} actions for {self.maze.name}, but the games "
+                f"have {actions} actions in {', '.join(maze.name for maze in mazes)}; mazes and "
+                "stay_action must be the same"
+            )
+
+    def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
+        """[games, actions] float64: the row of each game, for its first active opponent.
+
+        Raises:
+            ValueError: other mazes, or another number of actions.
+        """
+        self._check(task.mazes, task.stay_action)
+        table = self.action_probabilities(self.maze, task.stay_action)
+        others = opponents_of(task, seat)
+        first = games.active[:, others].argmax(axis=1)
+        other = np.take_along_axis(games.position[:, others], first[:, None], axis=1)[:, 0]
+        return table[games.position[:, seat], other]
+
+    def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
+        """[self cell, other cell, action] float64: the table, mixed with random moves by epsilon.
+
+        Raises:
+            ValueError: another maze, or another number of actions.
+        """
+        self._check((load_maze(maze),), truth("stay_action", stay_action))
+        if self.epsilon == 0.0:
+            return self.table.copy()
+        random = RandomAgent().action_probabilities(self.maze, stay_action)
+        return (1.0 - self.epsilon) * self.table + self.epsilon * random
+
+
+def opponents_of(task: Task, seat: int) -> NDArray[np.int64]:
+    """The seats of other roles than that of a seat; all other seats where there is one role.
+
+    Raises:
+        ValueError: no other agent, so no other cell.
+    """
+    role = task.seat_roles[seat]
+    others = [other for other, theirs in enumerate(task.seat_roles) if theirs != role]
+    others = others or [other for other in range(task.num_agents) if other != seat]
+    if not others:
+        raise ValueError(
+            f"a table [self cell, other cell, action] in task {task.name!r}, with no agent but "
+            f"{task.agent_names[seat]}; give a policy of one cell, such as NearestGoalRunner"
+        )
+    return np.array(others, dtype=np.int64)

@@ -1,0 +1,1 @@
+"""The arm: inverse kinematics and the least number of steps."""

@@ -1,0 +1,1 @@
+"""One chaser against one evader: best responses, values, regret."""

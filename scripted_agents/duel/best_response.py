@@ -1,0 +1,339 @@
+"""The exact best response to a table policy, and the exact value of two table policies.
+
+One chaser and one evader in one maze. A *table* is a policy [self cell, other cell, action] of
+probabilities, float64, of 4 actions (north, south, east, west) or 5 (and stay). Two agents in one
+cell never play, so a table's entries for equal cells mean nothing and are not looked at.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
+from pursuit.memory import check_memory
+from pursuit.observations.masks import bump_masks
+from pursuit.rules.captures import Duel
+from pursuit.validation import as_array, number, truth, whole
+from scripted_agents.duel.pair_kernels import (
+    choose,
+    evaluate,
+    first_bad_row,
+    lay_out,
+    respond,
+    spread_capture,
+)
+from scripted_agents.duel.value_iteration import iterate
+
+MAX_ENTRIES = 2 * MAX_TABLE_CELLS**2
+"""Bound on cells × rows × columns: blocked cells cost memory too."""
+
+MoveOrder = Literal["simultaneous", "chasers_first"]
+
+
+class PairValues(np.ndarray[tuple[int, int], np.dtype[np.float64]]):
+    """[chaser cell, evader cell] float64: expected steps until capture or the horizon."""
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """The same numbers as a plain array, as in `BestResponse.values`."""
+        return self.view(np.ndarray)
+
+    def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
+        """What is computed from it is a plain array, or a plain number as of any other."""
+        plain = np.asarray(array)
+        return plain[()] if return_scalar else plain
+
+
+@dataclass(frozen=True, eq=False)
+class BestResponse:
+    """What `best_response` found.
+
+    Attributes:
+        role: "chaser" or "evader", whose best response this is.
+        values: [chaser cell, evader cell] float64, the expected number of steps until capture (the
+            capturing step included), cut at the horizon; 0 on the diagonal. With a discount the
+            step t = 0, 1, ... counts discount**t.
+        actions: [self cell, other cell] int8, an optimal action of the first step: of several the
+            first in order, a move before standing still.
+        horizon: the steps played, or None for the stationary problem.
+        sweeps: how many steps of backward induction it took.
+        num_actions: 4, or 5 with the stay action.
+    """
+
+    role: str
+    values: NDArray[np.float64] = field(repr=False)
+    actions: NDArray[np.int8] = field(repr=False)
+    horizon: int | None
+    discount: float
+    move_order: str
+    num_actions: int
+    sweeps: int
+
+    @cached_property
+    def policy(self) -> NDArray[np.float64]:
+        """[self cell, other cell, action] float64, `actions` as a table of probabilities 0 and 1.
+
+        It is optimal for ever where `horizon` is None, and for the first step otherwise.
+        """
+        return np.eye(self.num_actions)[self.actions]
+
+
+def best_response(
+    role: Literal["chaser", "evader"],
+    maze: Maze,
+    opponent_table: ArrayLike,
+    horizon: int | None = 200,
+    discount: float = 1.0,
+    stay_action: bool | None = None,
+    move_order: MoveOrder = "simultaneous",
+    mask_bumps: bool = False,
+) -> BestResponse:
+    """The best that one agent can do against an opponent that plays a table.
+
+    Against a fixed table the game is a Markov decision process over the pairs of cells. The chaser
+    minimises the expected number of steps until capture, the evader maximises it. Solved by
+    backward induction over `horizon` steps, exactly; or with `horizon=None` by value iteration for
+    the problem without an end, to a relative error of about 1e-9. Bellman (1957); Puterman
+    (1994).
+
+    Args:
+        role: the agent that responds; the opponent has the other role.
+        maze: of at most MAX_TABLE_CELLS cells; the work is quadratic in them.
+        opponent_table: [self cell, other cell, action], the opponent's probabilities.
+        horizon: the number of steps after which the game is cut, or None.
+        discount: what a step counts in terms of the one before it; above 0 and at most 1.
+        stay_action: whether the responder has the fifth action, to stay; by default it has as many
+            actions as the opponent. Without it a move into a wall is the only way to stay.
+        move_order: "simultaneous", or "chasers_first": the evader moves after the chaser, if it
+            is not caught yet, but has chosen its move before.
+        mask_bumps: forbid the responder moves into walls (`pursuit.observations.masks`): the best
+        that a learner
+            with action masks can do. Without the stay action it cannot wait then.
+
+    Raises:
+        ValueError: an argument outside these limits; a table of a wrong shape, or with a row that
+            is no distribution; a stationary problem without discount in which capture can be
+            avoided for ever, or is so rare that value iteration does not end.
+    """
+    if role not in ("chaser", "evader"):
+        raise ValueError(f"role {role!r}; the roles here are 'chaser' and 'evader'")
+    maze = load_maze(maze)
+    if stay_action is not None:
+        truth("stay_action", stay_action)
+    _check_settings(maze, horizon, discount, move_order)
+    table = checked_table(maze, opponent_table, "opponent_table")
+    num_actions = table.shape[2] if stay_action is None else 4 + bool(stay_action)
+    duel = Duel(role == "chaser", move_order == "chasers_first")
+    spots, shape = _grid(maze)
+    allowed = np.ones((maze.num_cells, num_actions), dtype=bool)
+    if mask_bumps:
+        allowed = bump_masks(maze, num_actions)
+    neighbors, instead = _own_moves(maze, allowed)
+    chances = _lay_out(maze, table, turned=True)
+    if horizon is None and discount == 1.0:
+        _check_capture(maze, _any_move(maze, allowed), chances, duel, role == "evader")
+    sign = -1.0 if role == "evader" else 1.0
+
+    def sweep(
+        values: NDArray[np.float64], target: NDArray[np.float64], first: int, last: int
+    ) -> float:
+        """One step further back for the own cells from `first` to `last` - 1."""
+        return float(
+            respond(
+                values, target, chances, neighbors, spots, maze.width, duel,
+                num_actions == 5, sign, discount, first, last,
+            )
+        )  # fmt: skip
+
+    last_values, next_values, sweeps = iterate(sweep, shape, horizon, discount)
+    actions = np.empty((maze.num_cells, maze.num_cells), dtype=np.int8)
+    choose(next_values, chances, neighbors, spots, maze.width, duel, num_actions == 5, actions)
+    actions = np.take_along_axis(instead, actions, axis=1)
+    values = 0.0 + sign * last_values.take(maze.width + spots, axis=1)
+    if role == "evader":
+        values = np.ascontiguousarray(values.T)
+    return BestResponse(role, values, actions, horizon, discount, move_order, num_actions, sweeps)
+
+
+def evaluate_exactly(
+    maze: Maze,
+    chaser_table: ArrayLike,
+    evader_table: ArrayLike,
+    horizon: int | None = 200,
+    discount: float = 1.0,
+    move_order: MoveOrder = "simultaneous",
+) -> PairValues:
+    """The expected number of steps until capture when both agents play tables.
+
+    The same quantity as `best_response(...).values`, arguments and errors as there: an array
+    [chaser cell, evader cell] float64 with 0 on the diagonal, whose `.values` is itself.
+    """
+    maze = load_maze(maze)
+    _check_settings(maze, horizon, discount, move_order)
+    chaser = checked_table(maze, chaser_table, "chaser_table")
+    evader = checked_table(maze, evader_table, "evader_table")
+    duel = Duel(True, move_order == "chasers_first")
+    spots, shape = _grid(maze)
+    weights, chances = _lay_out(maze, chaser), _lay_out(maze, evader, turned=True)
+    if horizon is None and discount == 1.0:
+        _check_capture(maze, weights, chances, duel, False)
+
+    def sweep(
+        values: NDArray[np.float64], target: NDArray[np.float64], first: int, last: int
+    ) -> float:
+        """One step further back for the chaser's cells from `first` to `last` - 1."""
+        return float(
+            evaluate(
+                values, target, weights, chances, maze.neighbors, spots, maze.width, duel,
+                chaser.shape[2] == 5, discount, first, last,
+            )
+        )  # fmt: skip
+
+    values, _, _ = iterate(sweep, shape, horizon, discount)
+    pair_values: PairValues = values.take(maze.width + spots, axis=1).view(PairValues)
+    return pair_values
+
+
+def mean_over_starts(values: ArrayLike, maze: Maze, min_start_distance: int = 1) -> float:
+    """The mean of `values` over the starts that the game draws.
+
+    That is over all ordered pairs of cells at least `min_start_distance` (path distance) apart,
+    equally likely; never one cell for both. Cells that no path joins are infinitely far apart.
+
+    Raises:
+        ValueError: `values` is not [num_cells, num_cells], or no two cells are so far apart.
+    """
+    maze, array = load_maze(maze), as_array("values", values, "iuf", "give numbers")
+    min_start_distance = whole("min_start_distance", min_start_distance, 0)
+    if array.shape != (maze.num_cells, maze.num_cells):
+        raise ValueError(
+            f"values has shape {array.shape}; {maze.name} with {maze.num_cells} cells needs "
+            f"{(maze.num_cells, maze.num_cells)}"
+        )
+    starts = maze.distances >= max(min_start_distance, 1)
+    if not starts.any():
+        raise ValueError(
+            f"min_start_distance {min_start_distance}: no two cells of {maze.name} are so far "
+            f"apart; the longest distance is {maze.longest_distance}"
+        )
+    return float(array[starts].mean())
+
+
+# -- checks ----------------------------------------------------------------------------------------
+
+
+def _check_settings(maze: Maze, horizon: int | None, discount: float, move_order: str) -> None:
+    if maze.num_cells > MAX_TABLE_CELLS:
+        raise ValueError(
+            f"{maze.name}: {maze.num_cells} cells; pairs of cells are solved exactly up to "
+            f"{MAX_TABLE_CELLS} cells. Use a smaller maze, or play episodes"
+        )
+    entries = maze.num_cells * maze.height * maze.width
+    if entries > MAX_ENTRIES:
+        raise ValueError(
+            f"{maze.name}: {maze.num_cells} cells in {maze.height} rows and {maze.width} columns, "
+            f"{entries} entries; at most {MAX_ENTRIES} fit. Cut off rows and columns of blocked "
+            "cells"
+        )
+    # Both players' tables laid out, and the values of two steps.
+    grid = maze.height * maze.width
+    check_memory(
+        f"{maze.name}, {maze.num_cells} cells,",
+        8 * maze.num_cells * (2 * 5 * grid + 2 * (grid + 2 * maze.width)),
+        "use a smaller maze, or play episodes",
+    )
+    if horizon is not None:
+        whole("horizon", horizon, 1)
+    if not 0.0 < number("discount", discount) <= 1.0:
+        raise ValueError(f"discount {discount}; it lies above 0 and is at most 1")
+    if move_order not in ("simultaneous", "chasers_first"):
+        raise ValueError(f"move_order {move_order!r}; choose 'simultaneous' or 'chasers_first'")
+
+
+def checked_table(maze: Maze, table: ArrayLike, name: str) -> NDArray[np.float64]:
+    """The table as float64, if it is one."""
+    numbers = as_array(name, table, "biuf", "give probabilities")
+    array = np.ascontiguousarray(numbers, dtype=np.float64)
+    size = maze.num_cells
+    if array.ndim != 3 or array.shape[:2] != (size, size) or array.shape[2] not in (4, 5):
+        raise ValueError(
+            f"{name} has shape {array.shape}; {maze.name} with {size} cells needs "
+            f"[self cell, other cell, action]: {(size, size, 4)}, or {(size, size, 5)} with stay"
+        )
+    bad = first_bad_row(array, 1e-6)
+    if bad >= 0:
+        row = array[bad // size, bad % size]
+        raise ValueError(
+            f"{name}: the probabilities for self cell {bad // size} and other cell {bad % size} "
+            f"are {row.tolist()}, with sum {row.sum():.6g}; give non-negative ones with sum 1"
+        )
+    return array
+
+
+def _check_capture(
+    maze: Maze,
+    weights: NDArray[np.float64],
+    chances: NDArray[np.float64],
+    duel: Duel,
+    for_all: bool,
+) -> None:
+    """Raise unless the expected time until capture is finite from every pair of cells.
+
+    In a finite chain it is, exactly if capture can be reached from every pair: by some own move
+    at each pair for a minimiser, whatever the own moves for a maximiser.
+    """
+    captured = np.eye(maze.num_cells, dtype=bool)
+    spots, _ = _grid(maze)
+    while spread_capture(captured, weights, chances, maze.neighbors, spots, duel, for_all):
+        pass
+    if not captured.all():
+        own_cell, other_cell = np.argwhere(~captured)[0].tolist()
+        raise ValueError(
+            f"{maze.name}: capture can be avoided for ever, so the expected number of steps is "
+            f"infinite (first from the cells {own_cell} and {other_cell}); give a horizon, or a "
+            "discount below 1"
+        )
+
+
+# -- layout ----------------------------------------------------------------------------------------
+
+
+def _grid(maze: Maze) -> tuple[NDArray[np.int32], tuple[int, int]]:
+    """The place of each cell in the full grid, and the shape of the values with their margins."""
+    shape = (maze.num_cells, (maze.height + 2) * maze.width)
+    return maze.rows * np.int32(maze.width) + maze.columns, shape
+
+
+def _lay_out(maze: Maze, table: NDArray[np.float64], turned: bool = False) -> NDArray[np.float64]:
+    """The table as [own cell, slot, grid], its owner being own, or other if turned."""
+    laid = np.empty((maze.num_cells, 5, maze.height * maze.width))
+    lay_out(table, maze.neighbors, _grid(maze)[0], turned, laid)
+    return laid
+
+
+def _any_move(maze: Maze, allowed: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Weights of an own player that may do all that is `allowed` [cells, actions]."""
+    even = allowed / allowed.sum(axis=1, keepdims=True)
+    table = np.broadcast_to(even[:, None], (len(even), *even.shape))
+    return _lay_out(maze, np.ascontiguousarray(table))
+
+
+def _own_moves(
+    maze: Maze, allowed: NDArray[np.bool_]
+) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+    """Neighbors [cells, 5] of an own player that may do what is `allowed` [cells, actions], and
+    [cells, 5] which allowed action each action is.
+
+    One that is not allowed becomes the first that is. So the kernels need no mask: where nobody
+    can run into a wall, nobody can stand still by it.
+    """
+    kept = np.concatenate([allowed, np.ones((len(allowed), 5), dtype=bool)], axis=1)[:, :5]
+    instead = np.where(kept, np.arange(5), kept.argmax(axis=1)[:, None])
+    neighbors = np.take_along_axis(maze.neighbors, instead, axis=1)
+    neighbors.setflags(write=False)  # as those of a maze are: one kernel serves both
+    return neighbors, instead.astype(np.int8)

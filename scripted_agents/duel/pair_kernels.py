@@ -1,0 +1,284 @@
+"""Compiled kernels of `best_response`: sweeps over all pairs of cells of two players.
+
+One player is *own*, the other is *other*. An agent has five *slots*: the moves north, south, east
+and west where they change the cell, and standing still (by the stay action, or by a bump).
+
+The other player's cells are laid out as the full grid of rows × columns, blocked cells included:
+its next cell then lies at the same offset everywhere, and a sweep is plain arithmetic on long rows,
+which the processor does eight at a time. Arrays, all float64:
+
+    values   [own cell, width + grid + width]  with a margin of one row of cells at either end
+    chances  [own cell, slot, grid]            of the other's slots; 0 where own and other are one
+    weights  [own cell, slot, grid]            of the own slots
+    after    [slot, grid]                      for one own cell: expected values after each slot
+
+`spots` [cells] int32 is the place of each cell in the grid.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pursuit.compilation.compiled import allocating, compiled, subroutine
+from pursuit.rules.captures import Duel, ends_duel
+
+STILL = 4
+
+TIE = 1e-12
+"""Relative difference below which two options count as equally good."""
+
+
+@compiled
+def first_bad_row(table: Any, tolerance: float) -> Any:
+    """The first row (self * cells + other) that is no distribution, or -1; skips the diagonal."""
+    size = table.shape[0]
+    for self_cell in range(size):
+        for other_cell in range(size):
+            total = 0.0
+            fine = True
+            for action in range(table.shape[2]):
+                fine &= table[self_cell, other_cell, action] >= 0.0
+                total += table[self_cell, other_cell, action]
+            if self_cell != other_cell and not (fine and abs(total - 1.0) <= tolerance):
+                return self_cell * size + other_cell
+    return -1
+
+
+@compiled
+def lay_out(table: Any, neighbors: Any, spots: Any, turned: bool, laid: Any) -> None:
+    """Turn a policy table into `weights`, or, `turned`, into `chances`; sums are normed to 1."""
+    size = table.shape[0]
+    laid[:] = 0.0
+    for own in range(size):
+        for other in range(size):
+            if own == other:
+                continue
+            self_cell, seen = (other, own) if turned else (own, other)
+            total = 0.0
+            for action in range(table.shape[2]):
+                total += table[self_cell, seen, action]
+            for action in range(table.shape[2]):
+                cell = neighbors[self_cell, action]
+                slot = action if cell != self_cell else STILL
+                laid[own, slot, spots[other]] += table[self_cell, seen, action] / total
+
+
+@subroutine
+def has_slot(neighbors: Any, own: int, slot: int, stay_action: bool) -> Any:
+    """Whether the own player can use this slot in its cell."""
+    if slot != STILL:
+        return neighbors[own, slot] != own
+    stands = stay_action
+    for action in range(4):
+        stands |= neighbors[own, action] == own
+    return stands
+
+
+@subroutine
+def look_ahead(
+    values: Any,
+    own: int,
+    chances: Any,
+    neighbors: Any,
+    spots: Any,
+    width: int,
+    duel: Duel,
+    stay_action: bool,
+    after: Any,
+) -> None:
+    """Fill after[slot] with the mean of `values` after that own move, over the other's moves.
+
+    Capture counts 0, and an own slot that does not exist infinity. The values of two in one cell
+    are 0; other captures are of neighbors only, whose means are then taken one by one.
+    """
+    grid = chances.shape[2]
+    north, south = chances[own, 0], chances[own, 1]
+    east, west, still = chances[own, 2], chances[own, 3], chances[own, STILL]
+    for slot in range(5):
+        line = after[slot]
+        if not has_slot(neighbors, own, slot, stay_action):
+            line[:] = np.inf
+            continue
+        mine = own if slot == STILL else neighbors[own, slot]
+        row = values[mine]
+        row_north, row_south = row[:grid], row[2 * width :]
+        row_east, row_west, row_still = row[width + 1 :], row[width - 1 :], row[width:]
+        for spot in range(grid):
+            line[spot] = (
+                north[spot] * row_north[spot]
+                + south[spot] * row_south[spot]
+                + east[spot] * row_east[spot]
+                + west[spot] * row_west[spot]
+                + still[spot] * row_still[spot]
+            )
+        for action in range(4):
+            other = neighbors[own, action]
+            if other == own:
+                continue
+            spot = spots[other]
+            line[spot] = 0.0
+            for their_slot in range(5):
+                theirs = other if their_slot == STILL else neighbors[other, their_slot]
+                if not ends_duel(duel, own, mine, other, theirs):
+                    line[spot] += chances[own, their_slot, spot] * row_still[spots[theirs]]
+
+
+@subroutine
+def finish(
+    values: Any, own: int, spots: Any, width: int, line: Any, target: Any, change: Any
+) -> None:
+    """Write one row of new values, 0 where both are in one cell, and note the largest changes."""
+    line[spots[own]] = 0.0
+    old, new = values[own, width:], target[own, width:]
+    for spot in range(line.shape[0]):
+        step = abs(line[spot] - old[spot])
+        change[spot] = step if step > change[spot] else change[spot]
+        new[spot] = line[spot]
+
+
+@subroutine
+def largest_of(change: Any) -> Any:
+    """The largest of these numbers, none of which is negative."""
+    largest = 0.0
+    for step in change:
+        largest = max(largest, step)
+    return largest
+
+
+@allocating
+def respond(
+    values: Any,
+    target: Any,
+    chances: Any,
+    neighbors: Any,
+    spots: Any,
+    width: int,
+    duel: Duel,
+    stay_action: bool,
+    step_cost: float,
+    discount: float,
+    first: int,
+    last: int,
+) -> Any:
+    """One step of backward induction (Bellman, 1957) for the own cells from `first` to `last` - 1.
+
+    target = step_cost + discount * the least expected values over the own slots. A maximiser gives
+    the step cost -1 and has all values negated. Returns the largest change.
+    """
+    after = np.empty((5, chances.shape[2]))
+    change = np.zeros(chances.shape[2])
+    for own in range(first, last):
+        look_ahead(values, own, chances, neighbors, spots, width, duel, stay_action, after)
+        least, second, third, fourth, fifth = after[0], after[1], after[2], after[3], after[4]
+        for spot in range(least.shape[0]):
+            best = least[spot] if least[spot] < second[spot] else second[spot]
+            best = best if best < third[spot] else third[spot]
+            best = best if best < fourth[spot] else fourth[spot]
+            best = best if best < fifth[spot] else fifth[spot]
+            least[spot] = step_cost + discount * best
+        finish(values, own, spots, width, least, target, change)
+    return largest_of(change)
+
+
+@allocating
+def evaluate(
+    values: Any,
+    target: Any,
+    weights: Any,
+    chances: Any,
+    neighbors: Any,
+    spots: Any,
+    width: int,
+    duel: Duel,
+    stay_action: bool,
+    discount: float,
+    first: int,
+    last: int,
+) -> Any:
+    """The same for an own player that plays its slots by their weights, at step cost 1."""
+    after = np.empty((5, chances.shape[2]))
+    mean = np.empty(chances.shape[2])
+    change = np.zeros(chances.shape[2])
+    for own in range(first, last):
+        look_ahead(values, own, chances, neighbors, spots, width, duel, stay_action, after)
+        mean[:] = 1.0
+        for slot in range(5):
+            if has_slot(neighbors, own, slot, stay_action):
+                line, weight = after[slot], weights[own, slot]
+                for spot in range(mean.shape[0]):
+                    mean[spot] += discount * weight[spot] * line[spot]
+        finish(values, own, spots, width, mean, target, change)
+    return largest_of(change)
+
+
+@allocating
+def choose(
+    values: Any,
+    chances: Any,
+    neighbors: Any,
+    spots: Any,
+    width: int,
+    duel: Duel,
+    stay_action: bool,
+    actions: Any,
+) -> None:
+    """Fill actions[own cell, other cell] with the first best action, moves before standing.
+
+    One stands still by the stay action, or else by the first action that runs into a wall.
+    """
+    after = np.empty((5, chances.shape[2]))
+    for own in range(spots.shape[0]):
+        still = STILL
+        if not stay_action:
+            for action in range(3, -1, -1):
+                if neighbors[own, action] == own:
+                    still = action
+        look_ahead(values, own, chances, neighbors, spots, width, duel, stay_action, after)
+        for other in range(spots.shape[0]):
+            least, chosen = np.inf, still
+            for slot in range(5):
+                value = after[slot, spots[other]]
+                if value < least and not value > least - TIE * abs(least):
+                    least, chosen = value, still if slot == STILL else slot
+            actions[own, other] = chosen
+
+
+@compiled
+def spread_capture(
+    captured: Any,
+    weights: Any,
+    chances: Any,
+    neighbors: Any,
+    spots: Any,
+    duel: Duel,
+    for_all: bool,
+) -> Any:
+    """Mark the pairs from which a move can lead to capture, or to a marked pair; whether any new.
+
+    Own slots count where their weight is positive. One of them is enough, or, `for_all`, every one
+    must do. `captured` is bool [own cell, other cell] with the diagonal marked.
+    """
+    changed = False
+    for own in range(captured.shape[0]):
+        for other in range(captured.shape[0]):
+            if captured[own, other]:
+                continue
+            result = for_all
+            for slot in range(5):
+                if weights[own, slot, spots[other]] <= 0.0:
+                    continue
+                mine = own if slot == STILL else neighbors[own, slot]
+                leads = False
+                for their_slot in range(5):
+                    if chances[own, their_slot, spots[other]] > 0.0:
+                        theirs = other if their_slot == STILL else neighbors[other, their_slot]
+                        leads |= captured[mine, theirs]
+                        leads |= ends_duel(duel, own, mine, other, theirs)
+                if leads != for_all:
+                    result = leads
+                    break
+            captured[own, other] = result
+            changed |= result
+    return changed

@@ -1,0 +1,1 @@
+"""Cops and robbers, worst-case search, and the difficulty of mazes."""

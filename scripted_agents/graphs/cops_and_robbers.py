@@ -1,0 +1,162 @@
+"""The chase in turns, solved by retrograde analysis: who wins from where, and the cop number.
+
+The chasers see the evader and move all at once, then the evader sees them and moves, and so on:
+the game of cops and robbers (Nowakowski and Winkler, 1983; Aigner and Fromme, 1984).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.mazes.maze import Maze, load_maze
+from pursuit.memory import check_memory
+from pursuit.validation import truth, whole
+from scripted_agents.graphs.turn_kernels import extend, join, trap
+
+MAX_BYTES = 4 * 10**9
+"""Bound on the memory of a solution."""
+
+Report = Callable[[float, int], None]
+
+NEVER = 65535
+"""Capture time where the evader escapes for ever."""
+
+
+@dataclass(frozen=True, eq=False)
+class TurnBasedSolution:
+    """What `solve_in_turns` found.
+
+    Attributes:
+        chasers_win: [chaser cell, ..., evader cell] bool, with the chasers to move; True where one
+            stands on the evader already.
+        times: of the same shape, uint16: the moves of the chasers until capture when they hurry and
+            the evader delays; 0 where it is caught already, NEVER where it escapes. None where it
+            would not fit into memory.
+    """
+
+    maze: Maze
+    num_chasers: int
+    stay_action: bool
+    chasers_win: NDArray[np.bool_] = field(repr=False)
+    times: NDArray[np.uint16] | None = field(repr=False)
+
+    @property
+    def has_winning_start(self) -> bool:
+        """Whether the chasers can take places from which no start of the evader saves it."""
+        return bool(self.chasers_win.all(axis=-1).any())
+
+
+def solve_in_turns(
+    maze: Maze,
+    num_chasers: int = 1,
+    stay_action: bool = True,
+    report: Report = lambda share, num_chasers: None,
+) -> TurnBasedSolution:
+    """Solve the chase in turns by retrograde analysis, the chasers to move first.
+
+    Chasers may share a cell. An evader is caught by a chaser that moves onto it, and when it moves
+    onto a chaser.
+
+    Args:
+        maze: where it is played.
+        num_chasers: 1 or more.
+        stay_action: whether everybody may stay; as in the literature. Without it only a move into a
+            wall is a way to stay.
+        report: told after every sweep the share of all places that the chasers are known to win,
+            and how many they are.
+
+    Raises:
+        ValueError: no chaser, or a game that does not fit into MAX_BYTES.
+    """
+    maze, stay_action = load_maze(maze), truth("stay_action", stay_action)
+    whole("num_chasers", num_chasers, 1)
+    size, width = maze.num_cells, maze.width
+    words = -(-maze.height * width // 64)
+    teams = size**num_chasers
+    needed = 3 * 8 * teams * words + teams * size
+    check_memory(
+        f"{maze.name} in turns, {size} cells and {num_chasers} chaser(s),",
+        needed,
+        "take a smaller maze or fewer chasers",
+        MAX_BYTES,
+    )
+    timed = needed + 2 * teams * size <= MAX_BYTES
+    spots = maze.rows.astype(np.int64) * width + maze.columns
+    own = np.arange(size)
+    neighbors = np.ascontiguousarray(maze.neighbors[:, : 5 if stay_action else 4])
+    moving = neighbors[:, :4] != own[:, None]
+    still = np.ones(size, dtype=bool) if stay_action else ~moving.all(axis=1)
+    chances = np.stack([_as_set(spots[way], words) for way in (*moving.T, still)])
+    offsets = np.array([-width, width, 1, -1, 0], dtype=np.int64)
+    taken = np.stack([_as_set(spots[cell : cell + 1], words) for cell in range(size)])
+    useful = distinct_moves(neighbors)
+
+    winning = np.zeros((teams, words), dtype=np.uint64)
+    one, other = np.empty_like(winning), np.empty_like(winning)
+    for chaser in range(num_chasers):
+        winning |= taken[np.arange(teams) // size**chaser % size]
+    times = np.full((teams if timed else 0, size), NEVER, dtype=np.uint16)
+    if timed:
+        times[_members(winning, spots)] = 0
+    time = 1
+    while True:
+        trap(winning, one, chances, offsets, taken, num_chasers)
+        for chaser in range(num_chasers):
+            join(one, other, neighbors, useful, size**chaser)
+            one, other = other, one
+        if not extend(winning, one, spots, times, min(time, NEVER - 1)):
+            break
+        report(int(np.bitwise_count(winning).sum()) / (teams * size), num_chasers)
+        time += 1
+    shape = (size,) * (num_chasers + 1)
+    wins = _members(winning, spots).reshape(shape)
+    return TurnBasedSolution(
+        maze, num_chasers, stay_action, wins, times.reshape(shape) if timed else None
+    )
+
+
+def cop_number(
+    maze: Maze,
+    stay_action: bool = True,
+    most: int = 3,
+    report: Report = lambda share, num_chasers: None,
+) -> int | None:
+    """The least number of chasers that catch any evader, in turns, from places of their choice.
+
+    None where more than `most` are needed. A maze is a planar graph: 3 always suffice where it is
+    connected and all may stay (Aigner and Fromme, 1984).
+
+    Raises:
+        ValueError: the answer does not fit into memory.
+    """
+    for chasers in range(1, whole("most", most, 1) + 1):
+        if solve_in_turns(maze, chasers, stay_action, report).has_winning_start:
+            return chasers
+    return None
+
+
+def _as_set(spots: NDArray[np.int64], words: int) -> NDArray[np.uint64]:
+    bits = np.zeros(64 * words, dtype=np.uint8)
+    bits[spots] = 1
+    packed: NDArray[np.uint64] = np.packbits(bits, bitorder="little").view("<u8")
+    return packed.astype(np.uint64)
+
+
+def _members(sets: NDArray[np.uint64], spots: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """[teams, cells] bool: which cells are in each set."""
+    member = np.empty((len(sets), len(spots)), dtype=bool)
+    for cell, spot in enumerate(spots.tolist()):
+        member[:, cell] = (sets[:, spot // 64] >> np.uint64(spot % 64)) & np.uint64(1)
+    return member
+
+
+def distinct_moves(neighbors: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """[cells, actions] bool: False for an action that leads where an earlier one does."""
+    useful = np.ones(neighbors.shape, dtype=bool)
+    for action in range(1, neighbors.shape[1]):
+        useful[:, action] = (neighbors[:, :action] != neighbors[:, action : action + 1]).all(axis=1)
+    return useful

@@ -1,0 +1,84 @@
+"""Compiled kernels of the game in turns: sets of evader cells as bits, one set for every team.
+
+A *team* numbers the cells of all chasers, the last one counting fastest. Bit `row * width + column`
+of a set [words] uint64 is that place in the grid, so that a move of all evaders at once is a shift.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pursuit.compilation.compiled import compiled
+
+
+@compiled
+def trap(
+    winning: Any, trapped: Any, chances: Any, offsets: Any, taken: Any, num_chasers: int
+) -> None:
+    """Where the evader is to move and lost: it is caught, or every move leads to `winning`.
+
+    Args:
+        winning: [teams, words], where the chasers are to move and win.
+        trapped: [teams, words], written.
+        chances: [moves, words], the places where each move is possible.
+        offsets: [moves] int64, how far each move leads in the grid.
+        taken: [cells, words], the place of every cell as a set.
+        num_chasers: cells of a team.
+    """
+    teams, words = winning.shape
+    size = taken.shape[0]
+    for team in range(teams):
+        for word in range(words):
+            bad = np.uint64(0)
+            for move in range(len(offsets)):
+                offset = offsets[move]
+                # Bit p of the shifted set is bit p + offset of the places that do not win.
+                whole, part = offset // 64, np.uint64(offset % 64)
+                here, there = word + whole, word + whole + 1
+                bits = np.uint64(0)
+                if 0 <= here < words:
+                    bits = ~winning[team, here] >> part
+                if part != np.uint64(0) and 0 <= there < words:
+                    bits |= ~winning[team, there] << (np.uint64(64) - part)
+                bad |= bits & chances[move, word]
+            trapped[team, word] = ~bad
+        number = team
+        for _ in range(num_chasers):
+            for word in range(words):
+                trapped[team, word] |= taken[number % size, word]
+            number //= size
+
+
+@compiled
+def join(source: Any, target: Any, neighbors: Any, useful: Any, scale: int) -> None:
+    """target[team] = the union of source[team'] over one chaser's moves (counted by `scale`)."""
+    size, actions = neighbors.shape
+    for team in range(source.shape[0]):
+        cell = team // scale % size
+        target[team, :] = np.uint64(0)
+        for action in range(actions):
+            if useful[cell, action]:
+                following = team + (neighbors[cell, action] - cell) * scale
+                for word in range(source.shape[1]):
+                    target[team, word] |= source[following, word]
+
+
+@compiled
+def extend(winning: Any, reached: Any, spots: Any, times: Any, time: int) -> Any:
+    """Add `reached` to `winning`, and note `time` [teams, cells] (if it has rows); whether new."""
+    changed = False
+    for team in range(winning.shape[0]):
+        for word in range(winning.shape[1]):
+            fresh = reached[team, word] & ~winning[team, word]
+            if fresh == np.uint64(0):
+                continue
+            changed = True
+            winning[team, word] |= fresh
+            if times.shape[0]:
+                for cell in range(len(spots)):
+                    spot = spots[cell]
+                    if spot >> 6 == word and (fresh >> np.uint64(spot & 63)) & np.uint64(1):
+                        times[team, cell] = time
+    return changed

@@ -1,0 +1,1 @@
+"""Partial observability: certified bounds of the optimum, and beliefs."""

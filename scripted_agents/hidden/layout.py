@@ -1,0 +1,142 @@
+"""What the kernels of `HiddenCell` are given: the game, its two bounds and the room to work in."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Model(NamedTuple):
+    """What is played.
+
+    Attributes:
+        next_own: [own, action] int32, the own cell after the action.
+        useful: [own, action] bool, False where an earlier action does the same.
+        targets: [own, action, hidden, branch] int32, where the hidden cell can come to.
+        chances: of the same shape, float64: how likely. What is missing to 1 ends the game.
+        costs: [own, action, hidden] float64, expected, of the step.
+        slots: [own, hidden] int32, the slot of a cell; NONE where own sees it.
+        cells: [own, slots] int32, the cell in a slot.
+        sizes: [own] int32, how many slots there are.
+        discount: of every step, below 1.
+    """
+
+    next_own: Any
+    useful: Any
+    targets: Any
+    chances: Any
+    costs: Any
+    slots: Any
+    cells: Any
+    sizes: Any
+    discount: Any
+
+
+class Lower(NamedTuple):
+    """A lower bound of the costs.
+
+    Attributes:
+        seen: [own, hidden] float64, the bound where the cell is known.
+        informed: [own, action, slot] float64, the fast informed bound of the action.
+        inverse: [own, slot, point] float64, the inverse weights of the points.
+        value: [own, point] float64, the bound at the point.
+        first: [own, action, point] float64, the fast informed bound at the point.
+        count: [own] int64, how many points there are.
+    """
+
+    seen: Any
+    informed: Any
+    inverse: Any
+    value: Any
+    first: Any
+    count: Any
+
+
+class Upper(NamedTuple):
+    """An upper bound: the costs of plans, each an action and a plan for where it leads unseen.
+
+    Attributes:
+        seen: [own, hidden] float64, where the cell is known.
+        seen_action, seen_follow: [own, hidden] int32, what is done there, and the plan after it.
+        vectors: [own, slot, plan] float64, the cost by the hidden cell.
+        action, follow: [own, plan] int32. The first plan is a random walk, with the action NONE.
+        count: [own] int64, how many plans there are.
+    """
+
+    seen: Any
+    seen_action: Any
+    seen_follow: Any
+    vectors: Any
+    action: Any
+    follow: Any
+    count: Any
+
+
+class Room(NamedTuple):
+    """Room to work in; what `look` found stands in the arrays by action.
+
+    Attributes:
+        after: [action, slot] float64, the weights after the action, out of view.
+        arrived: [action, hidden] float64, those in view.
+        rest: [slot]; ratio, least: [point]; product: [plan], of one bound.
+        cost: [action] float64, of the step.
+        low, up, hidden_low, hidden_up: [action] float64; all, and the share out of view.
+        plan: [action] int64, the best plan after the action.
+        own, seen: [depth] int64; belief: [depth, hidden] float64: the way of a trial.
+    """
+
+    after: Any
+    arrived: Any
+    rest: Any
+    ratio: Any
+    least: Any
+    product: Any
+    cost: Any
+    low: Any
+    up: Any
+    hidden_low: Any
+    hidden_up: Any
+    plan: Any
+    own: Any
+    seen: Any
+    belief: Any
+
+
+def room_for(model: Model, points: int, plans: int, depth: int) -> Room:
+    """Room for so many points and plans of an own cell, and for trials of this depth."""
+    _, actions, hidden = model.costs.shape
+    slots = model.cells.shape[1]
+    cost, low, up, hidden_low, hidden_up = np.zeros((5, actions))
+    own, seen = np.zeros((2, depth), dtype=np.int64)
+    return Room(
+        after=np.zeros((actions, slots)),
+        arrived=np.zeros((actions, hidden)),
+        rest=np.zeros(slots),
+        ratio=np.zeros(points),
+        least=np.zeros(points),
+        product=np.zeros(plans),
+        cost=cost,
+        low=low,
+        up=up,
+        hidden_low=hidden_low,
+        hidden_up=hidden_up,
+        plan=np.zeros(actions, dtype=np.int64),
+        own=own,
+        seen=seen,
+        belief=np.zeros((depth, hidden)),
+    )
+
+
+class Roots(NamedTuple):
+    """Where games begin: own [roots], belief [roots, hidden], seen [roots] (a cell or NONE),
+    weight [roots]; the bounds low, up [roots]; credit [roots], whose turn it is.
+    """
+
+    own: Any
+    belief: Any
+    seen: Any
+    weight: Any
+    low: Any
+    up: Any
+    credit: Any

@@ -1,0 +1,61 @@
+"""Compiled kernels of the plans that `HiddenSearch` finds: what they cost, and which are kept.
+
+A plan is an action, and a plan to follow for as long as the other is not seen; where it is seen,
+the plan of that place begins. So the plans are the states of a controller, and dropping none that
+another one leads to keeps every cost true. Arrays as in `hidden_layout`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pursuit.compilation.compiled import compiled
+
+NONE = -1
+
+
+@compiled
+def mark_followed(model: Any, upper: Any, used: Any) -> None:
+    """Mark in used [own, plan] the random walks, the plans after a sight, and all that follow."""
+    for own in range(len(model.sizes)):
+        used[own, 0] = True
+        for cell in range(upper.seen.shape[1]):
+            action = upper.seen_action[own, cell]
+            if model.slots[own, cell] == NONE and action != NONE:
+                used[model.next_own[own, action], upper.seen_follow[own, cell]] = True
+    news = True
+    while news:
+        news = False
+        for own in range(len(model.sizes)):
+            for plan in range(upper.count[own]):
+                if used[own, plan] and upper.action[own, plan] != NONE:
+                    mine = model.next_own[own, upper.action[own, plan]]
+                    follow = upper.follow[own, plan]
+                    news |= not used[mine, follow]
+                    used[mine, follow] = True
+
+
+@compiled
+def drop_plans(model: Any, upper: Any, used: Any, number: Any) -> None:
+    """Drop the plans that are not marked; number [own, plan] int32 is room for the new numbers."""
+    for own in range(len(model.sizes)):
+        kept = 0
+        for plan in range(upper.count[own]):
+            number[own, plan] = kept
+            if used[own, plan]:
+                for slot in range(model.sizes[own]):
+                    upper.vectors[own, slot, kept] = upper.vectors[own, slot, plan]
+                upper.action[own, kept] = upper.action[own, plan]
+                upper.follow[own, kept] = upper.follow[own, plan]
+                kept += 1
+        upper.count[own] = kept
+    for own in range(len(model.sizes)):
+        for plan in range(upper.count[own]):
+            if upper.action[own, plan] != NONE:
+                mine = model.next_own[own, upper.action[own, plan]]
+                upper.follow[own, plan] = number[mine, upper.follow[own, plan]]
+        for cell in range(upper.seen.shape[1]):
+            action = upper.seen_action[own, cell]
+            if model.slots[own, cell] == NONE and action != NONE:
+                follow = upper.seen_follow[own, cell]
+                upper.seen_follow[own, cell] = number[model.next_own[own, action], follow]

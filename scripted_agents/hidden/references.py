@@ -1,0 +1,38 @@
+"""Who stands beside a learner of limited sight: scripted agents that see no more than it does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pursuit.simulator.policy import Policy, TabularPolicy
+from pursuit.tasks.task import Task
+from scripted_agents.agents.searchers import SearchingChaser, SearchingRunner, WaryEvader
+from scripted_agents.hidden.beliefs import BeliefChaser, why_no_belief
+
+
+def limited_references(
+    task: Task, agent: str | int, opponents: Mapping[str, Policy]
+) -> dict[str, Policy]:
+    """The references of an agent, by what they are called; none where it sees everything.
+
+    A chaser has a searching one, and in a duel against a policy that is a table also the belief
+    chaser that knows this table; an evader a wary one, a runner a searching one.
+
+    Args:
+        task: the game, whose sight of this seat they have.
+        agent: by name, role or seat.
+        opponents: who plays the other seats, by agent name or role.
+    """
+    seat = task.seat(agent)
+    if task.sight.limits[seat].sees_all:
+        return {}
+    role = task.seat_roles[seat]
+    if role == "evader":
+        return {"wary evader": WaryEvader()}
+    if role == "runner":
+        return {"searching runner": SearchingRunner()}
+    found: dict[str, Policy] = {"searching chaser": SearchingChaser()}
+    other = opponents.get("evader_0", opponents.get("evader"))
+    if why_no_belief(task) is None and isinstance(other, TabularPolicy):
+        found["belief chaser"] = BeliefChaser(other)
+    return found

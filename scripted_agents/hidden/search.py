@@ -1,0 +1,338 @@
+"""HiddenSearch: a proven interval of what a game with one hidden cell costs, ever narrower."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pursuit.memory import check_memory
+from pursuit.validation import as_array, number, whole
+from scripted_agents.hidden.game import NONE, HiddenCell, model_of, places
+from scripted_agents.hidden.kernels import (
+    SAME,
+    evaluate_plans,
+    explore,
+    improve,
+    mark_best,
+    prune_points,
+)
+from scripted_agents.hidden.layout import Lower, Model, Room, Roots, Upper, room_for
+from scripted_agents.hidden.plan_kernels import drop_plans, mark_followed
+from scripted_agents.hidden.start_kernels import inform, wander
+
+DEFAULT_MEMORY = 500_000_000
+"""Bytes that points and plans take at most."""
+
+LONGEST_TRIAL = 400
+
+LOOKS = 2000
+"""Beliefs looked at between two glances at the clock: some hundredths of a second."""
+
+SHARE = 0.5
+"""The share of the distance at its root to which a trial is to bring it."""
+
+GROWTH, FULL = 1.5, 0.8
+"""Points and plans are pruned when there are so many times those kept last; or when one cell has
+that share of what it may have."""
+
+FIRST_SLACK = 1e-6
+"""Share of the mean distance that a point must add, once memory is short; then ever more."""
+
+STEADY = 1e-12
+"""Largest change, relative to the largest value, at which the first bounds are good enough."""
+
+FIRST_SWEEPS = 2000
+
+Report = Callable[[float, float, float], None]
+"""Told the seconds gone, and both bounds."""
+
+
+class HiddenSearch:
+    """Bounds of the least cost of a `HiddenCell`, of the mean over its starts and of any belief.
+
+    Heuristic search value iteration (Smith and Simmons, 2004) with a set of points and of plans for
+    every own cell. The lower bound begins with the fast informed bound (Hauskrecht, 2000) and rises
+    by points: what is known of a belief tells of all beliefs that hold a part of it. The upper
+    bound is what plans cost; it begins with a random walk. What rounding can do is taken off.
+
+    Args:
+        game: what is played.
+        memory: bytes that points and plans take at most.
+
+    Raises:
+        ValueError: more memory than there is, or too little for any search.
+    """
+
+    def __init__(self, game: HiddenCell, memory: int = DEFAULT_MEMORY) -> None:
+        self.game, self.model = game, model_of(game)
+        self.seconds, self.looks = 0.0, 0
+        own, actions = game.next_own.shape
+        hidden, slots = game.visible.shape[1], self.model.cells.shape[1]
+        a_point, a_plan = 8 * own * (slots + actions + 1), 8 * own * (slots + 1)
+        points = min(whole("memory", memory, 1, 2**62) // 4 * 3 // a_point, 50_000)
+        plans = min(memory // 4 // a_plan, 50_000)
+        if min(points, plans) < 20:
+            raise ValueError(
+                f"memory={memory:,} bytes; {own} own cells with {slots} cells out of view need "
+                f"{20 * 4 * a_plan:,} at least"
+            )
+        check_memory("the search", points * a_point + plans * a_plan, "give it less memory")
+        informed, walk = first_bounds(self.model)
+        least = informed.min(axis=2)
+        self.lower_bound = Lower(
+            least,
+            _by_slot(self.model, informed.transpose(0, 2, 1)),
+            np.zeros((own, slots, points)),
+            np.zeros((own, points)),
+            np.zeros((own, actions, points)),
+            np.zeros(own, dtype=np.int64),
+        )
+        vectors = np.zeros((own, slots, plans))
+        vectors[:, :, 0] = _by_slot(self.model, walk[:, None])[:, 0]
+        self.upper_bound = Upper(
+            walk,
+            np.full((own, hidden), NONE, dtype=np.int32),
+            np.zeros((own, hidden), dtype=np.int32),
+            vectors,
+            np.full((own, plans), NONE, dtype=np.int32),
+            np.zeros((own, plans), dtype=np.int32),
+            np.ones(own, dtype=np.int64),
+        )
+        self._room = room_for(self.model, points, plans, LONGEST_TRIAL)
+        self.roots = game.starts
+        cells, others = np.nonzero(game.visible)
+        self._in_view = places(game, cells.astype(np.int64), np.eye(hidden)[others])
+        self._cursor, self.slack, self._kept = 0, 0.0, 2 * own
+
+    @property
+    def _arrays(self) -> tuple[Model, Lower, Upper, Room]:
+        """As kernels take them."""
+        return self.model, self.lower_bound, self.upper_bound, self._room
+
+    # -- what is known ---------------------------------------------------------------------------
+
+    @property
+    def margin(self) -> float:
+        """What rounding can have done to either bound, generously: a value is at most so large, one
+        look adds up so many products (and takes beliefs that are nearly the same for one), and what
+        they are off by counts for 1 / (1 - discount) steps.
+        """
+        most = float(np.abs(self.game.costs).max()) / (1.0 - self.game.discount)
+        products = self.game.visible.shape[1] * (self.game.targets.shape[3] + 2)
+        off = 4.0 * np.finfo(float).eps * products + 2.0 * SAME
+        return off * most / (1.0 - self.game.discount)
+
+    @property
+    def lower(self) -> float:
+        """A proven lower bound of the mean cost over the starts."""
+        return float(self.roots.weight @ self.roots.low) - self.margin
+
+    @property
+    def upper(self) -> float:
+        """A proven upper bound of the same, which the plans reach."""
+        return float(self.roots.weight @ self.roots.up) + self.margin
+
+    @property
+    def width(self) -> float:
+        """How far the bounds are apart, relative to the one that is nearer to 0; inf around it."""
+        low, up = self.lower, self.upper
+        if np.isinf(low) or np.isinf(up) or low < 0.0 < up:  # or nothing has been looked at
+            return np.inf
+        least = min(abs(low), abs(up))
+        return (up - low) / least if least > 0.0 else np.inf if up > low else 0.0
+
+    @property
+    def points(self) -> int:
+        """Beliefs that the lower bound stands on."""
+        return int(self.lower_bound.count.sum())
+
+    @property
+    def num_plans(self) -> int:
+        """Plans that the upper bound consists of."""
+        return int(self.upper_bound.count.sum())
+
+    def bounds(self, own_cell: int, belief: ArrayLike) -> tuple[float, float]:
+        """Proven bounds of the least cost from a belief.
+
+        Args:
+            own_cell: where own stands.
+            belief: [hidden], chances of the other cell; cells in view may be among them, as if they
+                were not looked at before the next step.
+
+        Raises:
+            ValueError: no cell, or no distribution.
+        """
+        cell = whole("own_cell", own_cell, 0, len(self.model.sizes) - 1)
+        row = as_array("belief", belief, "biuf", "give chances").astype(np.float64)
+        if row.shape != (self.game.visible.shape[1],):
+            raise ValueError(f"belief has shape {row.shape}; {(self.game.visible.shape[1],)}")
+        if not (row >= 0.0).all() or abs(row.sum() - 1.0) > 1e-6:
+            raise ValueError(f"belief with the sum {row.sum():.6g}; chances, with the sum 1")
+        place = places(self.game, np.array([cell]), (row / row.sum())[None])
+        place.seen[0] = -2  # only look
+        self._improve(place)
+        return float(place.low[0]) - self.margin, float(place.up[0]) + self.margin
+
+    def plans(self) -> Upper:
+        """The upper bound as it is now, a copy without room for more plans."""
+        upper, most = self.upper_bound, self.upper_bound.count.max()
+        whole = Upper(*(array.copy() for array in upper))
+        return whole._replace(
+            vectors=upper.vectors[..., :most].copy(),
+            action=upper.action[:, :most].copy(),
+            follow=upper.follow[:, :most].copy(),
+        )
+
+    # -- the search ------------------------------------------------------------------------------
+
+    def improve(
+        self, seconds: float, width: float | None = None, report: Report | None = None
+    ) -> None:
+        """Search on, for so many seconds or until the bounds are so close, relative to the larger.
+
+        Raises:
+            ValueError: seconds or a width below 0.
+        """
+        if number("seconds", seconds) < 0.0:
+            raise ValueError(f"seconds={seconds}; 0 or more")
+        if width is not None and number("width", width) < 0.0:
+            raise ValueError(f"width={width}; 0 or more, such as 0.001")
+        enough = 0.0 if width is None else width
+        self._compile()
+        began, before = perf_counter(), self.seconds
+        self._settle()
+        while self.seconds - before < seconds and self.width > enough:
+            if self.upper - self.lower <= 3.0 * self.margin:
+                break
+            self._explore(LOOKS)
+            self._improve(self._in_view)
+            for _ in range(3):
+                evaluate_plans(self.model, self.upper_bound)
+            self._improve(self._some_points(LOOKS // 2))
+            if self._is_full() or self.points + self.num_plans > GROWTH * self._kept + 100:
+                self.prune()
+            self.look_at_starts()
+            if self.lower > self.upper:
+                raise RuntimeError(
+                    f"bounds {self.lower} and {self.upper} have crossed, which proves a fault of "
+                    "the search: report the maze and the arguments"
+                )
+            self.looks += LOOKS
+            self.seconds = before + perf_counter() - began
+            if report is not None:
+                report(self.seconds, self.lower, self.upper)
+        self.seconds = before + perf_counter() - began
+
+    def _settle(self) -> None:
+        """Bounds of what is seen and of the starts, as far as single looks lead."""
+        largest = float(np.abs(self.upper_bound.seen).max())
+        for _ in range(FIRST_SWEEPS if self.looks == 0 else 1):
+            if self._improve(self._in_view) <= STEADY * largest:
+                break
+        self.look_at_starts()
+
+    def look_at_starts(self) -> None:
+        """Bounds of the starts; the upper ones as the plans that are there reach them."""
+        self.roots.up[:] = np.inf
+        self._improve(self.roots)
+
+    def _compile(self) -> None:
+        """So that no time to search is lost by it: every kernel, with nothing to do."""
+        self._explore_from(0, np.inf)
+        self._improve(places(self.game, np.zeros(0, dtype=np.int64), np.zeros((0, 1))))
+        evaluate_plans(self.model, self.upper_bound)
+        if self.looks == 0:
+            self.prune()
+
+    def _explore(self, looks: int) -> None:
+        """Trials from the starts, in turns by what each adds to the distance of the mean's bounds,
+        each to take the distance at its start to SHARE of it; until so many beliefs are looked at.
+        """
+        roots = self.roots
+        while looks > 0:
+            distance = roots.weight * np.maximum(roots.up - roots.low, 0.0)
+            if distance.sum() <= 0.0:
+                break
+            roots.credit[:] += distance
+            best = int(roots.credit.argmax())
+            roots.credit[best] -= distance.sum()
+            looks -= self._explore_from(best, SHARE * (roots.up[best] - roots.low[best]))
+
+    def _explore_from(self, root: int, epsilon: float) -> int:
+        """A trial that is to bring the bounds of a start so close; its length."""
+        roots, room = self.roots, self._room
+        room.own[0], room.seen[0] = roots.own[root], roots.seen[root]
+        room.belief[0] = roots.belief[root]
+        length = int(explore(*self._arrays, epsilon))
+        roots.low[root] = max(roots.low[root], room.low.min())
+        roots.up[root] = min(roots.up[root], room.up.min())
+        return length
+
+    def prune(self) -> None:
+        """Drop points that others imply, and plans that are best nowhere and that none leads to."""
+        slack = self.margin
+        if self.slack > 0.0:
+            slack += self.slack * max(self.upper - self.lower, 0.0)
+        for own in range(len(self.model.sizes)):
+            prune_points(self.model, self.lower_bound, self._room, own, slack)
+        upper = self.upper_bound
+        used = np.zeros(upper.action.shape, dtype=bool)
+        mark_best(self.model, self.lower_bound, upper, self._room, self.roots, used)
+        mark_followed(self.model, upper, used)
+        drop_plans(self.model, upper, used, np.zeros(used.shape, dtype=np.int32))
+        self._kept, self._cursor = self.points + self.num_plans, 0
+        if self._is_full():
+            self.slack = max(4.0 * self.slack, FIRST_SLACK)
+
+    def _is_full(self) -> bool:
+        points, plans = self.lower_bound.value.shape[1], self.upper_bound.action.shape[1]
+        most = int(self.lower_bound.count.max()), int(self.upper_bound.count.max())
+        return most[0] > FULL * points or most[1] > FULL * plans
+
+    def _improve(self, these: Roots) -> float:
+        return float(improve(*self._arrays, these))
+
+    def _some_points(self, count: int) -> Roots:
+        """The next so many points, as places."""
+        counts = self.lower_bound.count
+        first, total = self._cursor, self.points
+        numbers = np.arange(first, min(first + count, total))
+        self._cursor = first + count if first + count < total else 0
+        own = np.searchsorted(counts.cumsum(), numbers, side="right")
+        inverse = self.lower_bound.inverse[own, :, numbers - (counts.cumsum() - counts)[own]]
+        there, slot = np.nonzero((inverse < 1e299) & (inverse > 0.0))
+        beliefs = np.zeros((len(numbers), self.game.visible.shape[1]))
+        beliefs[there, self.model.cells[own[there], slot]] = 1.0 / inverse[there, slot]
+        return places(self.game, own.astype(np.int64), beliefs)
+
+
+def first_bounds(model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where the search begins: [own, hidden, action] what it costs at least to begin with it,
+    and [own, hidden] what a random walk costs.
+    """
+    hidden, most = model.costs.shape[2], 1.0 / (1.0 - model.discount)
+    own, actions = model.next_own.shape
+    # Whoever ends the game pays nothing more, so 0 is always among the extremes.
+    informed = np.full((own, hidden, actions), min(float(model.costs.min()), 0.0) * most)
+    walk = np.full((own, hidden), max(float(model.costs.max()), 0.0) * most)
+    enough = STEADY * max(float(np.abs(model.costs).max()), 1e-300) * most
+    for _ in range(FIRST_SWEEPS):
+        if inform(model, informed) <= enough:
+            break
+    for _ in range(FIRST_SWEEPS):
+        if wander(model, walk) <= enough:
+            break
+    first = model.useful.argmax(axis=1)  # in place of those that do the same as an earlier one
+    instead = np.where(model.useful, np.arange(actions), first[:, None])
+    informed = np.take_along_axis(informed, instead[:, None], axis=2)
+    return informed, walk
+
+
+def _by_slot(model: Model, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[own, kinds, slot] from [own, kinds, hidden]; 0 in slots that are none."""
+    taken = np.take_along_axis(values, model.cells[:, None].astype(np.int64), axis=2)
+    there = np.arange(model.cells.shape[1]) < model.sizes[:, None]
+    return np.ascontiguousarray(np.where(there[:, None], taken, 0.0))

@@ -1,0 +1,1 @@
+"""Whole games over their joint states: teams, races, heists, and zero-sum equilibria."""

@@ -1,0 +1,236 @@
+"""The exact value and optimal mixed policies of the simultaneous chase, and of matrix games."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pursuit.mazes.maze import Maze, load_maze
+from pursuit.memory import check_memory
+from pursuit.tasks.task import Task
+from pursuit.validation import as_array, number, whole
+from scripted_agents.duel.best_response import MoveOrder
+from scripted_agents.joint.matrix_games import solve_matrix
+from scripted_agents.joint.shapley_iteration import (
+    Report,
+    StochasticGame,
+    silent,
+    solve_for_ever,
+    solve_steps,
+)
+from scripted_agents.joint.states import joint_states_of
+from scripted_agents.joint.sweeps import Quantity
+
+MAX_BYTES = 3 * 10**9
+"""Bound on the memory of a solution."""
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixGame:
+    """The solution of a zero-sum matrix game.
+
+    Attributes:
+        value: what the row player gets, in expectation, under optimal play.
+        row: [m] float64, an optimal strategy of the row player, who maximises.
+        column: [n] float64, one of the column player, who minimises.
+        pure: whether the two are a pure saddle point.
+    """
+
+    value: float
+    row: NDArray[np.float64]
+    column: NDArray[np.float64]
+    pure: bool
+
+
+def solve_matrix_game(payoff: ArrayLike) -> MatrixGame:
+    """Solve a two-player zero-sum game. Von Neumann (1928); the linear program of Dantzig (1951).
+
+    Args:
+        payoff: [m, n], what the row player gets and the column player pays.
+
+    Raises:
+        ValueError: no matrix, an empty one, or entries that are not finite.
+    """
+    matrix = as_array("payoff", payoff, "biuf", "give a matrix of numbers").astype(np.float64)
+    if matrix.ndim != 2 or matrix.size == 0:
+        raise ValueError(f"payoff has shape {matrix.shape}; give a matrix [rows, columns]")
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"payoff has entries that are not finite: {matrix[~np.isfinite(matrix)]}")
+    m, n = matrix.shape
+    row, column = np.empty(m), np.empty(n)
+    scratch = np.empty((m + 1, n + m + 1)), np.empty(m, dtype=np.int64)
+    value, _ = solve_matrix(matrix, *scratch, row, column)
+    pure = bool(row.max() == 1.0 and column.max() == 1.0)
+    return MatrixGame(float(value), row, column, pure)
+
+
+@dataclass(frozen=True, eq=False)
+class ChaseSolution:
+    """What `solve_chase` found; all arrays are read-only, as solutions are kept for the next call.
+
+    Attributes:
+        maze: where it is played.
+        values: [chaser cell, evader cell] float64 (with two chasers [chaser cell, chaser cell,
+            evader cell], and so on): the value of the game, 0 where both stand in one cell.
+        chaser_policy: [self, other, action] float64, an optimal policy of the chaser. With several
+            chasers [chaser cell, ..., evader cell, joint action], the joint action counting the
+            last chaser's fastest.
+        evader_policy: [self, other, action] float64, an optimal policy of the evader; with several
+            chasers [evader cell, chaser cell, ..., action].
+        mixed: of the shape of `values`, bool: whether the matrix game there has no pure saddle
+            point, so that optimal play must be random.
+        discount: of each step; 1 with a horizon.
+        horizon: the number of steps, or None. The policies are those of the first step.
+        sweeps: of Shapley's iteration.
+    """
+
+    maze: Maze
+    values: NDArray[np.float64] = field(repr=False)
+    chaser_policy: NDArray[np.float64] = field(repr=False)
+    evader_policy: NDArray[np.float64] = field(repr=False)
+    mixed: NDArray[np.bool_] = field(repr=False)
+    discount: float
+    horizon: int | None
+    stay_action: bool
+    move_order: str
+    num_chasers: int
+    sweeps: int
+
+
+MOST_KEPT = 8
+_kept: dict[tuple[Any, ...], ChaseSolution] = {}
+"""The solutions that were asked for last, the latest at the end."""
+
+
+def solve_chase(
+    maze: Maze,
+    discount: float = 0.95,
+    stay_action: bool = False,
+    horizon: int | None = None,
+    move_order: MoveOrder = "simultaneous",
+    num_chasers: int = 1,
+    report: Report = silent,
+) -> ChaseSolution:
+    """Solve the chase of one evader by a team of chasers exactly, as a zero-sum stochastic game.
+
+    All choose at once. The payoff is the expected sum of discount**t over the steps t = 0, 1, ...
+    up to and including that of the capture; with `horizon` the expected number of steps, cut at the
+    horizon. The chasers minimise it, as one player with joint actions; the evader maximises it.
+    Shapley (1953), by value iteration, with steps of policy evaluation in between where they help
+    (Pollatschek and Avi-Itzhak, 1969).
+
+    Args:
+        maze: where it is played.
+        discount: what a step counts in terms of the one before it, in (0, 1); not used with a
+            horizon.
+        stay_action: whether the fifth action exists.
+        horizon: the number of steps after which the game is cut, or None.
+        move_order: "simultaneous", or "chasers_first": the chasers move first and the evader then,
+            if it is not caught yet, but it has chosen its move before.
+        num_chasers: size of the team; memory grows with cells ** (num_chasers + 1).
+        report: told how far it is, now and then: the share of the work in [0, 1], as far as that
+            can be said. A game that was solved before is not solved again, and reports nothing.
+
+    Raises:
+        ValueError: an argument outside these limits, or a game that does not fit into memory.
+    """
+    maze = load_maze(maze)
+    if horizon is not None:
+        discount, horizon = 1.0, whole("horizon", horizon, 1)
+    elif not 0.0 < number("discount", discount) < 1.0:
+        raise ValueError(f"discount {discount}; it lies in (0, 1). Or give a horizon")
+    task = Task(
+        maze=maze,
+        num_chasers=whole("num_chasers", num_chasers, 1),
+        num_evaders=1,
+        stay_action=stay_action,
+        move_order=move_order,
+    )
+    check_memory(
+        f"{maze.name}, {maze.num_cells} cells and {num_chasers} chaser(s),",
+        bytes_to_solve(maze, num_chasers, task.stay_action),
+        "take a smaller maze or fewer chasers",
+        MAX_BYTES,
+    )
+    key = (maze, task.move_order, task.stay_action, num_chasers, float(discount), horizon)
+    solution = _kept.pop(key, None) or _solve(task, float(discount), horizon, report)
+    _kept[key] = solution
+    if len(_kept) > MOST_KEPT:
+        del _kept[next(iter(_kept))]
+    return solution
+
+
+def _solve(task: Task, discount: float, horizon: int | None, report: Report) -> ChaseSolution:
+    maze, num_chasers = task.mazes[0], task.num_chasers
+    states = joint_states_of(task)
+    shape = (maze.num_cells,) * (num_chasers + 1)
+    cells = np.stack(np.unravel_index(np.arange(states.count), shape), axis=1)
+    twins = np.ravel_multi_index((*np.sort(cells[:, :-1], axis=1).T, cells[:, -1]), shape)
+    seats, everybody = (num_chasers, *range(num_chasers)), [1] * (num_chasers + 1)
+    paid = Quantity([0] * (num_chasers + 1), everybody)
+    game = StochasticGame(states, seats, paid, discount, twins, report)
+    if horizon is None:
+        values, sweeps = solve_for_ever(game)
+    else:
+        values, sweeps = solve_steps(game, horizon)
+    evader_policy, chaser_policy = game.strategies()
+    evader_policy = evader_policy[twins]
+    _rename(chaser_policy, cells, twins, task.num_actions)
+    caught = (cells[:, :-1] == cells[:, -1:]).any(axis=1)
+    chaser_policy[caught] = 1.0 / chaser_policy.shape[1]
+    evader_policy[caught] = 1.0 / task.num_actions
+    evader_table = np.moveaxis(evader_policy.reshape(*shape, -1), num_chasers, 0)
+    solution = ChaseSolution(
+        maze,
+        values[twins].reshape(shape),
+        chaser_policy.reshape(*shape, -1),
+        np.ascontiguousarray(evader_table),
+        game.mixed[twins].reshape(shape),
+        discount,
+        horizon,
+        task.stay_action,
+        task.move_order,
+        num_chasers,
+        sweeps,
+    )
+    for array in (
+        solution.values,
+        solution.chaser_policy,
+        solution.evader_policy,
+        solution.mixed,
+    ):
+        array.flags.writeable = False
+    return solution
+
+
+def _rename(
+    chaser_policy: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    twins: NDArray[np.int64],
+    actions: int,
+) -> None:
+    """Give every state the chasers' policy of its twin, in which their cells are in order."""
+    chasers = cells.shape[1] - 1
+    parts = np.indices((actions,) * chasers).reshape(chasers, -1)
+    for order in permutations(range(chasers)):
+        ordered = cells[:, order]
+        here = (np.diff(ordered, axis=1) >= 0).all(axis=1) & (twins != np.arange(len(twins)))
+        # The twin's chaser i is this state's chaser order[i], and so is its part.
+        joint = np.ravel_multi_index(tuple(parts[list(order)]), (actions,) * chasers)
+        chaser_policy[here] = chaser_policy[twins[here]][:, joint]
+
+
+def bytes_to_solve(maze: Maze, num_chasers: int, stay_action: bool) -> int:
+    """The memory that `solve_chase` needs, about: what follows each pair of options with its
+    chance, a sparse linear system (some 400 bytes a state), policies and values."""
+    actions = 5 if stay_action else 4
+    ways = [len(set(row)) for row in maze.neighbors[:, :actions].tolist()]
+    pairs = 40 * sum(ways) ** (num_chasers + 1) // math.factorial(num_chasers)
+    policies = 8 * (2 * actions**num_chasers + 2 * actions + 8)
+    system = 400 // math.factorial(num_chasers)
+    return int(pairs + (policies + system) * maze.num_cells ** (num_chasers + 1))

@@ -1,0 +1,357 @@
+"""Compiled kernels of games as a whole: numbers for all that can stand in a game, and sweeps.
+
+A *state* is a number: who is still free (a *group*), which cells hold goals (a *set*), and the
+cells of all free agents. Captured evaders have no cell. States are numbered group after group, sets
+within them, and cells within those, the last agent's fastest. Groups of fewer free evaders and sets
+of fewer goals come first: a step leads to a state of the same set, or to one of a smaller number.
+
+Transitions are those of `pursuit.rules.step.step`; those of all states are stored where they fit.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pursuit.compilation.compiled import compiled, inlined, subroutine
+from pursuit.rules import layout
+from pursuit.rules.layout import Games, Outcome, Plan, Rules, Teams, World
+from pursuit.rules.step import step
+from scripted_agents.joint.layout import Aim, Numbering, Players, Quantities, Room, Store
+
+TIE = 1e-12
+"""Difference, relative to the value, below which two actions count as equally good."""
+
+
+# -- numbers ---------------------------------------------------------------------------------------
+
+
+@inlined
+def number_of(games: Games, game: int, teams: Teams, cells: int, numbering: Numbering) -> int:
+    """The number of what stands in a game; -1 where it is over."""
+    mask, place = 0, 0
+    for chaser in layout.chasers_of(teams):
+        place = place * cells + games.position[game, chaser]
+    for evader in layout.evaders_of(teams):
+        if games.active[game, evader]:
+            mask |= 1 << (evader - teams.chasers)
+            place = place * cells + games.position[game, evader]
+    for runner in layout.runners_of(teams):
+        place = place * cells + games.position[game, runner]
+    group = numbering.group_of[mask]
+    if group < 0:
+        return -1
+    goals = 0
+    if teams.goals > 0:
+        left = 0
+        for goal in layout.goals_of(teams):
+            cell = games.goal[game, goal]
+            if cell >= 0:
+                rank = 1
+                for other in layout.goals_of(teams):
+                    rank += (games.goal[game, other] >= 0) & (games.goal[game, other] < cell)
+                goals += numbering.binomials[cell, rank]
+                left += 1
+        if left == 0:
+            return -1
+        goals += numbering.bases[left]
+    return int(numbering.offsets[group] + goals * numbering.sizes[group] + place)
+
+
+@inlined
+def put(
+    games: Games, game: int, state: int, group: int, teams: Teams, cells: int, numbering: Numbering
+) -> None:
+    """Put a state into a game. Captured evaders stand where the first chaser does."""
+    rest = state - numbering.offsets[group]
+    goals = rest // numbering.sizes[group]
+    rest -= goals * numbering.sizes[group]
+    mask = numbering.masks[group]
+    for at in range(teams.chasers + teams.evaders + teams.runners):
+        agent = teams.chasers + teams.evaders + teams.runners - 1 - at
+        evader = agent - teams.chasers
+        free = 1
+        if 0 <= evader < teams.evaders:
+            free = mask >> evader & 1
+        games.active[game, agent] = free
+        if free:
+            games.position[game, agent] = rest % cells
+            rest //= cells
+    for evader in layout.evaders_of(teams):
+        if not games.active[game, evader]:
+            games.position[game, evader] = games.position[game, 0]
+    for goal in layout.goals_of(teams):
+        games.goal[game, goal] = numbering.sets[goals, goal]
+    games.steps[game] = 0
+    games.maze[game] = 0
+
+
+@inlined
+def can_be(games: Games, game: int, teams: Teams) -> bool:
+    """Whether a state can stand between two steps: nobody is about to be caught, or on a goal."""
+    for evader in layout.evaders_of(teams):
+        for chaser in layout.chasers_of(teams):
+            here = games.position[game, chaser] == games.position[game, evader]
+            if here and games.active[game, evader]:
+                return False
+    for goal in layout.goals_of(teams):
+        cell = games.goal[game, goal]
+        for agent in layout.collectors_of(teams):
+            if cell >= 0 and games.active[game, agent] and games.position[game, agent] == cell:
+                return False
+    return True
+
+
+@inlined
+def group_at(state: int, group: int, numbering: Numbering) -> int:
+    """The group of a state that is not in an earlier one than `group`."""
+    while state >= numbering.offsets[group + 1]:
+        group += 1
+    return group
+
+
+@compiled
+def fill_games(
+    games: Games, teams: Teams, cells: int, numbering: Numbering, first: int, real: Any
+) -> None:
+    """Put the states from `first` on into games; `real` [games] bool: whether each can be."""
+    group = 0
+    for game in range(real.shape[0]):
+        group = group_at(first + game, group, numbering)
+        put(games, game, first + game, group, teams, cells, numbering)
+        real[game] = can_be(games, game, teams)
+
+
+@compiled
+def fill_numbers(
+    games: Games, teams: Teams, cells: int, numbering: Numbering, numbers: Any
+) -> None:
+    """Fill `numbers` [games] with the states in which games stand; -1 where they are over."""
+    for game in range(numbers.shape[0]):
+        numbers[game] = number_of(games, game, teams, cells, numbering)
+
+
+# -- one state -------------------------------------------------------------------------------------
+
+
+@inlined
+def put_back(games: Games, rules: Rules, room: Room) -> None:
+    """The game as it was before the step."""
+    for agent in layout.agents_of(rules.teams):
+        games.position[0, agent] = room.cells[agent]
+        games.active[0, agent] = room.active[agent]
+    for goal in layout.goals_of(rules.teams):
+        games.goal[0, goal] = room.goals[goal]
+    games.steps[0] = 0
+
+
+@inlined
+def without_bumps(
+    rules: Rules, world: World, players: Players, player: int, room: Room, joint: int
+) -> int:
+    """A player's joint action with the first of the actions that run into a wall for all these."""
+    found, scale = 0, 1
+    for back in range(players.begins[player + 1] - players.begins[player]):
+        cell = room.cells[players.seats[players.begins[player + 1] - 1 - back]]
+        action = joint % rules.num_actions
+        joint //= rules.num_actions
+        if world.neighbors[cell, action] == cell:
+            action = 0
+            while world.neighbors[cell, action] != cell:
+                action += 1
+        found += scale * action
+        scale *= rules.num_actions
+    return found
+
+
+@subroutine
+def list_options(rules: Rules, world: World, players: Players, state: int, room: Room) -> None:
+    """What every player may do: one that decides all that leads to different cells, of bumps the
+    first; the others what they do with some chance."""
+    for player in range(players.begins.shape[0] - 1):
+        first, last = players.begins[player], players.begins[player + 1]
+        free, many = 0, 0
+        for at in range(first, last):
+            free |= room.active[players.seats[at]]
+        if not free:
+            room.option[player, 0], room.chance[player, 0], many = 0, 1.0, 1
+        elif player < players.deciding:
+            cell, stays = room.cells[players.seats[first]], -1
+            for action in range(rules.num_actions):
+                bumps = world.neighbors[cell, action] == cell
+                if not bumps or (stays < 0 and not players.moves_first):
+                    room.option[player, many], room.chance[player, many] = action, 1.0
+                    many += 1
+                if bumps and stays < 0:
+                    stays = action
+            if stays >= 0 and players.moves_first:
+                room.option[player, many], room.chance[player, many] = stays, 1.0
+                many += 1
+        else:
+            row = np.int64(players.codes[player - players.deciding, state])
+            for joint in range(rules.num_actions ** (last - first)):
+                chance = players.rows[row + joint]
+                if chance == 0.0:
+                    continue
+                option, at = without_bumps(rules, world, players, player, room, joint), many
+                for earlier in range(many):
+                    if room.option[player, earlier] == option:
+                        at = earlier
+                if at == many:
+                    room.option[player, many], room.chance[player, many] = option, 0.0
+                    many += 1
+                room.chance[player, at] += chance
+        room.many[player] = many
+
+
+@inlined
+def take(players: Players, room: Room, first: int, last: int, number: int, actions: int) -> float:
+    """Write the actions of these players in a combination of their options; its chance."""
+    chance = 1.0
+    for back in range(last - first):
+        player = last - 1 - back
+        option = number % room.many[player]
+        number //= room.many[player]
+        joint, seat = room.option[player, option], players.begins[player + 1] - 1
+        while seat > players.begins[player]:
+            room.actions[0, players.seats[seat]] = joint % actions
+            joint //= actions
+            seat -= 1
+        room.actions[0, players.seats[seat]] = joint
+        chance *= room.chance[player, option]
+    return chance
+
+
+@inlined
+def expand(
+    games: Games, rules: Rules, world: World, plan: Plan, outcome: Outcome, numbering: Numbering,
+    players: Players, quantities: Quantities, room: Room, store: Store, state: int, at: int,
+) -> None:  # fmt: skip
+    """Store what follows the state in which the game stands, as number `at`."""
+    agents, cells, number = players.seats.shape[0], int(world.num_cells[0]), room.sums.shape[0]
+    for agent in layout.agents_of(rules.teams):
+        room.cells[agent] = games.position[0, agent]
+        room.active[agent] = games.active[0, agent]
+    for goal in layout.goals_of(rules.teams):
+        room.goals[goal] = games.goal[0, goal]
+    list_options(rules, world, players, state, room)
+    ours, theirs, all_players = 1, 1, players.begins.shape[0] - 1
+    for player in range(all_players):
+        if player < players.deciding:
+            ours *= room.many[player]
+        else:
+            theirs *= room.many[player]
+    store.shape[at, 0], store.shape[at, 1] = ours, theirs
+    pair, edge = store.pairs[at], store.edges[at]
+    for own in range(ours):
+        take(players, room, 0, players.deciding, own, rules.num_actions)
+        joint = 0
+        for seat in range(players.deciding):
+            joint = joint * rules.num_actions + room.actions[0, players.seats[seat]]
+        store.joints[edge + own] = joint
+        for q in range(number):
+            lasts = 0
+            for agent in range(agents):
+                lasts |= quantities.lasting[q, agent] & room.active[agent]
+            store.sides[edge + own * number + q] = lasts
+        for other in range(theirs):
+            chance = take(players, room, players.deciding, all_players, other, rules.num_actions)
+            put_back(games, rules, room)
+            ended = step(games, 0, room.actions, rules, world, plan, outcome) == layout.TERMINATED
+            following = int(np.int64(-1))
+            if not ended:
+                following = number_of(games, 0, rules.teams, cells, numbering)
+            store.following[pair + own * theirs + other] = following
+            store.sides[edge + ours * number + other] = chance
+            for q in range(number):
+                worth = quantities.ending[q] if ended else 0.0
+                for agent in range(agents):
+                    worth += quantities.paid[q, agent] * outcome.rewards[0, agent]
+                store.sides[edge + own * number + q] += chance * worth
+
+
+@inlined
+def back_up(store: Store, at: int, room: Room, values: Any, sign: float, discount: float) -> int:
+    """Fill `room.best` with what a state is worth by what follows it; the joint action chosen."""
+    number, ours, theirs = room.sums.shape[0], store.shape[at, 0], store.shape[at, 1]
+    edge, pair = store.edges[at], store.pairs[at]
+    chances, chosen, bound, least = edge + ours * number, 0, np.inf, np.inf
+    for own in range(ours):
+        for q in range(number):
+            room.sums[q] = 0.0
+        for other in range(theirs):
+            after = np.int64(store.following[pair + own * theirs + other])
+            if after >= 0:
+                for q in range(number):
+                    room.sums[q] += store.sides[chances + other] * values[after, q]
+        for q in range(number):
+            room.sums[q] = store.sides[edge + own * number + q] + discount * room.sums[q]
+        first = sign * room.sums[0]
+        if first < bound:
+            bound, chosen = first - TIE * max(1.0, abs(first)), own
+        if first < least or own == 0:
+            least = first
+            for q in range(number):
+                room.best[q] = room.sums[q]
+    return int(store.joints[edge + chosen])
+
+
+# -- sweeps ----------------------------------------------------------------------------------------
+
+
+@inlined
+def settle(
+    store: Store, state: int, at: int, room: Room, aim: Aim, values: Any, target: Any, choice: Any,
+    changes: Any,
+) -> None:  # fmt: skip
+    """Write a state's worth into `target`; `changes` [2] takes the largest change and value."""
+    choice[state] = back_up(store, at, room, values, aim.sign, aim.discount)
+    for q in range(room.best.shape[0]):
+        worth = room.best[q]
+        if aim.only_whether:
+            worth = 1.0 if worth > 0.0 else 0.0
+        changes[0] = max(changes[0], abs(worth - values[state, q]))
+        changes[1] = max(changes[1], abs(worth))
+        target[state, q] = worth
+
+
+@compiled
+def sweep(
+    memory: layout.Memory, numbers: Any, pay: Any, mazes: Any, scratch: Any, numbering: Numbering,
+    players: Players, quantities: Quantities, room: Room, store: Store, aim: Aim, values: Any,
+    target: Any, choice: Any, segments: Any, changes: Any,
+) -> None:  # fmt: skip
+    """Back up all states of `segments` [n, 2] (first state, and the one after the last) once.
+
+    What follows them is stored. `target` may be `values`. `choice` [states] gets the joint actions;
+    `changes` [n, 2] zeros, the largest change of each segment, and the largest value.
+    """
+    games, rules = layout.games_of(memory), layout.rules_of(layout.teams_of(numbers), numbers, pay)
+    world = layout.world_of(mazes.mazes, mazes.neighbors, mazes.facts, mazes.tables)
+    outcome, plan = layout.outcome_of(memory), layout.plan_of(scratch)
+    for segment in range(segments.shape[0]):
+        group = 0
+        for state in range(segments[segment, 0], segments[segment, 1]):
+            at = state if store.whole else 0
+            group = group_at(state, group, numbering)
+            put(games, 0, state, group, rules.teams, int(world.num_cells[0]), numbering)
+            if can_be(games, 0, rules.teams):
+                expand(
+                    games, rules, world, plan, outcome, numbering, players, quantities, room, store,
+                    state, at,
+                )  # fmt: skip
+                settle(store, state, at, room, aim, values, target, choice, changes[segment])
+
+
+@compiled
+def sweep_stored(
+    room: Room, store: Store, aim: Aim, values: Any, target: Any, choice: Any, segments: Any,
+    changes: Any,
+) -> None:  # fmt: skip
+    """`sweep` where what follows every state has been stored: so many arguments take longer to hand
+    over than a small game to sweep."""
+    for segment in range(segments.shape[0]):
+        for state in range(segments[segment, 0], segments[segment, 1]):
+            if store.shape[state, 0] > 0:
+                settle(store, state, state, room, aim, values, target, choice, changes[segment])

@@ -1,0 +1,109 @@
+"""How the kernels of joint games name what they are given: states, players, quantities, a store."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+
+class Numbering(NamedTuple):
+    """How states are numbered.
+
+    masks: [groups] int64, bit e for evader number e that is free.
+    offsets: [groups + 1] int64, the first state of each group.
+    sizes: [groups] int64, the states of one set of goals.
+    group_of: [2**evaders] int64, the group of a mask; -1 where nobody is free.
+    sets: [sets, goals] int32, cells in order; -1 behind the last.
+    binomials: [cells, goals + 1] int64, ways to choose so many of so many cells.
+    bases: [goals + 2] int64, the first set of so many goals.
+    """
+
+    masks: Any
+    offsets: Any
+    sizes: Any
+    group_of: Any
+    sets: Any
+    binomials: Any
+    bases: Any
+
+
+class Players(NamedTuple):
+    """Who decides, and what the others do. A player is one seat, or several that draw together.
+
+    seats: [agents] int64, player after player, those that decide first.
+    begins: [players + 1] int64, where the seats of each player begin.
+    deciding: how many players decide, one seat each.
+    moves_first: whether these prefer moves to standing still; else actions in their order.
+    codes: [other players, states] uint32, where in `rows` a player's distribution begins.
+    rows: float64, distributions over the joint actions of a player's seats, the last one's action
+        counting fastest.
+    """
+
+    seats: Any
+    begins: Any
+    deciding: int
+    moves_first: bool
+    codes: Any
+    rows: Any
+
+
+class Quantities(NamedTuple):
+    """What is summed up along a game; Q quantities, of which the first is decided by.
+
+    paid: [Q, agents] float64, how much of each agent's reward counts.
+    lasting: [Q, agents] int64, 1: a step counts 1 as long as any of these is free.
+    ending: [Q] float64, what the end of the game counts.
+    """
+
+    paid: Any
+    lasting: Any
+    ending: Any
+
+
+class Aim(NamedTuple):
+    """What is made of the first quantity: as little as possible, with `sign` -1 as much.
+
+    discount: of what the next step counts. only_whether: 1 for whatever is above 0.
+    """
+
+    sign: float
+    discount: float
+    only_whether: bool
+
+
+class Store(NamedTuple):
+    """What follows each state: of all of them, or (not `whole`) of the one that is looked at.
+
+    A state with `shape` (ours, theirs) of joint actions has room in `following` from `pairs` on and
+    in `sides` and `joints` from `edges` on: the next state of each pair, -1 for the end; what ours
+    are worth at once, [ours, Q]; the chances of theirs. The shape of a state that cannot be is 0.
+
+    pairs, edges: [states + 1] int64; shape: [states, 2] int32; following: int32; sides: float64;
+    joints: int16.
+    """
+
+    whole: bool
+    pairs: Any
+    edges: Any
+    shape: Any
+    following: Any
+    sides: Any
+    joints: Any
+
+
+class Room(NamedTuple):
+    """Room for one state at a time: what stands in it, and what every player may do.
+
+    cells, active: [agents] int64; goals: [goals] int64; actions: [1, agents] int32.
+    option: [players, joint actions] int64, those that lead to different cells; `many` [players] of
+    them, with their `chance` [players, joint actions]. sums, best: [Q] float64.
+    """
+
+    cells: Any
+    active: Any
+    goals: Any
+    actions: Any
+    option: Any
+    many: Any
+    chance: Any
+    sums: Any
+    best: Any

@@ -1,0 +1,183 @@
+"""Compiled kernels of zero-sum games: matrix games, and sweeps over all states of a game."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pursuit.compilation.compiled import allocating, compiled
+from scripted_agents.joint.layout import Store
+
+SADDLE = 1e-12
+"""Relative difference below which the pure maximin and minimax count as equal."""
+
+SMALLEST_PIVOT = 1e-11
+TIE = 1e-12
+"""Relative difference below which two options count as equally good."""
+
+BLAND_AFTER = 40
+"""Pivots by the largest coefficient; from then on by Bland's rule (1977), which cannot cycle."""
+
+
+@compiled
+def solve_matrix(payoff: Any, tableau: Any, basis: Any, row: Any, column: Any) -> Any:
+    """Solve the game in which the row player gets, and the column player pays, `payoff`.
+
+    A pure saddle point is taken where there is one. Otherwise the linear program of the column
+    player (Dantzig, 1951) by the simplex method: maximise the sum of w >= 0 under B w <= 1, where B
+    is the payoff moved and scaled into [1, 2]; its duals are the row player's strategy.
+
+    Args:
+        payoff: [m, n] float64.
+        tableau: [at least m + 1, at least n + m + 1] float64, scratch.
+        basis: [at least m] int64, scratch.
+        row, column: [m] and [n] float64, where to write the strategies.
+
+    Returns:
+        The value, and by how much the pure minimax is above the pure maximin.
+    """
+    m, n = payoff.shape
+    lowest, highest = payoff[0, 0], payoff[0, 0]
+    lower, upper = -np.inf, np.inf
+    best_row, best_column = 0, 0
+    for i in range(m):
+        least = np.inf
+        for j in range(n):
+            least = min(least, payoff[i, j])
+            highest = max(highest, payoff[i, j])
+        lowest = min(lowest, least)
+        if least > lower:
+            lower, best_row = least, i
+    for j in range(n):
+        most = -np.inf
+        for i in range(m):
+            most = max(most, payoff[i, j])
+        if most < upper:
+            upper, best_column = most, j
+    row[:] = 0.0
+    column[:] = 0.0
+    span = highest - lowest
+    if upper - lower <= SADDLE * max(abs(lowest), abs(highest)):
+        row[best_row], column[best_column] = 1.0, 1.0
+        return lower, upper - lower
+
+    last = n + m
+    for i in range(m):
+        for j in range(n):
+            tableau[i, j] = (payoff[i, j] - lowest) / span + 1.0
+        for j in range(m):
+            tableau[i, n + j] = 1.0 if i == j else 0.0
+        tableau[i, last] = 1.0
+        basis[i] = n + i
+    for j in range(last + 1):
+        tableau[m, j] = -1.0 if j < n else 0.0
+    for pivots in range(100 * (m + n)):
+        entering = -1
+        least = -SMALLEST_PIVOT
+        for j in range(last):
+            if tableau[m, j] < least:
+                entering = j
+                if pivots >= BLAND_AFTER:
+                    break
+                least = tableau[m, j]
+        if entering < 0:
+            break
+        leaving, ratio = -1, np.inf
+        for i in range(m):
+            if tableau[i, entering] > SMALLEST_PIVOT:
+                mine = tableau[i, last] / tableau[i, entering]
+                if mine < ratio or (mine == ratio and basis[i] < basis[leaving]):
+                    leaving, ratio = i, mine
+        if leaving < 0:
+            break
+        divisor = tableau[leaving, entering]
+        for j in range(last + 1):
+            tableau[leaving, j] /= divisor
+        for i in range(m + 1):
+            factor = tableau[i, entering]
+            if i != leaving and factor != 0.0:
+                for j in range(last + 1):
+                    tableau[i, j] -= factor * tableau[leaving, j]
+        basis[leaving] = entering
+    total_row, total_column = 0.0, 0.0
+    for i in range(m):
+        row[i] = max(tableau[m, n + i], 0.0)
+        total_row += row[i]
+        if basis[i] < n:
+            column[basis[i]] = max(tableau[i, last], 0.0)
+            total_column += column[basis[i]]
+    for i in range(m):
+        row[i] /= total_row
+    for j in range(n):
+        column[j] /= total_column
+    return (1.0 / tableau[m, last] - 1.0) * span + lowest, upper - lower
+
+
+@allocating
+def sweep_games(
+    values: Any,
+    target: Any,
+    store: Store,
+    rows: Any,
+    discount: float,
+    least_mixed: float,
+    chances: Any,
+    mixed: Any,
+    first: int,
+    last: int,
+) -> Any:
+    """One sweep of Shapley's iteration (1953) over the states from `first` to `last` - 1.
+
+    target = the value of the matrix game over what is paid at once and `discount` * the values of
+    the next states.
+
+    Args:
+        values, target: [states] float64.
+        store: what follows each state, the options of the row player counting slowest.
+        rows: [states] int64, the options of the row player.
+        least_mixed: difference of minimax and maximin above which there is no pure saddle point.
+        chances: [pairs] float64, written: the chance of each pair of options.
+        mixed: [states] bool, written: whether there is no pure saddle point.
+
+    Returns:
+        The largest change.
+    """
+    most_rows, most_columns = 1, 1
+    for state in range(first, last):
+        most_rows = max(most_rows, rows[state])
+        most_columns = max(most_columns, store.shape[state, 0] // rows[state])
+    payoffs = np.empty((most_rows, most_columns))
+    tableau = np.empty((most_rows + 1, most_columns + most_rows + 1))
+    basis = np.empty(most_rows, dtype=np.int64)
+    row, column = np.empty(most_rows), np.empty(most_columns)
+    change = 0.0
+    for state in range(first, last):
+        m, pair, edge = rows[state], store.pairs[state], store.edges[state]
+        n = store.shape[state, 0] // m
+        if n == 0:
+            continue
+        for i in range(m):
+            for j in range(n):
+                after = store.following[pair + i * n + j]
+                payoffs[i, j] = store.sides[edge + i * n + j]
+                if after >= 0:
+                    payoffs[i, j] += discount * values[after]
+        value, apart = solve_matrix(payoffs[:m, :n], tableau, basis, row[:m], column[:n])
+        change = max(change, abs(value - values[state]))
+        target[state], mixed[state] = value, apart > least_mixed
+        for i in range(m):
+            for j in range(n):
+                chances[pair + i * n + j] = row[i] * column[j]
+    return change
+
+
+@compiled
+def fill_strategies(store: Store, chances: Any, rows: Any, columns: Any) -> None:
+    """Fill what both play, `rows` and `columns` [states, actions], from the `chances` of pairs."""
+    for state in range(rows.shape[0]):
+        pair, edge = store.pairs[state], store.edges[state]
+        for at in range(store.shape[state, 0]):
+            joint = np.int64(store.joints[edge + at])
+            rows[state, joint // columns.shape[1]] += chances[pair + at]
+            columns[state, joint % columns.shape[1]] += chances[pair + at]

@@ -1,0 +1,89 @@
+"""How much everybody could gain by playing otherwise, in any small game: NashConv, exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pursuit.tasks.task import Task, checked_task
+from pursuit.validation import one_of, truth
+from scripted_agents.joint.opponents import Policies
+from scripted_agents.joint.solver import evaluate_joint, solve_joint
+from scripted_agents.joint.states import MAX_STATES
+
+
+@dataclass(frozen=True)
+class JointNashConv:
+    """What `joint_nash_conv` found, in returns or leads: means over the starts that are drawn.
+
+    Attributes:
+        returns: by player, what it is paid when all play the policies.
+        best: by player, the most that it can be paid while the others play them.
+    """
+
+    returns: dict[str, float]
+    best: dict[str, float]
+
+    @property
+    def gains(self) -> dict[str, float]:
+        """By player, what it could gain; 0 for all of them in a Nash equilibrium."""
+        return {player: self.best[player] - paid for player, paid in self.returns.items()}
+
+    @property
+    def nash_conv(self) -> float:
+        """The sum of the gains (Lanctot et al., 2017)."""
+        return sum(self.gains.values())
+
+
+def joint_nash_conv(
+    task: Task,
+    policies: Policies,
+    horizon: int | None = 200,
+    discount: float = 1.0,
+    sides: bool = False,
+    objective: Literal["return", "lead"] = "return",
+    most_states: int = MAX_STATES,
+) -> JointNashConv:
+    """What every player's best response gains against the policies of all others, exactly.
+
+    Defined for any number of players and whatever they are paid (no zero sum is needed): in a race
+    every runner is a player. Arguments and errors are those of `solve_joint`; policies must be
+    stationary.
+
+    Args:
+        task: any game in one maze.
+        policies: of all seats, by agent name or role.
+        horizon: the number of steps after which the game is cut, or None.
+        discount: what a step counts in terms of the one before it.
+        sides: whether all agents of a role are one player, paid together; chasers that are paid
+            `per_evader`, so all alike, as one of them. So `zero_sum` is zero-sum between two sides,
+            and for one evader NashConv is that of `train.evaluation.team_exploitability`.
+        objective: what players are after, as in `solve_joint`; with "lead" a race of two is
+            zero-sum, and both numbers are those of `solve_joint_game`.
+        most_states: above this number of states the game is refused.
+    """
+    task = checked_task(task)
+    players: dict[str, list[str]] = {}
+    for name, role in zip(task.agent_names, task.seat_roles, strict=True):
+        players.setdefault(role if truth("sides", sides) else name, []).append(name)
+    one_of("objective", objective, ("return", "lead"))
+    paid_as_one = sides and objective == "return" and task.role_rewards["chaser"].per_evader
+    weights = {
+        player: 1.0 / len(names) if paid_as_one and player == "chaser" else 1.0
+        for player, names in players.items()
+    }
+    best = {
+        player: weights[player]
+        * solve_joint(
+            task, names, policies, horizon, discount, objective, most_states
+        ).mean_over_starts
+        for player, names in players.items()
+    }
+    paid = evaluate_joint(task, policies, horizon, discount, None, most_states).returns
+    returns = {
+        player: weights[player] * sum(paid[name] for name in names)
+        for player, names in players.items()
+    }
+    if objective == "lead":
+        returns = {player: 2.0 * own - sum(paid.values()) for player, own in returns.items()}
+    return JointNashConv(returns, best)

@@ -1,0 +1,166 @@
+"""What the agents that decide nothing do in every state of a game, as the kernels take it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pursuit.rules.layout import Games
+from pursuit.simulator.policy import DistributionPolicy, MemoryPolicy, Policy
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import Task
+from scripted_agents.agents.scripted import Scripted, number_of_moves, rows_of_moves
+from scripted_agents.agents.table_policy import TablePolicy
+from scripted_agents.joint.policy import JointPlan
+from scripted_agents.joint.states import JointStates
+
+TOLERANCE = 1e-4
+"""By how much a distribution's sum may differ from 1, which a network's does."""
+
+Policies = Mapping[str, Policy | ArrayLike]
+
+
+class Others(NamedTuple):
+    """How the other seats play.
+
+    Attributes:
+        players: the seats of each player: one, or several whose actions are drawn together.
+        codes: [players, states] uint32, where in `rows` what a player does in a state begins.
+        rows: float64, distributions over the joint actions of a player, one after the other.
+    """
+
+    players: list[tuple[int, ...]]
+    codes: NDArray[np.uint32]
+    rows: NDArray[np.float64]
+
+
+def policies_of(
+    task: Task, seats: Sequence[int], policies: Policies
+) -> dict[int, DistributionPolicy]:
+    """Who fills these seats, by seat: policies that say how likely each action is.
+
+    Args:
+        task: the game.
+        seats: to be filled.
+        policies: by agent name or role, a name goes first; a table [self cell, other cell, action]
+            is that of a `TablePolicy`.
+
+    Raises:
+        ValueError: nobody fills a seat; a policy that has no distribution, that remembers, that
+            sees less than all (its distribution is no function of the state).
+    """
+    found: dict[int, DistributionPolicy] = {}
+    for seat in seats:
+        name = task.agent_names[seat]
+        policy = policies.get(name, policies.get(task.seat_roles[seat]))
+        if policy is None:
+            raise ValueError(f"nobody fills the seat of {name}; add policies={{{name!r}: ...}}")
+        if not hasattr(policy, "act"):
+            policy = TablePolicy(task.mazes[0], policy)
+        if isinstance(policy, MemoryPolicy) or not isinstance(policy, DistributionPolicy):
+            raise ValueError(
+                f"{policy!r} in the seat of {name} has no distribution(task, games, seat); only "
+                "policies that say how likely each action is in every state can be answered exactly"
+            )
+        if isinstance(policy, JointPlan) and len(policy.choices) > 1:
+            raise ValueError(
+                f"{policy!r} in the seat of {name} does something else at every step; take one "
+                "that was solved with horizon=None"
+            )
+        found[seat] = policy
+    return found
+
+
+def why_no_distribution(task: Task, seats: Sequence[int], policies: Policies) -> str | None:
+    """What is in the way of knowing how these seats play in every state; None for nothing."""
+    try:
+        games = Simulator(task).games
+        for seat, policy in policies_of(task, seats, policies).items():
+            if isinstance(policy, Scripted):
+                policy.moves(task, games, seat)
+            else:
+                policy.distribution(task, games, seat)
+    except ValueError as refused:
+        return str(refused)
+    return None
+
+
+def players_of(policies: Mapping[int, DistributionPolicy]) -> list[tuple[int, ...]]:
+    """The seats of each player: those of one policy that draws their actions together are one."""
+    found: dict[int, list[int]] = {}
+    for seat, policy in policies.items():
+        together = hasattr(policy, "joint_distribution")
+        found.setdefault(id(policy) if together else -seat - 1, []).append(seat)
+    return [tuple(seats) for seats in found.values()]
+
+
+def bytes_of_others(task: Task, policies: Mapping[int, DistributionPolicy]) -> int:
+    """The memory that the play of these policies takes for each state."""
+    players = players_of(policies)
+    dense = [seats for seats in players if not isinstance(policies[seats[0]], Scripted)]
+    return 4 * len(players) + sum(16 * task.num_actions ** len(seats) for seats in dense)
+
+
+def lay_out_others(states: JointStates, policies: Mapping[int, DistributionPolicy]) -> Others:
+    """Ask everybody who fills one of these seats for what it plays in every state.
+
+    Raises:
+        ValueError: what a policy raises; rows that are no distributions.
+    """
+    task, players = states.task, players_of(policies)
+    codes = np.zeros((len(players), states.count), dtype=np.uint32)
+    rows: list[NDArray[np.float64]] = [np.zeros(0)]
+    begins = 0
+    for number, seats in enumerate(players):
+        policy, width = policies[seats[0]], task.num_actions ** len(seats)
+        if isinstance(policy, Scripted):
+            rows.append(rows_of_moves(policy.epsilon, task.num_actions).ravel())
+        for first, games, real in states.chunks():
+            some = slice(first, first + len(real))
+            if isinstance(policy, Scripted):
+                moves = policy.moves(task, games, seats[0])
+                codes[number, some] = begins + width * number_of_moves(moves)
+                continue
+            playing = real & (games.active[:, seats] != 0).any(axis=1)
+            found = _checked(_drawn_by(policy, task, games, seats), playing, task, seats, policy)
+            rows.append(found.ravel())
+            codes[number, some] = begins + width * np.arange(first, first + len(real))
+        begins = sum(map(len, rows))
+    return Others(players, codes, np.concatenate(rows))
+
+
+def _drawn_by(policy: Any, task: Task, games: Games, seats: tuple[int, ...]) -> NDArray[np.float64]:
+    """[games, joint actions] float64, what a policy plays in some of its seats."""
+    if len(seats) == 1:
+        return np.asarray(policy.distribution(task, games, seats[0]), dtype=np.float64)
+    role = task.seat_roles[seats[0]]
+    team = [seat for seat, other in enumerate(task.seat_roles) if other == role]
+    joint = policy.joint_distribution(task, games).reshape(-1, *(task.num_actions,) * len(team))
+    others = tuple(axis for axis, seat in enumerate(team, start=1) if seat not in seats)
+    return np.asarray(joint.sum(axis=others).reshape(len(joint), -1), dtype=np.float64)
+
+
+def _checked(
+    found: NDArray[np.float64],
+    playing: NDArray[np.bool_],
+    task: Task,
+    seats: tuple[int, ...],
+    policy: DistributionPolicy,
+) -> NDArray[np.float64]:
+    """[games, joint actions] rows that sum to 1, whatever was rounded; others than `playing` count
+    not.
+
+    Raises:
+        ValueError: no distribution.
+    """
+    total = found.sum(axis=1, keepdims=True)
+    fine = (np.abs(total[:, 0] - 1.0) < TOLERANCE) & (found >= 0.0).all(axis=1)
+    if found.shape[1] != task.num_actions ** len(seats) or not fine[playing].all():
+        raise ValueError(
+            f"{policy!r} in the seat of {task.agent_names[seats[0]]} gives no distribution over "
+            f"the {task.num_actions} actions in some state; rows are non-negative and sum to 1"
+        )
+    return np.asarray(found / np.where(total > 0.0, total, 1.0))

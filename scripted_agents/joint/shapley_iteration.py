@@ -1,0 +1,193 @@
+"""Shapley's iteration over all states of a zero-sum game, with exact steps of policy evaluation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, csr_array, eye_array
+from scipy.sparse.linalg import splu
+
+from scripted_agents.joint.matrix_games import fill_strategies, sweep_games
+from scripted_agents.joint.opponents import Others
+from scripted_agents.joint.states import JointStates
+from scripted_agents.joint.sweeps import Problem, Quantity, filled_store, ways_of
+
+TOLERANCE = 1e-10
+"""How exact the values are, relative to the largest, where floats allow it."""
+
+SPACINGS = 8
+"""Changes below this many spacings of floats at the largest value are rounding."""
+
+MIXED = 1e-7
+"""Difference in value above which optimal play must be random; the values are that exact."""
+
+MAX_SWEEPS = 100_000
+
+STATES_A_REPORT = 20_000
+"""States between two reports: some tenths of a second."""
+
+Values = NDArray[np.float64]
+Report = Callable[[float], None]
+"""Told the share of the work that is done, in [0, 1]."""
+
+
+def silent(share: float) -> None:
+    """Report nothing."""
+
+
+class StochasticGame:
+    """A zero-sum game of all agents, and what both sides play in it so far.
+
+    The row player is one agent, the column player all others, as one; they choose at once.
+
+    Args:
+        states: of the game.
+        seats: of all agents, the row player first.
+        paid: what the column player pays the row player.
+        discount: of each step.
+        twins: [states] int64, the state that stands for each: one that is the same but for the
+            names of agents. Only these are looked at.
+        report: told how far it is.
+
+    Attributes:
+        mixed: [states] bool, whether there is no pure saddle point; of the last sweep.
+        share: of the work done before the sweep that is going on, and after it, for the reports.
+
+    Raises:
+        ValueError: a game that does not fit into memory.
+    """
+
+    def __init__(
+        self,
+        states: JointStates,
+        seats: tuple[int, ...],
+        paid: Quantity,
+        discount: float,
+        twins: NDArray[np.int64] | None = None,
+        report: Report = silent,
+    ) -> None:
+        task, self.count, self.discount = states.task, states.count, discount
+        self.report, self.share = report, (0.0, 0.0)
+        nobody = Others([], np.zeros((0, self.count), dtype=np.uint32), np.zeros(0))
+        wanted = np.ones(self.count, dtype=bool)
+        if twins is not None:
+            wanted = twins == np.arange(self.count)
+        problem = Problem(states, seats, nobody, (paid,), moves_first=False)
+        self.store = filled_store(problem, wanted)
+        following = self.store.following
+        if twins is not None:
+            following[:] = np.where(following < 0, -1, twins[following])
+        self.rows = np.concatenate(
+            [ways_of(task)[games.position[:, seats[0]]] for _, games, _ in states.chunks()]
+        )
+        self.playing = self.store.shape[:, 0] > 0
+        self.mixed = np.zeros(self.count, dtype=bool)
+        self._chances = np.zeros(len(following))
+        self._options = task.num_actions, task.num_actions ** (task.num_agents - 1)
+        # What every step pays, whatever is done in it; None where that differs.
+        self._step_pay = None if any(paid.paid) or paid.ending else float(any(paid.lasting))
+
+    def sweep(self, values: Values) -> tuple[Values, float]:
+        """The values one step further back, and the largest change; sets what both play."""
+        target = np.zeros(self.count)
+        least_mixed = max(MIXED, SPACINGS * 10 * float(np.spacing(np.abs(values).max())))
+        change = 0.0
+        for first in range(0, self.count, STATES_A_REPORT):
+            last = min(first + STATES_A_REPORT, self.count)
+            found = sweep_games(
+                values, target, self.store, self.rows, self.discount, least_mixed, self._chances,
+                self.mixed, first, last,
+            )  # fmt: skip
+            change = max(change, float(found))
+            done = last / self.count
+            self.report((1.0 - done) * self.share[0] + done * self.share[1])
+        return target, change
+
+    def evaluated(self) -> Values:
+        """The values of what both play as it is, by a sparse linear solve."""
+        ends = self.store.following < 0
+        columns = np.where(ends, 0, self.store.following)
+        shape, starts = (self.count, self.count), self.store.pairs.astype(np.int32)
+        following = csr_array((np.where(ends, 0.0, self._chances), columns, starts), shape)
+        following.eliminate_zeros()
+        going, values = self.playing.copy(), np.zeros(self.count)
+        if self._step_pay is None:
+            shift = self.store.edges[:-1] - self.store.pairs[:-1]
+            sides = np.arange(len(self._chances)) + np.repeat(shift, np.diff(self.store.pairs))
+            gains = self._chances * self.store.sides[sides]
+            paid = csr_array((gains, columns, self.store.pairs), shape).sum(axis=1)
+        else:
+            paid = np.full(self.count, self._step_pay)
+            # Where the game never ends every step is paid, exactly; a solve would lose digits.
+            values[going] = self._step_pay / (1.0 - self.discount)
+            going &= following.sum(axis=1) < 1.0 - 1e-9
+            count, before = int(going.sum()), 0
+            while count > before:
+                going |= following @ going > 0.0
+                count, before = int(going.sum()), count
+        some = np.flatnonzero(going)
+        if len(some):
+            within = following[some]
+            system = eye_array(len(some)) - self.discount * within[:, some]
+            right = paid[some] + self.discount * (within @ np.where(going, 0.0, values))
+            values[some] = splu(csc_array(system)).solve(right)
+        return values
+
+    def strategies(self) -> tuple[Values, Values]:
+        """[states, actions] of the row player and [states, joint actions] of the column player; 0
+        in states that are not looked at."""
+        rows, columns = (np.zeros((self.count, many)) for many in self._options)
+        fill_strategies(self.store, self._chances, rows, columns)
+        return rows, columns
+
+
+def solve_steps(game: StochasticGame, horizon: int) -> tuple[Values, int]:
+    """Backward induction over `horizon` steps, or until nothing changes: values, and sweeps."""
+    values = np.zeros(game.count)
+    for sweeps in range(1, horizon + 1):
+        game.share = (sweeps - 1) / horizon, sweeps / horizon
+        values, change = game.sweep(values)
+        if change == 0.0:
+            break
+    return values, sweeps
+
+
+def solve_for_ever(game: StochasticGame) -> tuple[Values, int]:
+    """The game without an end: its values, and the sweeps it took.
+
+    Shapley's map shrinks differences by the discount. Evaluating the two policies that a sweep
+    found is Newton's method (Pollatschek and Avi-Itzhak, 1969): a few sweeps where it works, but it
+    may circle. So its result is kept only where the next change is smaller than without it.
+
+    Raises:
+        ValueError: no convergence within MAX_SWEEPS.
+    """
+    discount = game.discount
+    values = plain = np.zeros(game.count)
+    bound, jumped, largest_change = np.inf, False, 1.0
+    for sweeps in range(1, MAX_SWEEPS):
+        following, change = game.sweep(values)
+        if jumped and change > discount * bound:
+            values, jumped = plain, False
+            continue
+        largest = max(1.0, float(np.abs(following).max()))
+        smallest = max(
+            TOLERANCE * largest * (1.0 - discount) / discount,
+            SPACINGS * float(np.spacing(largest)),
+        )
+        if change <= smallest:
+            return following, sweeps
+        largest_change = max(largest_change, change)
+        span = np.log(largest_change / smallest)
+        game.share = (
+            game.share[1],
+            max(game.share[1], float(np.log(largest_change / change) / span)),
+        )
+        plain, bound, jumped = following, change, True
+        values = game.evaluated()
+    raise ValueError(
+        f"no convergence within {MAX_SWEEPS} sweeps at discount {discount}; take a smaller one, or "
+        "a horizon"
+    )

@@ -1,0 +1,332 @@
+"""Any small game, exactly: best responses of a seat or a team, and the values of given policies.
+
+The states of the whole game are numbered in `joint_states`; transitions and payments are those of
+the rule book's own step. So chases with teams, several evaders, races and heists are solved alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.rules.layout import Games
+from pursuit.tasks.task import Task, checked_task
+from pursuit.validation import number, one_of, whole
+from scripted_agents.joint.opponents import (
+    Policies,
+    bytes_of_others,
+    lay_out_others,
+    policies_of,
+)
+from scripted_agents.joint.policy import JointPlan
+from scripted_agents.joint.states import (
+    MAX_STATES,
+    JointStates,
+    check_joint_states,
+    joint_states_of,
+)
+from scripted_agents.joint.sweeps import MAX_SWEEPS, Problem, Quantity, Sweeper
+
+MAX_PLAN_BYTES = 5 * 10**8
+"""Bound on a plan for every step; above it the plan of the first step is played throughout."""
+
+Objective = Literal["steps", "return", "lead"]
+OBJECTIVES = ("steps", "return", "lead")
+
+
+@dataclass(frozen=True, eq=False)
+class JointResponse:
+    """What `solve_joint` found.
+
+    Attributes:
+        agents: the names of those who respond, moving as one.
+        objective: "steps", "return" or "lead".
+        states: of the game; `states.numbers(games)` says which of them games stand in.
+        values: [states] float64, what is to come from each state on: expected steps until the game
+            is over (or none of those who respond is free), the last included, or what they are paid
+            together; cut at the horizon. With a discount the step t = 0, 1, ... counts discount**t.
+            0 in states that cannot stand between two steps.
+        mean_over_starts: the mean of `values` over the starts that the task draws.
+        policy: a `Policy` for the seats of `agents`.
+        reaches_values: whether the policy reaches the values exactly; False where a plan for every
+            step does not fit into MAX_PLAN_BYTES, and that of the first step is played throughout.
+        horizon, discount: of the problem.
+    """
+
+    agents: tuple[str, ...]
+    objective: str
+    states: JointStates = field(repr=False)
+    values: NDArray[np.float64] = field(repr=False)
+    mean_over_starts: float
+    policy: JointPlan = field(repr=False)
+    reaches_values: bool
+    horizon: int | None
+    discount: float
+
+    def values_of(self, games: Games) -> NDArray[np.float64]:
+        """[games] float64, the values of games of the task, such as `Simulator.games`; 0 of those
+        that are over."""
+        numbers = self.states.numbers(games)
+        return np.where(numbers < 0, 0.0, self.values[np.maximum(numbers, 0)])
+
+
+@dataclass(frozen=True, eq=False)
+class JointValues:
+    """What `evaluate_joint` found: quantities with a discount and a horizon as `JointResponse` has.
+
+    Attributes:
+        states: of the game.
+        length: the mean over starts of the steps until the game is over.
+        ended: the mean chance that the rules end it within the horizon (discounted by its step).
+        steps: by agent, the mean steps until it is captured or the game is over.
+        returns: by agent, the mean of what it is paid; empty where a function pays.
+        values: [states] float64 of each of "length", "ended", "steps of NAME", "return of NAME".
+    """
+
+    states: JointStates = field(repr=False)
+    length: float
+    ended: float
+    steps: dict[str, float]
+    returns: dict[str, float]
+    values: dict[str, NDArray[np.float64]] = field(repr=False)
+
+
+def solve_joint(
+    task: Task,
+    agents: str | Sequence[str],
+    policies: Policies,
+    horizon: int | None = 200,
+    discount: float = 1.0,
+    objective: Objective = "steps",
+    most_states: int = MAX_STATES,
+) -> JointResponse:
+    """The best that an agent, or several that move as one, can do against fixed policies.
+
+    Against fixed policies a game is a Markov decision process over its states. Solved by backward
+    induction over `horizon` steps; or with `horizon=None` by value iteration for the problem
+    without an end, to a relative error of about 1e-9. Bellman (1957); Puterman (1994).
+
+    Args:
+        task: any game in one maze.
+        agents: a role (all its agents), a name, or several names.
+        policies: of everybody else, by agent name or role (a name goes first): policies with a
+            `distribution`, or tables [self cell, other cell, action].
+        horizon: the number of steps after which the game is cut, or None.
+        discount: what a step counts in terms of the one before it; above 0 and at most 1.
+        objective: "return": as much as `agents` can be paid together, by the rewards of the task;
+            "lead": that less what all others are paid;
+            "steps": as few steps as possible until the game is over, or as many for evaders, until
+            none of these is free.
+        most_states: above this number of states the game is refused.
+
+    Raises:
+        ValueError: arguments outside these limits; a policy that is missing, or has no known
+            distribution; more states, or bytes, than are solved; "steps" for evaders that collect
+            goals (to be caught is quickest), for whoever hunts those, or for a team of evaders and
+            others; "return" and "lead" where a user's function pays; a problem without an end or
+            discount, in which the end can be put off for ever.
+    """
+    task, seats = checked_task(task), _seats_of(task, agents)
+    one_of("objective", objective, OBJECTIVES)
+    _check(horizon, discount)
+    if task.num_actions ** len(seats) > np.iinfo(np.int16).max:
+        raise ValueError(
+            f"{len(seats)} agents as one have {task.num_actions ** len(seats):,} joint actions; at "
+            f"most {np.iinfo(np.int16).max:,} are solved: name fewer agents"
+        )
+    sign = _sign(task, seats, objective)
+    fixed = tuple(seat for seat in range(task.num_agents) if seat not in seats)
+    filled = policies_of(task, fixed, policies)
+    check_joint_states(task, most_states, 16 + 2 + bytes_of_others(task, filled))
+    states = joint_states_of(task)
+    others = lay_out_others(states, filled)
+    counts = [int(seat in seats) for seat in range(task.num_agents)]
+    nothing = [0] * task.num_agents
+    lead = [1 if count else -1 if objective == "lead" else 0 for count in counts]
+    what = Quantity(nothing, counts) if objective == "steps" else Quantity(lead, nothing)
+    problem = Problem(states, seats, others, (what,), sign, discount)
+    if horizon is None and discount == 1.0:
+        _check_end(problem, for_all=sign < 0.0)
+    values, choices, exact = _solve(problem, horizon, keep=True)
+    mean = float(states.mean_over_starts(values)[0])
+    names = tuple(task.agent_names[seat] for seat in seats)
+    plan = JointPlan(states, seats, choices)
+    return JointResponse(
+        names, objective, states, values[:, 0], mean, plan, exact, horizon, discount
+    )
+
+
+def evaluate_joint(
+    task: Task,
+    policies: Policies,
+    horizon: int | None = 200,
+    discount: float = 1.0,
+    agents: str | Sequence[str] | None = None,
+    most_states: int = MAX_STATES,
+) -> JointValues:
+    """What everybody achieves, in steps and payments, when all seats play `policies`.
+
+    Arguments and errors as of `solve_joint`; `agents` are those whose steps and returns are worth
+    knowing, all by default. Each takes 32 bytes a state.
+    """
+    task = checked_task(task)
+    seats = tuple(range(task.num_agents)) if agents is None else _seats_of(task, agents)
+    unit, nothing = np.eye(task.num_agents, dtype=np.int64).tolist(), [0] * task.num_agents
+    wanted = lengths_of(task)
+    for seat in seats:
+        wanted[f"steps of {task.agent_names[seat]}"] = Quantity(nothing, unit[seat])
+        if task.reward_function is None:
+            wanted[f"return of {task.agent_names[seat]}"] = Quantity(unit[seat], nothing)
+    states, values = quantities_of(task, policies, wanted, horizon, discount, most_states)
+    means = dict(zip(wanted, states.mean_over_starts(values).tolist(), strict=True))
+    names = [task.agent_names[seat] for seat in seats]
+    paid = {f"return of {name}": name for name in names if f"return of {name}" in means}
+    return JointValues(
+        states,
+        means["length"],
+        means["ended"],
+        {name: means[f"steps of {name}"] for name in names},
+        {name: means[key] for key, name in paid.items()},
+        {key: values[:, at] for at, key in enumerate(wanted)},
+    )
+
+
+def lengths_of(task: Task) -> dict[str, Quantity]:
+    """The steps until the game is over, and whether the rules end it."""
+    nothing = [0] * task.num_agents
+    return {
+        "length": Quantity(nothing, [1] * task.num_agents),
+        "ended": Quantity(nothing, nothing, 1.0),
+    }
+
+
+def quantities_of(
+    task: Task,
+    policies: Policies,
+    wanted: Mapping[str, Quantity],
+    horizon: int | None,
+    discount: float,
+    most_states: int = MAX_STATES,
+) -> tuple[JointStates, NDArray[np.float64]]:
+    """The states of a game, and [states, quantities] what is expected when all play `policies`."""
+    _check(horizon, discount)
+    filled = policies_of(task, range(task.num_agents), policies)
+    each = 16 * len(wanted) + 2 + bytes_of_others(task, filled)
+    check_joint_states(task, most_states, each)
+    states = joint_states_of(task)
+    others = lay_out_others(states, filled)
+    problem = Problem(states, (), others, tuple(wanted.values()), 1.0, discount)
+    if horizon is None and discount == 1.0:
+        _check_end(problem, for_all=True)
+    values, _, _ = _solve(problem, horizon, keep=False)
+    return states, values
+
+
+# -- solving ---------------------------------------------------------------------------------------
+
+
+def _solve(
+    problem: Problem, horizon: int | None, keep: bool
+) -> tuple[NDArray[np.float64], NDArray[np.integer], bool]:
+    """Values [states, quantities], choices [steps, states], and whether those are of all steps."""
+    states, decide = problem.states, problem.states.task.num_actions ** len(problem.deciding)
+    values = np.zeros((states.count, len(problem.quantities)))
+    choice = np.zeros(states.count, dtype=np.int16)
+    small: Any = np.uint8 if decide <= 256 else np.int16
+    with Sweeper(problem, values, choice) as sweeper:
+        if horizon is None:
+            if not sweeper.settle():
+                raise ValueError(
+                    f"value iteration has not converged after {MAX_SWEEPS} sweeps: the end of the "
+                    "game is too rare; give a horizon, or a smaller discount"
+                )
+            return values, choice.astype(small)[None], True
+        plan: list[NDArray[np.integer]] = []
+        room = MAX_PLAN_BYTES // np.dtype(small).itemsize // states.count
+        before = 0
+        for before in sweeper.steps(horizon):
+            if keep and before <= room:
+                plan.append(choice.astype(small))
+        if before > room or not keep:
+            return sweeper.values, choice.astype(small)[None], False
+        if horizon > room:  # the last steps alone would be played too soon
+            return sweeper.values, plan[-1][None], False
+        # Where nothing changes any more, earlier steps are as the first that was looked at.
+        steps = np.stack([*[plan[-1]] * (horizon - before), *plan[::-1]])
+        return sweeper.values, steps, True
+
+
+def _check_end(problem: Problem, for_all: bool) -> None:
+    """Raise unless the game ends from every state, whatever those who decide do, or by what they
+    can do: then it is expected to, in a finite game."""
+    states, task = problem.states, problem.states.task
+    ending = Quantity([0] * task.num_agents, [0] * task.num_agents, 1.0)
+    sign = 1.0 if for_all else -1.0
+    question = Problem(states, problem.deciding, problem.others, (ending,), sign, only_whether=True)
+    over = np.zeros(states.count, dtype=bool)
+    offsets = states.numbering.offsets
+    for group, mask in enumerate(states.numbering.masks.tolist()):  # nobody who counts is free
+        if not problem.counts(mask):
+            over[offsets[group] : offsets[group + 1]] = True
+    values = over.astype(np.float64)[:, None]
+    with Sweeper(question, values, np.zeros(states.count, dtype=np.int16)) as sweeper:
+        sweeper.settle()
+    for first, games, real in states.chunks():
+        stuck = real & (values[first : first + len(real), 0] == 0.0)
+        if stuck.any():
+            where = int(np.argmax(stuck))
+            raise ValueError(
+                f"task {task.name!r} on {task.mazes[0].name}: the end of the game can be put off "
+                "for ever, so what is expected is infinite (first from the cells "
+                f"{games.position[where].tolist()} and goals {games.goal[where].tolist()}); give a "
+                "horizon, or a discount below 1"
+            )
+
+
+# -- what is asked ---------------------------------------------------------------------------------
+
+
+def _check(horizon: int | None, discount: float) -> None:
+    if horizon is not None:
+        whole("horizon", horizon, 1)
+    if not 0.0 < number("discount", discount) <= 1.0:
+        raise ValueError(f"discount {discount}; it lies above 0 and is at most 1")
+
+
+def _seats_of(task: Task, agents: str | Sequence[str]) -> tuple[int, ...]:
+    """The seats of a role, of an agent, or of several, in order."""
+    if isinstance(agents, str):
+        if agents in task.seat_roles:
+            return tuple(s for s, role in enumerate(task.seat_roles) if role == agents)
+        agents = [agents]
+    seats = sorted({task.seat(agent) for agent in agents})
+    if not seats:
+        raise ValueError("agents=(); name who responds: a role, an agent, or several")
+    return tuple(seats)
+
+
+def _sign(task: Task, seats: tuple[int, ...], objective: Objective) -> float:
+    """1 to make as little as possible of what is summed up, -1 to make as much."""
+    if objective != "steps":
+        if task.reward_function is not None:
+            raise ValueError(
+                f"task {task.name!r} is paid by a function; what the rule book pays alone is "
+                "known exactly: take objective='steps', or rewards by coefficients"
+            )
+        return -1.0
+    roles = {task.seat_roles[seat] for seat in seats}
+    if task.num_goals and task.num_evaders:
+        raise ValueError(
+            f"objective='steps' in task {task.name!r}: evaders collect goals, and a game ends by "
+            "a capture as by the last goal, so few steps are no aim; take objective='return'"
+        )
+    if "evader" in roles and len(roles) > 1:
+        raise ValueError(
+            f"objective='steps' for {', '.join(sorted(roles))} as one: evaders want many steps and "
+            "the others few; take objective='return'"
+        )
+    return -1.0 if "evader" in roles else 1.0

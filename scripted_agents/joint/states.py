@@ -1,0 +1,226 @@
+"""The states of a game as a whole: how many there are, their numbers, and which of them are starts.
+
+A *state* is all that the rest of a game depends on: who is still free, the cells of all free
+agents, and the cells that hold goals. By whom goals were collected is no part of it: it changes
+nothing of what comes. How states are numbered stands in `joint_kernels`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.mazes.maze import MAX_TABLE_CELLS
+from pursuit.memory import check_memory
+from pursuit.rules import layout
+from pursuit.rules.layout import Games
+from pursuit.tasks.task import Task
+from scripted_agents.joint.kernels import fill_games, fill_numbers
+from scripted_agents.joint.layout import Numbering
+
+MAX_STATES = 10**8
+"""Above this number of states a game is not solved."""
+
+MAX_BYTES = 8 * 10**9
+"""Nor above this much memory."""
+
+AT_ONCE = 65_536
+"""States that are looked at in one pass, where all at once would not fit into memory."""
+
+REMEDY = "take a smaller maze, fewer agents or fewer goals, or play episodes"
+
+
+def count_joint_states(task: Task) -> int:
+    """How many states a task has, counted without making any.
+
+    The sum over the sets of free evaders (one at least, where there are evaders) of n to the number
+    of free agents, times the sets of 1 to `num_goals` of the n cells (1 where there are no goals).
+
+    Raises:
+        ValueError: the task is played in several mazes.
+    """
+    if len(task.mazes) > 1:
+        raise ValueError(
+            f"task {task.name!r} is played in {len(task.mazes)} mazes; states are counted and "
+            "solved in one: give one maze"
+        )
+    cells, evaders = task.max_cells, task.num_evaders
+    others = task.num_chasers + task.num_runners
+    places = sum(
+        comb(evaders, free) * cells ** (others + free)
+        for free in range(min(evaders, 1), evaders + 1)
+    )
+    sets = sum(comb(cells, left) for left in range(1, task.num_goals + 1))
+    return places * (sets if task.num_goals else 1)
+
+
+def check_joint_states(task: Task, most: int = MAX_STATES, each: int = 0) -> int:
+    """The number of states of a task, if it is not too large to be solved.
+
+    Args:
+        task: the game.
+        most: states that are solved.
+        each: bytes that a state takes.
+
+    Raises:
+        ValueError: more states than `most`, more memory than MAX_BYTES or than is free, or a task
+            that has no states (`count_joint_states`).
+    """
+    states = count_joint_states(task)
+    told = (
+        f"task {task.name!r} on {task.mazes[0].name}: {states:,} states ({task.max_cells} cells, "
+        f"{task.num_agents} agents, {task.num_goals} goals)"
+    )
+    if states > most:
+        raise ValueError(f"{told}; at most {most:,} are solved: {REMEDY}")
+    if task.max_cells > MAX_TABLE_CELLS:
+        raise ValueError(f"{told}; mazes are solved up to {MAX_TABLE_CELLS} cells: {REMEDY}")
+    sets = sum(comb(task.max_cells, left) for left in range(1, task.num_goals + 1))
+    needed = states * each + 4 * sets * task.num_goals
+    check_memory(told, needed, REMEDY, MAX_BYTES)
+    return states
+
+
+@dataclass(frozen=True, eq=False)
+class JointStates:
+    """The states of a task in one maze, by number; see `joint_states_of`.
+
+    Attributes:
+        task: the game.
+        count: how many states there are.
+        numbering: their groups (who is free) and sets (which cells hold goals), for kernels.
+    """
+
+    task: Task
+    count: int
+    numbering: Numbering = field(repr=False)
+
+    def games(self, first: int, count: int) -> tuple[Games, NDArray[np.bool_]]:
+        """Games that stand in the states from `first` on, none of which was ever played.
+
+        Goals are in the order of their cells, absent ones last; captured evaders stand where the
+        first chaser does.
+
+        Returns:
+            The games, and [count] bool: whether a state can stand between two steps at all. In no
+            game a chaser stands on a free evader, or somebody who collects goals on one.
+        """
+        task = self.task
+        games = layout.empty_games(count, task.num_agents, task.num_goals)
+        real = np.zeros(count, dtype=np.bool_)
+        fill_games(games, task.teams, task.max_cells, self.numbering, first, real)
+        return games, real
+
+    def numbers(self, games: Games) -> NDArray[np.int64]:
+        """[games] int64, the states of any games of the task; -1 for one that is over."""
+        numbers = np.empty(len(games.steps), dtype=np.int64)
+        contiguous = Games(*map(np.ascontiguousarray, games))  # one type: compiled once
+        task = self.task
+        fill_numbers(contiguous, task.teams, task.max_cells, self.numbering, numbers)
+        return numbers
+
+    def chunks(self, first: int = 0) -> Iterator[tuple[int, Games, NDArray[np.bool_]]]:
+        """All states from `first` on, some after the other: the number of the first, and `games`
+        of them."""
+        for number in range(first, self.count, AT_ONCE):
+            yield number, *self.games(number, min(AT_ONCE, self.count - number))
+
+    def starts(self, least: int | None = None) -> Iterator[NDArray[np.int64]]:
+        """The numbers of all states that an episode can begin with, all equally likely, in parts.
+
+        Everybody and every goal has a cell of its own, chasers and evaders are at least `least`
+        path steps apart (the task's `min_start_distance` if left out); with `start="marks"` who has
+        a mark stands on it.
+        """
+        task, maze = self.task, self.task.mazes[0]
+        least = task.min_start_distance if least is None else least
+        numbering = self.numbering
+        first = int(numbering.offsets[-2])
+        if task.num_goals:
+            first += int(numbering.bases[task.num_goals] * numbering.sizes[-1])
+        agents, goals = self._marked
+        for number, games, good in self.chunks(first):
+            cells = np.sort(np.concatenate([games.position, games.goal], axis=1), axis=1)
+            good &= (np.diff(cells, axis=1) != 0).all(axis=1)
+            for chaser in range(task.num_chasers):
+                for evader in range(task.num_chasers, task.num_chasers + task.num_evaders):
+                    away = maze.distances[games.position[:, chaser], games.position[:, evader]]
+                    good &= away >= least
+            for agent, cell in agents.items():
+                good &= games.position[:, agent] == cell
+            for cell in goals:
+                good &= (games.goal == cell).any(axis=1)
+            yield number + np.flatnonzero(good)
+
+    @cached_property
+    def _marked(self) -> tuple[dict[int, int], list[int]]:
+        """The cells of agents on marks, and those of goals on marks, at starts."""
+        task, maze = self.task, self.task.mazes[0]
+        agents: dict[int, int] = {}
+        if task.start != "marks":
+            return agents, []
+        marks = [int(cell) for cell in maze.goal_marks]
+        if maze.start_mark is not None:
+            agents[0] = int(maze.start_mark)
+        if task.num_goals:
+            return agents, marks[: task.num_goals]
+        evaders = range(task.num_chasers, task.num_chasers + task.num_evaders)
+        return agents | dict(zip(evaders, marks, strict=False)), []
+
+    def mean_over_starts(
+        self, values: NDArray[np.float64], least: int | None = None
+    ) -> NDArray[np.float64]:
+        """[...] float64, the mean of `values` [states, ...] over `starts`.
+
+        Raises:
+            ValueError: there are none.
+        """
+        total, count = np.zeros(values.shape[1:]), 0
+        for numbers in self.starts(least):
+            total += values[numbers].sum(axis=0)
+            count += len(numbers)
+        if count == 0:
+            raise ValueError(
+                f"min_start_distance {self.task.min_start_distance}: no start is so far apart"
+            )
+        return np.asarray(total / count)
+
+
+def joint_states_of(task: Task) -> JointStates:
+    """The states of a task; `check_joint_states` goes first.
+
+    Raises:
+        ValueError: as `count_joint_states`.
+    """
+    count = count_joint_states(task)
+    cells, evaders, goals = task.max_cells, task.num_evaders, task.num_goals
+    masks = sorted(range(min(evaders, 1), 2**evaders), key=lambda mask: (mask.bit_count(), mask))
+    others = task.num_chasers + task.num_runners
+    sizes = np.array([cells ** (others + mask.bit_count()) for mask in masks], dtype=np.int64)
+    group_of = np.full(2**evaders, -1, dtype=np.int64)
+    group_of[masks] = np.arange(len(masks))
+    bases = [0, *np.cumsum([0, *(comb(cells, left) for left in range(1, goals + 1))]).tolist()]
+    sets = np.full((max(bases[-1], 1), goals), -1, dtype=np.int32)
+    for left in range(1, goals + 1):
+        # In the order of the largest cell, then of the next: the place of cells c1 < c2 < ... is
+        # C(c1, 1) + C(c2, 2) + ... (Lehmer, 1964).
+        chosen = np.array(list(combinations(range(cells), left)), dtype=np.int32)
+        sets[bases[left] : bases[left + 1], :left] = chosen[np.lexsort(chosen.T)]
+    binomials = [[comb(cell, left) for left in range(goals + 1)] for cell in range(cells)]
+    offsets = np.concatenate([[0], np.cumsum(sizes * len(sets))])
+    numbering = Numbering(
+        masks=np.array(masks, dtype=np.int64),
+        offsets=offsets.astype(np.int64),
+        sizes=sizes,
+        group_of=group_of,
+        sets=sets,
+        binomials=np.array(binomials, dtype=np.int64),
+        bases=np.array(bases, dtype=np.int64),
+    )
+    return JointStates(task, count, numbering)

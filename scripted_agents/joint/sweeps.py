@@ -1,0 +1,344 @@
+"""Sweeps over all states of a game, in an order in which they can be settled."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.mazes.maze_arrays import lay_out
+from pursuit.memory import free_memory
+from pursuit.rules import layout
+from pursuit.tasks.task import Task
+from scripted_agents.joint.kernels import sweep, sweep_stored
+from scripted_agents.joint.layout import Aim, Players, Quantities, Room, Store
+from scripted_agents.joint.opponents import Others
+from scripted_agents.joint.states import JointStates
+
+SAME = 1e-14
+"""Change, relative to the largest value, below which one more step back changes nothing."""
+
+WINDOW = 9
+"""How many changes in a row tell the rate at which they shrink."""
+
+MAX_STORE_BYTES = 2 * 10**9
+"""Bound on what is kept of the steps that follow each state."""
+
+TOLERANCE = 1e-10
+"""How exact a settled state is, relative to the largest value beside it."""
+
+MAX_SWEEPS = 100_000
+
+MOST_TOGETHER = 16_384
+"""States of one part of a sweep: the parts are shared out to threads."""
+
+THREADED_STATES = 100_000
+"""From this number of states on a sweep is worth sharing out to threads."""
+
+MAX_THREADS = 8
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is summed up along a game.
+
+    Attributes:
+        paid: [agents], how much of what each is paid counts.
+        lasting: [agents], 1: a step counts 1 as long as any of these is free.
+        ending: what the end of the game counts.
+    """
+
+    paid: Sequence[float]
+    lasting: Sequence[int]
+    ending: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is swept over.
+
+    Attributes:
+        states: of the game.
+        deciding: the seats that decide; of the first quantity they make as little as they can.
+        others: what the other seats play, in the order of their numbers.
+        quantities: what is summed up.
+        sign: -1 to make as much of it.
+        discount: of what the next step counts.
+        only_whether: 1 for whatever is above 0.
+        moves_first: of equally good actions moves are chosen before standing still.
+    """
+
+    states: JointStates
+    deciding: tuple[int, ...]
+    others: Others
+    quantities: tuple[Quantity, ...]
+    sign: float = 1.0
+    discount: float = 1.0
+    only_whether: bool = False
+    moves_first: bool = True
+
+    def for_kernels(self) -> tuple[Any, ...]:
+        """The game, who plays and what is summed up, as `sweep` takes them."""
+        task, wanted = self.states.task, self.quantities
+        players = [*((seat,) for seat in self.deciding), *self.others.players]
+        return (
+            task.numbers_for_kernels(),
+            task.rewards_for_kernels(),
+            lay_out(task.mazes),
+            layout.scratch_for(task.max_cells, task.num_agents, task.num_goals),
+            self.states.numbering,
+            Players(
+                np.array([seat for seats in players for seat in seats], dtype=np.int64),
+                np.cumsum([0, *map(len, players)], dtype=np.int64),
+                len(self.deciding),
+                self.moves_first,
+                self.others.codes,
+                self.others.rows,
+            ),
+            Quantities(
+                np.array([q.paid for q in wanted], dtype=np.float64),
+                np.array([q.lasting for q in wanted], dtype=np.int64),
+                np.array([q.ending for q in wanted], dtype=np.float64),
+            ),
+        )
+
+    def room(self) -> Room:
+        """Room for one state."""
+        task, number = self.states.task, len(self.quantities)
+        agents, goals = task.num_agents, task.num_goals
+        most = task.num_actions ** max([1, *map(len, self.others.players)])
+        return Room(
+            cells=np.zeros(agents, dtype=np.int64),
+            active=np.zeros(agents, dtype=np.int64),
+            goals=np.zeros(goals, dtype=np.int64),
+            actions=np.zeros((1, agents), dtype=np.int32),
+            option=np.zeros((agents, most), dtype=np.int64),
+            many=np.zeros(agents, dtype=np.int64),
+            chance=np.zeros((agents, most)),
+            sums=np.zeros(number),
+            best=np.zeros(number),
+        )
+
+    @cached_property
+    def levels(self) -> list[NDArray[np.int64]]:
+        """[sets, 2] of each level, the first state of a set of goals and the one after its last.
+
+        What a step leads to is in the same set, or in one of an earlier level. Groups in which
+        nobody counts are left out: there is nothing to come.
+        """
+        numbering, found = self.states.numbering, []
+        for group, mask in enumerate(numbering.masks.tolist()):
+            if not self.counts(mask):
+                continue
+            sets = np.arange(len(numbering.sets) + 1)
+            begins = numbering.offsets[group] + numbering.sizes[group] * sets
+            bases = numbering.bases[1:].tolist() if self.states.task.num_goals else [0, 1]
+            for first, last in pairwise(bases):
+                found.append(np.stack([begins[first:last], begins[first + 1 : last + 1]], axis=1))
+        return found
+
+    def counts(self, mask: int) -> bool:
+        """Whether anybody who counts is free, where these evaders are."""
+        task = self.states.task
+        for agent in range(task.num_agents):
+            evader = agent - task.num_chasers
+            captured = 0 <= evader < task.num_evaders and not mask >> evader & 1
+            if not captured and any(q.paid[agent] or q.lasting[agent] for q in self.quantities):
+                return True
+        return any(q.ending and not any(q.lasting) for q in self.quantities)
+
+
+class Sweeper:
+    """Sweeps over a problem, with its threads; a context manager.
+
+    Args:
+        problem: what is swept over.
+        values: [states, quantities] float64, where it begins.
+        choice: [states] int16, which gets the joint actions of those who decide.
+        store: what follows each state is kept there; if left out, in one of its own where that fits
+            into MAX_STORE_BYTES: then only the first sweep steps.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        values: NDArray[np.float64],
+        choice: NDArray[np.int16],
+        store: Store | None = None,
+    ) -> None:
+        self.problem, self.values, self.choice = problem, values, choice
+        threads = 1
+        if len(values) >= THREADED_STATES:
+            threads = min(os.cpu_count() or 1, MAX_THREADS)
+        self._pool = ThreadPoolExecutor(threads)
+        self.store = store or store_for(problem)
+        self._workers = [self._worker() for _ in range(threads)]
+        self._known = False
+
+    def _worker(self) -> tuple[Any, ...]:
+        """What one thread gives `sweep`, its own room first."""
+        problem, task = self.problem, self.problem.states.task
+        store = self.store or _store_of_one(problem)
+        memory = layout.allocate(1, task.num_agents, task.num_goals)
+        aim = Aim(problem.sign, problem.discount, problem.only_whether)
+        return memory, *problem.for_kernels(), problem.room(), store, aim
+
+    def __enter__(self) -> Sweeper:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self._pool.shutdown()
+
+    def settle(self) -> bool:
+        """Sweep until the values stay as they are, level after level; whether they do."""
+        discount = self.problem.discount
+        for level in self.problem.levels:
+            going = np.arange(len(level))
+            before, past, now = np.zeros((3, len(level)))
+            past[:] = 1.0
+            self._known = False
+            for number in range(1, MAX_SWEEPS + 1):
+                change, largest = self.sweep(level[going], self.values)
+                self._known = self.store is not None
+                scale = np.maximum(largest, 1.0)
+                # The changes to come are about a geometric series; its rate is that of two windows.
+                rate = np.divide(change, before[going], out=np.zeros_like(change), where=number > 1)
+                now[going] = np.maximum(now[going], rate)
+                rate, before[going] = np.maximum(past[going], now[going]), change
+                if number % WINDOW == 0:
+                    past, now = now, np.zeros_like(now)
+                done = change <= 1e-15 * scale
+                if discount < 1.0:
+                    done |= change * discount <= (1.0 - discount) * TOLERANCE * scale
+                done |= (rate < 1.0) & (change * rate <= (1.0 - rate) * TOLERANCE * scale)
+                going = going[~done]
+                if len(going) == 0:
+                    break
+            else:
+                return False
+        return True
+
+    def steps(self, horizon: int) -> Iterator[int]:
+        """One step further back at every turn, until the horizon, or until nothing changes any more
+        (by more than SAME of the largest value).
+
+        `values` and `choice` are those of so many steps then.
+        """
+        parts = np.concatenate([_cut(level) for level in self.problem.levels])
+        target = self.values.copy()
+        for step in range(1, horizon + 1):
+            change, largest = self.sweep(parts, target)
+            self._known = self.store is not None
+            self.values, target = target, self.values
+            yield step
+            if (change <= SAME * np.maximum(largest, 1.0)).all():
+                return
+
+    def sweep(
+        self, segments: NDArray[np.int64], target: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Sweep once; the largest change of each segment [n], and its largest value [n]."""
+        changes = np.zeros((len(segments), 2))
+        threads = len(self._workers)
+        bounds = [len(segments) * i // threads for i in range(threads + 1)]
+
+        def part(number: int) -> None:
+            some = slice(bounds[number], bounds[number + 1])
+            arrays = (self.values, target, self.choice, segments[some], changes[some])
+            kernel: Any = sweep_stored if self._known else sweep
+            given = self._workers[number]
+            kernel(*(given[-3:] if self._known else given), *arrays)
+
+        if threads == 1:
+            part(0)
+        else:
+            list(self._pool.map(part, range(threads)))
+        return changes[:, 0], changes[:, 1]
+
+
+def _cut(level: NDArray[np.int64]) -> NDArray[np.int64]:
+    """[parts, 2] the sets of a level in parts of at most MOST_TOGETHER states."""
+    size = int(level[0, 1] - level[0, 0])
+    pieces = -(-size // MOST_TOGETHER)
+    ends = level[:, :1] + np.array([size * i // pieces for i in range(pieces + 1)])
+    return np.stack([ends[:, :-1].ravel(), ends[:, 1:].ravel()], axis=1)
+
+
+# -- what is kept ----------------------------------------------------------------------------------
+
+
+def ways_of(task: Task) -> NDArray[np.int64]:
+    """[cells] int64, how many different cells the actions lead to."""
+    neighbors = task.mazes[0].neighbors[:, : task.num_actions]
+    return np.array([len(set(row)) for row in neighbors.tolist()], dtype=np.int64)
+
+
+def store_for(problem: Problem, wanted: NDArray[np.bool_] | None = None) -> Store | None:
+    """Room for what follows each state, or the `wanted` ones [states]; None for too much."""
+    states, number, ways = problem.states, len(problem.quantities), ways_of(problem.states.task)
+    most = min(MAX_STORE_BYTES, free_memory() // 2)
+    if 40 * states.count > most:
+        return None
+    pairs, edges = np.zeros((2, states.count + 1), dtype=np.int64)
+    for first, games, real in states.chunks():
+        last = first + len(real)
+        some = real if wanted is None else real & wanted[first:last]
+        options = np.where(games.active != 0, ways[games.position], 1)
+        ours = options[:, list(problem.deciding)].prod(axis=1)
+        theirs = options.prod(axis=1) // ours
+        pairs[first + 1 : last + 1] = ours * theirs * some
+        edges[first + 1 : last + 1] = (ours * number + theirs) * some
+    np.cumsum(pairs, out=pairs)
+    np.cumsum(edges, out=edges)
+    if 24 * states.count + 4 * pairs[-1] + 10 * edges[-1] > most:
+        return None
+    return _store(True, pairs, edges, states.count, int(pairs[-1]), int(edges[-1]))
+
+
+def filled_store(problem: Problem, wanted: NDArray[np.bool_]) -> Store:
+    """What follows each `wanted` state [states].
+
+    Raises:
+        ValueError: it does not fit into memory.
+    """
+    states, store = problem.states, store_for(problem, wanted)
+    if store is None:
+        raise ValueError(
+            f"task {states.task.name!r}: what follows {states.count:,} states does not fit into "
+            "memory; take a smaller maze, or fewer agents or goals"
+        )
+    values, choice = np.zeros((states.count, 1)), np.zeros(states.count, dtype=np.int16)
+    bounds = np.flatnonzero(np.diff(wanted, prepend=False, append=False))
+    with Sweeper(problem, values, choice, store) as sweeper:
+        sweeper.sweep(bounds.reshape(-1, 2), values)
+    return store
+
+
+def _store_of_one(problem: Problem) -> Store:
+    """Room for what follows one state."""
+    task, deciding = problem.states.task, len(problem.deciding)
+    ours, theirs = task.num_actions**deciding, task.num_actions ** (task.num_agents - deciding)
+    begins = np.zeros(1, dtype=np.int64)
+    edges = ours * len(problem.quantities) + theirs
+    return _store(False, begins, begins, 1, ours * theirs, edges)
+
+
+def _store(
+    whole: bool, pairs: NDArray[Any], edges: NDArray[Any], states: int, following: int, sides: int
+) -> Store:
+    return Store(
+        whole,
+        pairs,
+        edges,
+        np.zeros((states, 2), dtype=np.int32),
+        np.zeros(following, dtype=np.int32),
+        np.zeros(sides),
+        np.zeros(sides, dtype=np.int16),
+    )

@@ -1,0 +1,1 @@
+"""Shortest paths and travelling-salesman paths."""

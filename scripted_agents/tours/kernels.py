@@ -1,0 +1,309 @@
+"""Compiled kernels of `tour`: Held-Karp, a local search, and the sum over all placements.
+
+`between` is always an int32 matrix of path distances with the start in row 0 and the goals in the
+rows from 1 on.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pursuit.compilation.compiled import allocating, compiled
+from pursuit.rules.distances import table_distance
+from pursuit.rules.layout import UNREACHABLE, Games, world_of
+from pursuit.rules.randomness import next_below
+
+FAR = 2**29
+
+
+@compiled
+def held_karp(between: Any, num_goals: Any, best: Any) -> Any:
+    """The exact length; `between` is int32 [1 + goals, 1 + goals] with the start in row 0.
+
+    Fills best[mask, last]: the shortest path from the start through the goals in the bits of
+    `mask` that ends at goal `last`; FAR where `last` is not among them.
+    """
+    for mask in range(1, 1 << num_goals):
+        for last in range(num_goals):
+            before = mask & ~(1 << last)
+            if before == mask:
+                best[mask, last] = FAR
+            elif before == 0:
+                best[mask, last] = between[0, last + 1]
+            else:
+                shortest = np.int32(FAR)
+                for previous in range(num_goals):
+                    shortest = min(
+                        shortest, best[before, previous] + between[last + 1, previous + 1]
+                    )
+                best[mask, last] = shortest
+    shortest = np.int32(FAR) if num_goals > 0 else np.int32(0)
+    for last in range(num_goals):
+        shortest = min(shortest, best[(1 << num_goals) - 1, last])
+    return np.int64(shortest)
+
+
+@compiled
+def held_karp_order(between: Any, num_goals: int, best: Any, order: Any) -> None:
+    """Fill `order` with the rows of `between` (1, 2, ...) in the order of the exact tour."""
+    mask, after = (1 << num_goals) - 1, 0
+    for place in range(num_goals - 1, -1, -1):
+        chosen, shortest = 0, 2 * FAR
+        for last in range(num_goals):
+            step = between[last + 1, after] if after > 0 else 0
+            if best[mask, last] + step < shortest:
+                chosen, shortest = last, best[mask, last] + step
+        order[place] = after = chosen + 1
+        mask &= ~(1 << chosen)
+
+
+@compiled
+def length_of(between: Any, order: Any) -> int:
+    """The length of the open path from row 0 through the rows in `order`."""
+    length, here = 0, 0
+    for row in order:
+        length += between[here, row]
+        here = row
+    return length
+
+
+@compiled
+def reverse(order: Any, first: int, last: int) -> None:
+    """Turn the section from `first` to `last` round, in place."""
+    while first < last:
+        order[first], order[last] = order[last], order[first]
+        first += 1
+        last -= 1
+
+
+@compiled
+def better_place(between: Any, order: Any, first: int, last: int) -> Any:
+    """Where to move a section so that the path gets shorter (-1: nowhere), and whether turned."""
+    size = order.shape[0]
+    before = order[first - 1] if first > 0 else 0
+    head, tail = order[first], order[last]
+    saved = between[before, head]
+    if last + 1 < size:
+        saved += between[tail, order[last + 1]] - between[before, order[last + 1]]
+    for place in range(size + 1):
+        if first <= place <= last + 1:
+            continue
+        left = order[place - 1] if place > 0 else 0
+        straight, turned = between[left, head], between[left, tail]
+        if place < size:
+            right = order[place]
+            straight += between[tail, right] - between[left, right]
+            turned += between[head, right] - between[left, right]
+        if min(straight, turned) < saved:
+            return place, turned < straight
+    return -1, False
+
+
+@compiled
+def improve(between: Any, order: Any) -> None:
+    """Shorten an open path in place until no 2-opt and no Or-opt move helps any more."""
+    size = order.shape[0]
+    improved = True
+    while improved:
+        improved = False
+        for first in range(size):
+            for last in range(first, size):
+                before = order[first - 1] if first > 0 else 0
+                # 2-opt: walk the section from `first` to `last` backwards.
+                gain = between[before, order[first]] - between[before, order[last]]
+                if last + 1 < size:
+                    gain += between[order[last], order[last + 1]]
+                    gain -= between[order[first], order[last + 1]]
+                if gain > 0:
+                    reverse(order, first, last)
+                    improved = True
+                elif last - first < 3:
+                    # Or-opt: move one to three goals elsewhere; turning a part round and then its
+                    # two halves exchanges these.
+                    place, turned = better_place(between, order, first, last)
+                    if place < 0:
+                        continue
+                    improved = True
+                    length = last - first + 1
+                    if place < first:
+                        reverse(order, place, last)
+                        reverse(order, place + length, last)
+                        if not turned:
+                            reverse(order, place, place + length - 1)
+                    else:
+                        reverse(order, first, place - 1)
+                        reverse(order, first, place - 1 - length)
+                        if not turned:
+                            reverse(order, place - length, place - 1)
+
+
+@allocating
+def local_search(between: Any, num_goals: Any, streams: Any, restarts: int, order: Any) -> int:
+    """A short path by `improve`, from the nearest-goal path and from random ones."""
+    trial = np.empty(num_goals, dtype=np.int64)
+    for place in range(num_goals):
+        trial[place] = place + 1
+    best = -1
+    for restart in range(restarts):
+        here = 0
+        for place in range(num_goals):
+            chosen = place + next_below(streams, 0, num_goals - place)
+            if restart == 0:
+                for other in range(place, num_goals):
+                    if between[here, trial[other]] < between[here, trial[chosen]]:
+                        chosen = other
+            here = trial[chosen]
+            trial[chosen], trial[place] = trial[place], here
+        improve(between, trial)
+        length = length_of(between, trial)
+        if best < 0 or length < best:
+            best = length
+            for place in range(num_goals):
+                order[place] = trial[place]
+    return best
+
+
+@allocating
+def tours_by_table(
+    table: Any, starts: Any, goals: Any, max_exact: int, streams: Any, restarts: int, lengths: Any
+) -> int:
+    """Fill `lengths` (-1 where a goal cannot be reached); how many of them are not exact."""
+    most = goals.shape[1]
+    cells = np.empty(most + 1, dtype=np.int64)
+    between = np.empty((most + 1, most + 1), dtype=np.int32)
+    best = np.empty((1 << min(most, max_exact), min(most, max_exact)), dtype=np.int32)
+    order = np.empty(most, dtype=np.int64)
+    inexact = 0
+    for game in range(starts.shape[0]):
+        cells[0] = starts[game]
+        count = np.int64(0)
+        for goal in goals[game]:
+            known = goal < 0
+            for i in range(count + 1):
+                known |= goal == cells[i]
+            if not known:
+                count += 1
+                cells[count] = goal
+        reachable = True
+        for i in range(count + 1):
+            for j in range(count + 1):
+                between[i, j] = table[cells[i], cells[j]]
+                reachable &= between[i, j] != UNREACHABLE
+        if not reachable:
+            lengths[game] = -1
+        elif count <= max_exact:
+            lengths[game] = held_karp(between, count, best)
+        else:
+            lengths[game] = local_search(between, count, streams, restarts, order)
+            inexact += 1
+    return inexact
+
+
+@allocating
+def draw_placements(num_cells: int, streams: Any, placements: Any) -> None:
+    """Fill each row with distinct uniformly random cells (the first draws of Fisher and Yates)."""
+    cells = np.arange(num_cells)
+    for sample in range(placements.shape[0]):
+        for i in range(placements.shape[1]):
+            chosen = i + next_below(streams, 0, num_cells - i)
+            cells[i], cells[chosen] = cells[chosen], cells[i]
+            placements[sample, i] = cells[i]
+
+
+@compiled
+def sum_of_tours(table: Any, num_goals: int) -> int:
+    """The sum of the shortest tours over all placements of a start and 1 to 3 unordered goals."""
+    size = table.shape[0]
+    total = 0
+    for a in range(size):
+        if num_goals == 1:
+            for start in range(size):
+                total += table[a, start]
+        for b in range(a + 1, size if num_goals > 1 else 0):
+            row_a, row_b = table[a], table[b]
+            ab = row_a[b]
+            if num_goals == 2:
+                part = np.int32(0)
+                for start in range(size):
+                    part += ab + min(row_a[start], row_b[start])
+                total += part - 2 * ab  # less the starts on a goal
+                continue
+            for c in range(b + 1, size):
+                row_c = table[c]
+                ac, bc = row_a[c], row_b[c]
+                # The rest of the tour after the first goal.
+                from_a, from_b, from_c = bc + min(ab, ac), ac + min(ab, bc), ab + min(ac, bc)
+                part = np.int32(0)
+                for start in range(size):
+                    part += min(row_a[start] + from_a, row_b[start] + from_b, row_c[start] + from_c)
+                part -= min(from_a, ab + from_b, ac + from_c)
+                part -= min(ab + from_a, from_b, bc + from_c)
+                part -= min(ac + from_a, bc + from_b, from_c)
+                total += part
+    return total
+
+
+@compiled
+def first_of_tour(between: Any, num_goals: int, best: Any) -> int:
+    """The row of `between` (1, 2, ...) of the goal that a shortest tour visits first.
+
+    Of several the first in order: going towards it never makes another one the first in order.
+    Overwrites row 0.
+    """
+    # Tours backwards, from any goal on to the start, whose distances are in column 0 too.
+    between[0, :] = 0
+    held_karp(between, num_goals, best)
+    chosen, shortest = 0, 2 * FAR
+    for goal in range(num_goals):
+        length = between[goal + 1, 0] + best[(1 << num_goals) - 1, goal]
+        if length < shortest:
+            chosen, shortest = goal + 1, length
+    return chosen
+
+
+@compiled
+def plan_next_goals(
+    games: Games,
+    seat: int,
+    mazes: Any,
+    plans: Any,
+    room: Any,
+) -> None:
+    """Find the next goal of a shortest tour of every game, keeping a plan while it holds.
+
+    `plans` are `scripted_agents.agents.runner.Plans`, and `room` is to work in: [1 << goals, goals]
+    and [1 + goals, 1 + goals] int32, [1 + goals] int64. A tour stays shortest along its way, so it
+    is planned anew only where the goals changed or the agent was moved off the way.
+    """
+    next_goal, last_maze, last_own, last_goals = plans
+    best, between, cells = room
+    world = world_of(*mazes)
+    num_goals = games.goal.shape[1]
+    for game in range(next_goal.shape[0]):
+        maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
+        aim, before = np.int64(next_goal[game]), np.int64(last_own[game])
+        holds = last_maze[game] == maze and aim >= 0
+        if holds:
+            walked = table_distance(world, maze, before, own)
+            rest = table_distance(world, maze, own, aim)
+            holds = walked + rest == table_distance(world, maze, before, aim)
+        count = 0
+        cells[0] = own
+        for number in range(num_goals):
+            cell = np.int64(games.goal[game, number])
+            holds &= last_goals[game, number] == cell
+            last_goals[game, number] = cell
+            if cell >= 0:
+                count += 1
+                cells[count] = cell
+        last_maze[game], last_own[game] = maze, own
+        if holds:
+            continue
+        for i in range(count + 1):
+            for j in range(count + 1):
+                between[i, j] = table_distance(world, maze, cells[i], cells[j])
+        next_goal[game] = -1
+        if count > 0:
+            next_goal[game] = cells[first_of_tour(between, count, best)]

@@ -1,0 +1,181 @@
+"""The files of compiled kernels, which several processes read and write at once."""
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pursuit.compilation import kernel_cache
+from pursuit.compilation.compiled import compiled
+
+TYPES = ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "float32", "float64")
+WRITER = """
+import sys
+import numpy as np
+from pursuit.compilation.compiled import compiled
+
+@compiled
+def doubled(numbers):
+    return numbers[0] * 2
+
+print(flush=True)
+sys.stdin.readline()
+for name in sys.argv[1:]:
+    assert doubled(np.array([3], dtype=name)) == 6
+print(sum(doubled.stats.cache_hits.values()), flush=True)
+"""
+
+
+def kernel_in(folder: Path, monkeypatch: pytest.MonkeyPatch, stamp: str = "stamp") -> Any:
+    """A kernel that nothing was compiled for yet in this process, with its files in a folder."""
+    monkeypatch.setattr(kernel_cache, "source_stamp", lambda _: stamp)
+
+    @compiled
+    def doubled(numbers: Any) -> Any:
+        return numbers[0] * 2
+
+    cache: Any = doubled._cache  # type: ignore[attr-defined]
+    cache._cache_path = str(folder)
+    cache._impl.locator.get_cache_path = lambda: str(folder)
+    file = cache._cache_file
+    file._cache_path, file._index_path = str(folder), str(folder / file._index_name)
+    return doubled
+
+
+def test_processes_that_compile_one_kernel_lose_nothing_and_mix_up_nothing(tmp_path: Path) -> None:
+    """Half of what each of them compiles another one compiles as well; all begin at once."""
+    script = tmp_path / "script.py"
+    script.write_text(WRITER)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+    def started(*types: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [sys.executable, str(script), *types],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environment,
+        )
+
+    def hits(process: subprocess.Popen[str]) -> int:
+        with process:
+            assert process.stdin is not None and process.stdout is not None
+            print(file=process.stdin, flush=True)
+            found = int(process.stdout.readline())
+        assert process.returncode == 0
+        return found
+
+    writers = [started(*TYPES[first : first + 4]) for first in (0, 2, 4, 5)]
+    for writer in writers:
+        assert writer.stdout is not None and writer.stdout.readline() == "\n"
+    for writer in writers:
+        assert writer.stdin is not None
+        print(file=writer.stdin, flush=True)
+    for writer in writers:
+        with writer:
+            assert writer.wait(120) == 0
+    reader = started(*TYPES)
+    assert reader.stdout is not None and reader.stdout.readline() == "\n"
+    assert hits(reader) == len(TYPES)
+    assert not list(tmp_path.rglob("*.tmp.*"))  # nothing half written is left
+
+
+def test_machine_code_is_given_for_what_it_was_made_for_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kernel = kernel_in(tmp_path, monkeypatch)
+    kernel(np.array([2]))
+    (one,) = tmp_path.glob("*.nbc")
+    kernel(np.array([2.5]))
+    (other,) = set(tmp_path.glob("*.nbc")) - {one}
+    shutil.copy(one, other)
+    again = kernel_in(tmp_path, monkeypatch)
+    assert again(np.array([2])) == 4 and again(np.array([2.5])) == 5.0
+    assert sum(again.stats.cache_hits.values()) == sum(again.stats.cache_misses.values()) == 1
+
+
+def test_what_another_source_was_compiled_to_is_never_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def hits(stamp: str, number: Any) -> int:
+        kernel = kernel_in(tmp_path, monkeypatch, stamp)
+        assert kernel(np.array([number])) == 2 * number
+        return sum(kernel.stats.cache_hits.values())
+
+    assert [hits("old", 1), hits("old", 1.0), hits("old", 1), hits("old", 1.0)] == [0, 0, 1, 1]
+    assert [hits("new", 1), hits("new", 1), hits("new", 1.0)] == [0, 1, 0]
+    assert hits("old", 1) == 0
+
+
+@pytest.mark.parametrize("fails", ["open", "replace", "makedirs"])
+def test_where_the_disk_takes_nothing_there_is_one_warning_and_nothing_is_left_half_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
+) -> None:
+    def full(*_: Any, **__: Any) -> Any:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    kernel = kernel_in(tmp_path, monkeypatch)
+    monkeypatch.setattr(kernel_cache, "has_warned", False)
+    with monkeypatch.context() as disk:
+        disk.setattr(os, fails, full)
+        with pytest.warns(UserWarning, match=r"No space left on device.*NUMBA_CACHE_DIR") as told:
+            assert kernel(np.array([2])) == 4
+            assert kernel(np.array([2.5])) == 5.0
+    assert len(told) == 1 and str(tmp_path) in str(told[0].message)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", ["*.nbi", "*.nbc"])
+@pytest.mark.parametrize("left", [b"", b"\x80\x04", b"nonsense", None])
+def test_damaged_files_are_ignored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, left: bytes | None
+) -> None:
+    """One byte of the machine code that is another one would unpickle, and end the process."""
+    assert kernel_in(tmp_path, monkeypatch)(np.array([2])) == 4
+    (path,) = tmp_path.glob(suffix)
+    content = path.read_bytes()
+    at = content.find(b"\x7fELF") + 100 if suffix == "*.nbc" else len(content) // 2
+    changed = content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :]
+    path.write_bytes(changed if left is None else left)
+    for hits in (0, 1):
+        kernel = kernel_in(tmp_path, monkeypatch)
+        assert kernel(np.array([2])) == 4
+        assert sum(kernel.stats.cache_hits.values()) == hits
+
+
+def test_an_index_that_cannot_be_read_is_ignored_with_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kernel_cache, "has_warned", False)
+    kernel_in(tmp_path, monkeypatch)(np.array([2]))
+    (index,) = tmp_path.glob("*.nbi")
+    kept = index.read_bytes()
+    index.unlink()
+    index.mkdir()
+    with pytest.warns(UserWarning, match=r"Is a directory.*NUMBA_CACHE_DIR"):
+        assert kernel_in(tmp_path, monkeypatch)(np.array([2])) == 4
+    index.rmdir()
+    index.write_bytes(kept)
+    kernel = kernel_in(tmp_path, monkeypatch)
+    kernel(np.array([2]))
+    assert sum(kernel.stats.cache_hits.values()) == 1  # it was not taken for one of another source
+
+
+def test_a_kernel_is_compiled_though_its_folder_is_gone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    kernel = kernel_in(tmp_path / "file" / "folder", monkeypatch)
+    monkeypatch.setattr(kernel_cache, "has_warned", False)
+    with pytest.warns(UserWarning, match="Not a directory"):
+        assert kernel(np.array([3])) == 6
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert kernel(np.array([3.0])) == 6.0

@@ -1,0 +1,110 @@
+"""`check_parallel_env` passes on every environment of ours, and finds every broken one."""
+
+from collections.abc import Callable
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+import pettingzoo
+import pytest
+from broken_environments import BROKEN, Broken, returning
+
+from pursuit import chase_v0, heist_v0, maze_v0, race_v0
+from pursuit.environments.conformance import ConformanceError, check_parallel_env
+from pursuit.environments.parallel import PursuitParallelEnv
+from pursuit.mazes.maze import Maze
+from pursuit.observations.observations import ENCODINGS
+
+MARKED = Maze.from_text("+-+-+-+\n|S    |\n+ +-+ +\n|    G|\n+-+-+-+")
+ENCLOSED = Maze.from_text("+-+-+-+\n| |   |\n+-+-+-+")
+OURS: dict[str, Callable[..., PursuitParallelEnv]] = {
+    "chase": chase_v0.parallel_env,
+    "two hunt three": lambda **settings: chase_v0.parallel_env(
+        maze="4x4", num_chasers=2, num_evaders=3, move_order="chasers_first", **settings
+    ),
+    "several mazes": lambda **settings: chase_v0.parallel_env(
+        maze=["3x3-open", "5x5", "4x4-tree"], stay_action=True, **settings
+    ),
+    "enclosed cells": lambda **settings: chase_v0.parallel_env(maze=ENCLOSED, **settings),
+    "heist": lambda **settings: heist_v0.parallel_env(
+        maze="3x3", num_evaders=2, rewards="distance", **settings
+    ),
+    "maze": lambda **settings: maze_v0.parallel_env(maze="3x3", **settings),
+    "masks": lambda **settings: heist_v0.parallel_env(
+        maze=["3x3", "4x4"], num_evaders=2, stay_action=True, mask_bumps=True, **settings
+    ),
+    "race": lambda **settings: race_v0.parallel_env(maze="3x3", stay_action=True, **settings),
+}
+
+
+@pytest.mark.parametrize("observation", ENCODINGS)
+@pytest.mark.parametrize("name", OURS)
+def test_our_environments_conform(name: str, observation: str) -> None:
+    check_parallel_env(OURS[name](observation=observation, max_steps=40), max_steps=40)
+
+
+def test_conformance_holds_after_a_copy() -> None:
+    env = chase_v0.parallel_env(max_steps=40)
+    env.reset(seed=1)
+    check_parallel_env(deepcopy(env), max_steps=40)
+
+
+def test_an_environment_of_others_passes() -> None:
+    env = pettingzoo.make("parallel", "classic/rps-v2")
+    check_parallel_env(env, random_starts=False)
+
+
+def test_fixed_starts_need_a_word() -> None:
+    env = chase_v0.parallel_env(maze=MARKED, start="marks", max_steps=20)
+    check_parallel_env(env, random_starts=False)
+    with pytest.raises(ConformanceError, match="16 different seeds gave one start"):
+        check_parallel_env(env)
+
+
+@pytest.mark.parametrize("counts", [{"episodes": 0}, {"max_steps": 0}])
+def test_a_check_of_nothing_is_refused(counts: dict[str, int]) -> None:
+    with pytest.raises(ValueError, match="at least 1"):
+        check_parallel_env(chase_v0.parallel_env(), **counts)
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_environment_is_found(name: str) -> None:
+    methods, message = BROKEN[name]
+    with pytest.raises(ConformanceError, match=message) as raised:
+        check_parallel_env(Broken(**methods), max_steps=60)
+    assert isinstance(raised.value, AssertionError)
+
+
+def test_duplicates_among_the_possible_agents_are_found() -> None:
+    env = Broken()
+    env.possible_agents.append("chaser_0")
+    with pytest.raises(ConformanceError, match=r"possible_agents: .* without duplicates"):
+        check_parallel_env(env)
+
+
+def test_the_environment_that_is_broken_here_is_sound_otherwise() -> None:
+    check_parallel_env(Broken(), episodes=4, max_steps=60)
+
+
+def test_infos_may_hold_whatever_they_like() -> None:
+    def note(infos: dict[str, Any], env: Broken) -> dict[str, Any]:
+        odd = {"nan": np.full(3, np.nan), "nothing": np.array(None), "clock": iter(())}
+        return {agent: {**info, **odd} for agent, info in infos.items()}
+
+    check_parallel_env(Broken(**returning(4, note, note)), max_steps=60)
+
+
+def test_masks_are_followed_in_every_other_episode() -> None:
+    bumps: list[bool] = []
+
+    def step(env: Broken, actions: dict[str, int]) -> Any:
+        masks = {agent: info["action_mask"] for agent, info in env._infos().items()}
+        bumps[-1] |= any(not masks[agent][action] for agent, action in actions.items())
+        return PursuitParallelEnv.step(env, actions)
+
+    def reset(env: Broken, seed: int | None = None, options: Any = None) -> Any:
+        bumps.append(False)
+        return PursuitParallelEnv.reset(env, seed, options)
+
+    check_parallel_env(Broken(step=step, reset=reset), episodes=4, max_steps=60)
+    assert bumps[:8] == 2 * [True, False, False, True]

@@ -1,0 +1,106 @@
+"""The world, scripted agents, exact solvers and curricula need nothing of what training needs."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).parents[3]
+BLOCKED = (
+    "torch",
+    "torchrl",
+    "tensordict",
+    "tyro",
+    "polars",
+    "matplotlib",
+    "tensorboard",
+    "networkx",
+    "supersuit",
+    "stable_baselines3",
+    "pandas",
+    "rich",
+    "filelock",
+)
+"""What `requirements-core.txt` leaves out of the default installation, and what comes with it."""
+
+USE = """
+import sys
+for name in {blocked!r}:
+    sys.modules[name] = None  # to import it is an ImportError from here on
+
+import importlib, pkgutil
+import numpy as np
+import curricula, pursuit, scripted_agents
+for package in (pursuit, scripted_agents, curricula):
+    for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        if module.name != "pursuit.environments.stable_baselines":  # imports SB3
+            importlib.import_module(module.name)
+for name in pursuit.__all__:
+    getattr(pursuit, name)
+
+import gymnasium
+from pursuit.environments.conformance import check_parallel_env
+from scripted_agents import *
+
+for name in ("Chaser", "Evader", "Maze", "Reacher"):
+    env = gymnasium.make(f"pursuit/{{name}}-v0", render_mode="rgb_array")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    assert env.render().ndim == 3
+    envs = gymnasium.make_vec(f"pursuit/{{name}}-v0", 3)
+    envs.reset(seed=0)
+    envs.step(envs.action_space.sample())
+check_parallel_env(pursuit.chase_v0.parallel_env(maze="3x3", num_evaders=2, max_steps=20))
+check_parallel_env(pursuit.reacher_v0.parallel_env(max_steps=20))
+
+maze = pursuit.load_maze("3x3")
+evader = AStarEvader(epsilon=0.2).action_probabilities(maze)
+best = best_response("chaser", maze, evader, horizon=50)
+chaser = AStarChaser().action_probabilities(maze)
+a_star = evaluate_exactly(maze, chaser, evader, horizon=50)
+assert mean_over_starts(best.values, maze) <= mean_over_starts(a_star, maze)
+assert tour_length(maze, 0, [4, 8]) >= 4 and expected_tour_length(maze, 2) > 0
+assert solve_chase(maze).values.shape == (9, 9) and cop_number(maze) in (1, 2)
+assert len(shortest_path(maze, 0, 8)) >= 2
+assert least_steps([0.0, 0.0], [0.0, 1.0])[0] > 0
+task = pursuit.make_task("chase", maze="2x2", num_chasers=2)
+pair = {{"chaser": AStarChaser(0.1), "evader": AStarEvader(0.2)}}
+assert mean_over_team_starts(evaluate_team(task, pair), task) > 0
+simulator = pursuit.Simulator(pursuit.make_task("chase", maze=maze), 64, seed=0)
+actions = np.zeros((64, 2), dtype=np.int32)
+for _ in range(20):
+    simulator.act([OptimalChaser(), AStarEvader(0.2)], actions)
+    simulator.step(actions)
+value = curricula.linear(1.0, 0.0, 0.5)
+print(value, sorted(name for name in {blocked!r} if sys.modules.get(name)))
+"""
+
+
+def requirements(lines: list[str]) -> dict[str, str]:
+    """The version ranges by project."""
+    bare = [line.split("#")[0].strip() for line in lines]
+    found = [re.fullmatch(r"([\w-]+)(\[\w+\])?(.*)", line) for line in bare if line]
+    return {match[1].lower(): match[3] for match in found if match}
+
+
+def test_it_is_used_with_all_of_training_blocked() -> None:
+    process = subprocess.run(
+        [sys.executable, "-c", USE.format(blocked=BLOCKED)],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        timeout=300,
+    )
+    assert process.returncode == 0, process.stderr
+    assert process.stdout == "0.5 []\n"
+
+
+def test_the_core_asks_for_what_the_default_installation_does_and_for_less() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    whole = requirements(project["dependencies"])
+    core = requirements((ROOT / "requirements-core.txt").read_text(encoding="utf-8").splitlines())
+    assert core.items() <= whole.items() and len(core) == 8
+    assert not {*core} & {*BLOCKED} and "supersuit" in whole

@@ -1,0 +1,366 @@
+"""The PettingZoo environments: PettingZoo's own tests, the registry, rendering, errors, copies."""
+
+import pickle
+import warnings
+from collections.abc import Callable
+from copy import deepcopy
+from types import SimpleNamespace
+from typing import Any
+
+import cloudpickle
+import numpy as np
+import pettingzoo
+import pytest
+
+from pursuit import chase_v0, heist_v0, maze_v0, race_v0
+from pursuit.environments.parallel import PursuitParallelEnv, environment_makers, scene_of
+from pursuit.mazes.maze import Maze
+from pursuit.observations.observations import ENCODINGS
+from pursuit.rendering.rendering import draw_scene
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import make_task
+
+with warnings.catch_warnings():  # it imports example environments in a way that it deprecates
+    warnings.filterwarnings("ignore", message="The old environment creation API")
+    from pettingzoo import test as pettingzoo_test
+
+CORRIDOR = Maze.from_text("+-+-+-+-+\n|       |\n+-+-+-+-+")
+ENCLOSED = Maze.from_text("+-+-+-+\n| |   |\n+-+-+-+")
+NORTH, SOUTH, EAST, WEST, STAY = range(5)
+MODULES = {"chase": chase_v0, "maze": maze_v0, "race": race_v0, "heist": heist_v0}
+GAMES: dict[str, tuple[Any, dict[str, Any]]] = {
+    "chase": (chase_v0, {}),
+    "two hunt three": (chase_v0, {"num_chasers": 2, "num_evaders": 3, "maze": "4x4"}),
+    "heist": (heist_v0, {"num_evaders": 2}),
+    "maze": (maze_v0, {}),
+    "race": (race_v0, {"stay_action": True}),
+}
+
+# PettingZoo's tests warn of what they suspect; of ours, they may suspect nothing.
+pytestmark = pytest.mark.filterwarnings("error::UserWarning")
+
+
+@pytest.fixture(params=GAMES)
+def game(request: pytest.FixtureRequest) -> tuple[Any, dict[str, Any]]:
+    return GAMES[request.param]
+
+
+@pytest.mark.parametrize("observation", ENCODINGS)
+def test_parallel_api(game: tuple[Any, dict[str, Any]], observation: str) -> None:
+    module, settings = game
+    env = module.parallel_env(observation=observation, **settings)
+    pettingzoo_test.parallel_api_test(env, num_cycles=250)
+
+
+@pytest.mark.parametrize("observation", ENCODINGS)
+def test_turn_based_api(game: tuple[Any, dict[str, Any]], observation: str) -> None:
+    module, settings = game
+    env = module.env(observation=observation, max_steps=30, **settings)
+    pettingzoo_test.api_test(env, num_cycles=60)
+    assert env.metadata["name"] == f"{env.unwrapped.task.name}_v0"
+
+
+def test_seeds(game: tuple[Any, dict[str, Any]]) -> None:
+    module, settings = game
+    pettingzoo_test.seed_test(lambda: module.env(**settings), num_cycles=50)
+    pettingzoo_test.parallel_seed_test(lambda: module.parallel_env(**settings), num_cycles=50)
+
+
+def test_state(game: tuple[Any, dict[str, Any]]) -> None:
+    module, settings = game
+    env, parallel_env = module.env(**settings), module.parallel_env(**settings)
+    pettingzoo_test.state_test(env, parallel_env, num_cycles=20)
+
+
+@pytest.mark.parametrize("stay", [False, True])
+def test_an_episode_is_truncated_after_max_steps(stay: bool) -> None:
+    # An evader and a chaser in parts of the maze that are not joined never meet.
+    def settings(max_cycles: int) -> dict[str, Any]:
+        return {"maze": ENCLOSED, "max_steps": max_cycles, "stay_action": stay}
+
+    def apart(env: PursuitParallelEnv) -> PursuitParallelEnv:
+        original = env.reset
+        env.reset = lambda seed=None, options=None: original(  # type: ignore[method-assign]
+            seed, {"positions": [0, 1]}
+        )
+        return env
+
+    module = SimpleNamespace(
+        parallel_env=lambda max_cycles: apart(chase_v0.parallel_env(**settings(max_cycles))),
+        env=lambda max_cycles: _with_game(chase_v0.env(**settings(max_cycles)), apart),
+    )
+    pettingzoo_test.max_cycles_test(module)
+
+
+def _with_game(env: Any, change: Callable[[PursuitParallelEnv], object]) -> Any:
+    change(env.unwrapped)
+    return env
+
+
+def test_rendering(game: tuple[Any, dict[str, Any]], monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    module, settings = game
+
+    def fast(**more: Any) -> Any:
+        env = module.env(max_steps=10, **settings, **more)
+        env.unwrapped.metadata["render_fps"] = 0
+        return env
+
+    pettingzoo_test.render_test(fast)
+
+
+def test_what_render_returns() -> None:
+    text = chase_v0.parallel_env(maze=CORRIDOR, render_mode="ansi")
+    picture = chase_v0.parallel_env(maze=CORRIDOR, render_mode="rgb_array")
+    for env in (text, picture):
+        env.reset(options={"positions": [0, 3]})
+        env.step({"chaser_0": EAST, "evader_0": WEST})
+    assert text.render() == "+-+-+-+-+\n|  C E  |\n+-+-+-+-+\nstep 1 / 200\n"
+    pixels = picture.render()
+    assert isinstance(pixels, np.ndarray) and pixels.dtype == np.uint8 and pixels.shape[2] == 3
+    assert (pixels == draw_scene(scene_of(picture.simulator))).all()
+
+
+def test_a_window_follows_the_game_and_closes(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame = pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env = chase_v0.parallel_env(maze=CORRIDOR, render_mode="human")
+    env.metadata["render_fps"] = 0
+    env.reset(options={"positions": [0, 3]})
+    first = pygame.surfarray.array3d(pygame.display.get_surface())
+    env.step({"chaser_0": EAST, "evader_0": WEST})
+    assert (pygame.surfarray.array3d(pygame.display.get_surface()) != first).any()
+    assert env.render() is None
+    env.close()
+    assert pygame.display.get_surface() is None
+    env.close()
+    env.reset()  # opens a new window
+    assert pygame.display.get_surface() is not None
+    env.close()
+
+
+def test_render_without_a_mode_warns() -> None:
+    env = chase_v0.parallel_env()
+    env.reset(seed=0)
+    with pytest.warns(UserWarning, match="render_mode"):
+        assert env.render() is None
+
+
+@pytest.mark.parametrize("task", MODULES)
+def test_the_registry_makes_the_environments_of_the_modules(task: str) -> None:
+    made = pettingzoo.make("parallel", f"pursuit/{task}-v0", maze="3x3", observation="cells")
+    own = MODULES[task].parallel_env(maze="3x3", observation="cells")
+    assert isinstance(made, PursuitParallelEnv) and made.task == own.task
+    expected = own.reset(seed=4)[0]
+    for agent, observed in made.reset(seed=4)[0].items():
+        assert (observed == expected[agent]).all()
+
+
+def test_module_functions_are_documented_by_task() -> None:
+    for name, module in MODULES.items():
+        assert module.__all__ == ["env", "parallel_env", "raw_env"]
+        assert module.parallel_env().metadata["name"] == f"{name}_v0"
+        assert module.raw_env().metadata["is_parallelizable"]
+
+
+def test_the_environment_is_one_game_of_the_simulator() -> None:
+    task = make_task("chase", maze="4x4", num_chasers=2, num_evaders=2, max_steps=30)
+    env = PursuitParallelEnv(task, "positions")
+    simulator = Simulator(task, auto_restart=False)
+    rng = np.random.default_rng(0)
+    for seed in range(5):
+        observations, _ = env.reset(seed=seed)
+        simulator.reset(seed=seed)
+        while env.agents:
+            actions = rng.integers(4, size=4)
+            before = list(env.agents)
+            named = dict(zip(env.possible_agents, actions.tolist(), strict=True))
+            observations, rewards, terminations, truncations, _ = env.step(
+                {agent: named[agent] for agent in before}
+            )
+            simulator.step(actions[None])
+            for agent in before:
+                seat = task.seat(agent)
+                assert (observations[agent] == simulator.observe("positions", seat)[0]).all()
+                assert rewards[agent] == simulator.rewards[0, seat]
+                captured = not simulator.active[0, seat]
+                assert terminations[agent] == simulator.terminated[0] or captured
+                assert truncations[agent] == (simulator.truncated[0] and not captured)
+            assert (env.state()[-1:] == simulator.steps).all()
+        assert simulator.ended.any()
+
+
+def test_masks_mark_the_moves_that_change_the_cell() -> None:
+    env = chase_v0.parallel_env(maze=CORRIDOR, stay_action=True, mask_bumps=True)
+    _, infos = env.reset(options={"positions": [0, 2]})
+    assert infos["chaser_0"]["action_mask"].tolist() == [0, 0, 1, 0, 1]
+    assert infos["evader_0"]["action_mask"].tolist() == [0, 0, 1, 1, 1]
+
+
+def test_a_captured_evader_leaves_and_the_game_goes_on() -> None:
+    env = chase_v0.parallel_env(maze=CORRIDOR, num_evaders=2)
+    env.reset(options={"positions": [0, 1, 3]})
+    observations, rewards, terminations, truncations, _ = env.step(
+        {"chaser_0": EAST, "evader_0": NORTH, "evader_1": EAST}
+    )
+    assert terminations == {"chaser_0": False, "evader_0": True, "evader_1": False}
+    assert not any(truncations.values())
+    assert (rewards["chaser_0"], rewards["evader_0"], rewards["evader_1"]) == (1.0, -1.0, 1.0)
+    assert env.agents == ["chaser_0", "evader_1"] and set(observations) == set(terminations)
+    before = env.state()
+    with pytest.raises(ValueError, match="'ghost', who is not playing"):
+        env.step({"chaser_0": EAST, "ghost": NORTH, "evader_1": EAST})
+    with pytest.raises(ValueError, match="the action of chaser_0 is None"):
+        env.step({"evader_0": None, "chaser_0": None, "evader_1": EAST})
+    assert (env.state() == before).all()
+    # Many libraries give every possible agent an action, whoever is left: those are ignored.
+    *_, terminations, _, _ = env.step({"chaser_0": EAST, "evader_0": 77, "evader_1": WEST})
+    assert terminations == {"chaser_0": True, "evader_1": True} and env.agents == []
+    assert env.step({}) == ({}, {}, {}, {}, {})
+
+
+def test_capture_in_the_last_step_is_a_termination() -> None:
+    env = chase_v0.parallel_env(maze=CORRIDOR, num_evaders=2, max_steps=1)
+    env.reset(options={"positions": [0, 1, 3]})
+    *_, terminations, truncations, _ = env.step(
+        {"chaser_0": EAST, "evader_0": NORTH, "evader_1": EAST}
+    )
+    assert terminations == {"chaser_0": False, "evader_0": True, "evader_1": False}
+    assert truncations == {"chaser_0": True, "evader_0": False, "evader_1": True}
+    assert env.agents == []
+
+
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [
+        ({"chaser_0": 0}, "no action for evader_0"),
+        ({}, "no action for chaser_0"),
+        ({"chaser_0": 0, "evader_0": 4}, "evader_0 .* out of range"),
+        ({"chaser_0": -1, "evader_0": 0}, "chaser_0 .* out of range"),
+        ({"chaser_0": 2**40, "evader_0": 0}, "integer from 0 to 3"),
+        ({"chaser_0": 0, "evader_0": 1.0}, "the action of evader_0 is 1.0; give an integer"),
+        ({"chaser_0": None, "evader_0": 1}, "the action of chaser_0 is None"),
+        ({"chaser_0": 0, "evader_0": 0, "ghost_0": 0}, "'ghost_0', who is not playing"),
+    ],
+)
+def test_bad_actions_move_nobody(actions: dict[str, Any], message: str) -> None:
+    env = chase_v0.parallel_env()
+    env.reset(seed=0)
+    before = env.state()
+    with pytest.raises(ValueError, match=message):
+        env.step(actions)
+    assert (env.state() == before).all()
+    assert env.agents == ["chaser_0", "evader_0"]
+
+
+def test_numpy_integers_are_actions() -> None:
+    env = chase_v0.parallel_env(maze=CORRIDOR)
+    env.reset(options={"positions": [0, 3]})
+    env.step({"chaser_0": np.int64(EAST), "evader_0": np.array(WEST)})
+    assert env.state().tolist() == [2, 3, 1]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"observation": "pixels"}, "unknown observation 'pixels'; one of one_hot"),
+        ({"render_mode": "3d"}, "unknown render_mode '3d'; None or one of ansi"),
+        ({"maze": "5x6"}, "unknown maze '5x6'"),
+        ({"maze": "2x2", "num_evaders": 5}, "6 agents and 0 goals need 6 cells"),
+        ({"num_evaders": 0}, "num_evaders=0"),
+        ({"rewards": "gold"}, "unknown rewards 'gold'"),
+        ({"max_steps": 0}, "max_steps=0"),
+    ],
+)
+def test_bad_settings(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        chase_v0.parallel_env(**settings)
+
+
+def test_an_unknown_setting_is_an_unknown_keyword() -> None:
+    for make in (chase_v0.parallel_env, chase_v0.env, chase_v0.raw_env):
+        with pytest.raises(TypeError, match="keyword argument 'chasers'; the settings are maze"):
+            make(chasers=2)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**64, 1.5, "1", True, [1]])
+def test_bad_seeds(seed: Any) -> None:
+    with pytest.raises(ValueError, match=r"seed=.*; it is (a whole number|at least|at most)"):
+        chase_v0.parallel_env().reset(seed=seed)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"positions": [0, 99]}, r"positions=\[0, 99\]; whole numbers from 0 to 24"),
+        ({"positions": [0, 1], "goals": [3]}, "this task has none"),
+        (5, "options=5; give a dict"),
+        ({"positions": [3, 3]}, "begin in one cell"),
+        ({"postions": [0, 1]}, "unknown option 'postions'; the options of reset are positions, g"),
+        ({"goals": [3]}, "give positions too"),
+    ],
+)
+def test_bad_options_change_nothing(options: Any, message: str) -> None:
+    env = chase_v0.parallel_env()
+    env.reset(seed=3)
+    before = env.state().tolist()
+    with pytest.raises(ValueError, match=message):
+        env.reset(options=options)
+    assert env.state().tolist() == before
+
+
+def test_options_name_the_maze_where_there_are_several() -> None:
+    env = chase_v0.parallel_env(maze=("3x3", "5x5"))
+    for seed in range(4):
+        env.reset(seed=seed, options={"positions": [0, 24], "maze": 1})
+        assert env.state().tolist() == [1, 25, 0]
+    with pytest.raises(ValueError, match="maze left out; this task has 2"):
+        env.reset(options={"positions": [0, 8]})
+
+
+def test_step_before_reset() -> None:
+    with pytest.raises(ValueError, match="step before reset"):
+        chase_v0.parallel_env().step({"chaser_0": 0, "evader_0": 0})
+
+
+def test_unknown_task() -> None:
+    with pytest.raises(ValueError, match="unknown task 'tag'; one of chase, maze, race, heist"):
+        environment_makers("tag")[0]()
+
+
+@pytest.mark.parametrize("restart", [False, True])
+@pytest.mark.parametrize(
+    "copy",
+    [
+        deepcopy,
+        lambda env: pickle.loads(pickle.dumps(env)),
+        lambda env: pickle.loads(cloudpickle.dumps(env)),
+    ],
+    ids=["deepcopy", "pickle", "cloudpickle"],
+)
+def test_a_copy_goes_on_as_the_original_does(copy: Any, restart: bool) -> None:
+    env = chase_v0.parallel_env(maze="4x4", num_evaders=2, max_steps=30)
+    env.reset(seed=7)
+    env.step({agent: EAST for agent in env.agents})
+    twin = copy(env)
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        if not env.agents:
+            assert not twin.agents
+            env.reset(seed=3 if restart else None)
+            twin.reset(seed=3 if restart else None)
+        actions = {agent: int(rng.integers(4)) for agent in env.agents}
+        ours, theirs = env.step(actions), twin.step(actions)
+        assert ours[1:4] == theirs[1:4]
+        for agent, observed in ours[0].items():
+            assert (observed == theirs[0][agent]).all()
+        assert (env.state() == twin.state()).all()
+
+
+def test_a_copy_is_independent() -> None:
+    env = chase_v0.parallel_env(maze=CORRIDOR)
+    env.reset(options={"positions": [0, 3]})
+    twin = deepcopy(env)
+    env.step({"chaser_0": EAST, "evader_0": WEST})
+    assert twin.state().tolist() == [1, 4, 0]

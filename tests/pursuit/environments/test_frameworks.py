@@ -1,0 +1,247 @@
+"""Stable-Baselines3 and SuperSuit train on these environments."""
+
+import warnings
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+pytest.importorskip("supersuit")
+import supersuit
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_checker import check_env
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import VecMonitor
+
+from pursuit import chase_v0, make_task, race_v0
+from pursuit.environments.conformance import ConformanceError, check_parallel_env
+from pursuit.environments.stable_baselines import StableBaselinesVecEnv
+from pursuit.mazes.maze import Maze
+from pursuit.observations.observations import ENCODINGS
+from scripted_agents.environments import make_env, make_vector_env
+
+CORRIDOR = Maze.from_text("+-+-+-+-+-+\n|         |\n+-+-+-+-+-+")
+NORTH, SOUTH, EAST, WEST = range(4)
+
+pytestmark = pytest.mark.filterwarnings("error::UserWarning")
+
+
+def vec_env(num_envs: int = 4, **settings: Any) -> StableBaselinesVecEnv:
+    return StableBaselinesVecEnv(make_vector_env("chase", "chaser", num_envs, **settings))
+
+
+def ppo(env: Any, policy: str = "MlpPolicy") -> PPO:
+    return PPO(policy, env, n_steps=32, batch_size=64, n_epochs=2, seed=0, device="cpu")
+
+
+@pytest.mark.parametrize("observation", ENCODINGS)
+@pytest.mark.parametrize(("task", "agent"), [("chase", "chaser"), ("maze", "runner")])
+def test_the_check_of_stable_baselines(task: str, agent: str, observation: str) -> None:
+    with warnings.catch_warnings():
+        # It recommends what suits its convolutional policy, which is not meant for small grids.
+        for advice in ("Your observation", "It seems that your obs", "Treating image", "The minim"):
+            warnings.filterwarnings("ignore", message=advice, category=UserWarning)
+        check_env(make_env(task, agent, observation=observation))
+
+
+@pytest.mark.parametrize("observation", ["one_hot", "positions", "planes"])
+def test_ppo_of_stable_baselines_trains(observation: str) -> None:
+    env = vec_env(8, maze="3x3", max_steps=20, observation=observation)
+    model = ppo(env).learn(512)
+    assert model.num_timesteps == 512
+    assert len(model.ep_info_buffer or []) > 5  # "episode" in the infos: no Monitor is needed
+    # The buffer bootstraps after truncation from "terminal_observation".
+    rewards, lengths = evaluate_policy(
+        model, env, n_eval_episodes=8, return_episode_rewards=True, warn=False
+    )
+    assert len(rewards) == len(lengths) == 8 and max(lengths) <= 20
+
+
+def test_the_gymnasium_id_becomes_a_vec_env() -> None:
+    envs = gymnasium.make_vec("pursuit/Maze-v0", num_envs=3, maze="3x3", num_goals=1)
+    env = StableBaselinesVecEnv(envs.unwrapped)
+    assert env.reset().shape == (3, 27)
+    assert env.num_envs == 3 and env.observation_space == envs.single_observation_space
+
+
+def test_ends_of_episodes() -> None:
+    env = vec_env(3, maze=CORRIDOR, max_steps=2, observation="positions", opponent_epsilon=0.0)
+    reference = make_vector_env(
+        "chase", "chaser", 3, maze=CORRIDOR, max_steps=2, autoreset_mode="SAME_STEP"
+    )
+    for each in (env.env, reference):
+        each.reset(seed=0)
+        each.simulator.place([[0, 1], [1, 4], [0, 4]])
+    for step in range(1, 7):
+        actions = np.array([EAST, NORTH, NORTH])
+        observations, rewards, dones, infos = env.step(actions)
+        _, expected_rewards, terminations, truncations, expected = reference.step(actions)
+        assert (rewards == expected_rewards).all()
+        assert (dones == (terminations | truncations)).all()
+        for game, info in enumerate(infos):
+            assert bool(info) == dones[game]
+            if dones[game]:
+                assert info["TimeLimit.truncated"] == truncations[game]
+                final = expected["final_info"]
+                assert info["episode"]["l"] == final["episode_length"][game]
+                assert np.isclose(info["episode"]["r"], final["episode_return"][game])
+                last, first = info["terminal_observation"], observations[game]
+                assert env.observation_space.contains(last)
+                caught = last[0] == last[1] or last[1] == 0
+                assert caught == terminations[game]
+                assert first[1] != 0 and first[0] != first[1]
+        if step == 2:
+            assert infos[1]["TimeLimit.truncated"] and infos[2]["TimeLimit.truncated"]
+
+
+def test_seeds_reach_the_next_reset() -> None:
+    env, other = vec_env(), vec_env()
+    assert env.seed(5) == [5] * 4
+    other.seed(5)
+    first = env.reset()
+    assert (first == other.reset()).all()
+    assert (first != env.reset()).any()
+    env.seed(5)
+    assert (env.reset() == first).all()
+
+
+def test_the_rest_of_the_vec_env() -> None:
+    env = vec_env(2, render_mode="rgb_array")
+    env.reset()
+    assert env.get_attr("num_envs") == [2, 2] and env.get_attr("num_envs", 0) == [2]
+    env.set_attr("label", "mine")
+    assert env.get_attr("label", [1]) == ["mine"]
+    assert env.env_is_wrapped(VecMonitor) == [False, False]
+    assert [picture.ndim for picture in env.get_images() if picture is not None] == [3, 3]
+    assert env.env_method("render", indices=0)[0][0].dtype == np.uint8
+    assert vec_env(2).get_images() == [None, None]
+    assert isinstance(env.render(), np.ndarray)
+    env.close()
+
+
+def test_wrappers_of_stable_baselines() -> None:
+    env = VecMonitor(vec_env(4, maze="3x3", max_steps=5))
+    env.reset()
+    for _ in range(5):
+        *_, dones, infos = env.step(np.zeros(4, dtype=int))
+    assert all("episode" in info for info, done in zip(infos, dones, strict=True) if done)
+
+
+# -- SuperSuit -----------------------------------------------------------------------------------
+
+
+def play(env: Any, steps: int = 60) -> list[Any]:
+    """Steps of a vector environment with random actions, each checked for its shapes."""
+    rng = np.random.default_rng(0)
+    observed, _ = env.reset(seed=0)
+    returned = []
+    for _ in range(steps):
+        assert observed.shape == (env.num_envs, *env.observation_space.shape)
+        assert all(env.observation_space.contains(row) for row in observed)
+        observed, rewards, terminations, truncations, infos = env.step(
+            rng.integers(4, size=env.num_envs)
+        )
+        assert len(rewards) == len(terminations) == len(truncations) == env.num_envs
+        returned.append((observed, rewards, terminations, truncations, infos))
+    return returned
+
+
+def test_supersuit_vectorises_one_against_one() -> None:
+    env = supersuit.pettingzoo_env_to_vec_env_v1(chase_v0.parallel_env(maze="3x3", max_steps=15))
+    twin = chase_v0.parallel_env(maze="3x3", max_steps=15)
+    twin.reset(seed=0)
+    rng = np.random.default_rng(0)
+    ends = 0
+    for observed, rewards, terminations, truncations, infos in play(env):
+        actions = dict(zip(twin.agents, rng.integers(4, size=2), strict=True))
+        expected = twin.step(actions)
+        assert rewards.tolist() == [np.float32(reward) for reward in expected[1].values()]
+        assert terminations.tolist() == [*expected[2].values()]
+        assert truncations.tolist() == [*expected[3].values()]
+        last = expected[0]
+        if not twin.agents:
+            ends += 1
+            for info, agent in zip(infos, twin.possible_agents, strict=True):
+                assert (info["terminal_observation"] == last[agent]).all()
+            last, _ = twin.reset()
+        assert (observed == np.stack([*last.values()])).all()
+    assert ends > 3
+
+
+def test_supersuit_black_death_keeps_captured_evaders() -> None:
+    env = chase_v0.parallel_env(maze=CORRIDOR, num_evaders=2)
+    dark = supersuit.black_death_v3(env)
+    dark.reset(seed=0, options={"positions": [0, 1, 4]})
+    actions = {"chaser_0": EAST, "evader_0": NORTH, "evader_1": NORTH}
+    dark.step(actions)
+    assert env.agents == ["chaser_0", "evader_1"]
+    observations, rewards, *_ = dark.step(actions)
+    assert not observations["evader_0"].any() and rewards["evader_0"] == 0
+    assert rewards["evader_1"] == 1.0
+
+
+@pytest.mark.parametrize("observation", ENCODINGS)
+def test_supersuit_vectorises_teams_with_black_death(observation: str) -> None:
+    env = chase_v0.parallel_env(
+        maze="3x3", num_chasers=2, num_evaders=2, max_steps=15, observation=observation
+    )
+    play(supersuit.pettingzoo_env_to_vec_env_v1(supersuit.black_death_v3(env)), steps=15)
+
+
+def test_supersuit_stacks_frames() -> None:
+    env = race_v0.parallel_env(maze="3x3", max_steps=20)
+    stacked = supersuit.frame_stack_v1(env, 3)
+    first, _ = stacked.reset(seed=0)
+    size = env.observation_space("runner_0").shape[0]
+    assert stacked.observation_space("runner_0").shape == (3 * size,)
+    assert not first["runner_0"][: 2 * size].any()
+    second, *_ = stacked.step({"runner_0": NORTH, "runner_1": NORTH})
+    assert (second["runner_0"][size : 2 * size] == first["runner_0"][2 * size :]).all()
+
+
+@pytest.mark.parametrize("observation", ["cells", "planes"])
+def test_supersuit_stacks_grids(observation: str) -> None:
+    env = chase_v0.parallel_env(maze="3x3", max_steps=20, observation=observation)
+    stacked = supersuit.frame_stack_v1(env, 2)
+    shape = stacked.observation_space("chaser_0").shape
+    play(supersuit.pettingzoo_env_to_vec_env_v1(stacked))
+    assert np.prod(shape) == 2 * np.prod(env.observation_space("chaser_0").shape)
+
+
+def test_the_stacked_frames_of_supersuit_must_be_copied() -> None:
+    """Why nothing of ours depends on it: it hands out one array, and overwrites it."""
+    stacked = supersuit.frame_stack_v1(chase_v0.parallel_env(maze="3x3", max_steps=20), 2)
+    with pytest.raises(ConformanceError, match="step 1: overwrote the observations"):
+        check_parallel_env(stacked, max_steps=20)
+
+
+def test_supersuit_concatenates_copies_that_end_their_episodes() -> None:
+    env = supersuit.pettingzoo_env_to_vec_env_v1(chase_v0.parallel_env(maze="3x3", max_steps=15))
+    envs = supersuit.concat_vec_envs_v1(env, 3)
+    returned = play(envs)
+    ends = np.array([terminated | truncated for _, _, terminated, truncated, _ in returned])
+    assert ends.shape == (60, 6) and (ends.sum(axis=0) > 3).all()
+    starts = returned[0][0].reshape(3, 2, -1)
+    assert len(np.unique(starts[:, 0], axis=0)) > 1  # seeded apart
+
+
+def test_self_play_with_stable_baselines_through_supersuit() -> None:
+    # Seats of one shape share a network here: the classic way of self-play with SuperSuit.
+    env = supersuit.pettingzoo_env_to_vec_env_v1(race_v0.parallel_env(maze="3x3", max_steps=20))
+    envs = supersuit.concat_vec_envs_v1(env, 2, base_class="stable_baselines3")
+    with warnings.catch_warnings():  # SuperSuit's VecEnv cannot be seeded
+        warnings.simplefilter("ignore", UserWarning)
+        model = PPO("MlpPolicy", envs, n_steps=32, batch_size=64, n_epochs=2, device="cpu")
+        model.learn(256)
+    assert model.num_timesteps == 256
+
+
+def test_a_task_with_runners_and_chasers_trains_too() -> None:
+    task = make_task("chase", maze="3x3", num_runners=1, num_goals=1, max_steps=20)
+    assert task.agent_names == ("chaser_0", "evader_0", "runner_0")
+    env = StableBaselinesVecEnv(
+        make_vector_env("chase", "runner", 4, maze="3x3", num_runners=1, num_goals=1, max_steps=20)
+    )
+    ppo(env).learn(128)

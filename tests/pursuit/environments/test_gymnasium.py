@@ -1,0 +1,396 @@
+"""The Gymnasium environments: one seat is yours, single and vectorised."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import vector as vector_wrappers
+from numpy.typing import NDArray
+
+import pursuit
+from pursuit import GameView, SingleAgentEnv, SingleAgentVectorEnv, make_task
+from pursuit.mazes.maze import Maze
+from pursuit.observations.observations import ENCODINGS
+from pursuit.simulator.simulator import Simulator
+from scripted_agents import AStarChaser, AStarEvader, RandomAgent, TablePolicy
+from scripted_agents.environments import default_policies, make_env, make_vector_env
+
+CORRIDOR = Maze.from_text("+-+-+-+-+-+\n|         |\n+-+-+-+-+-+")
+ENCLOSED = Maze.from_text("+-+-+-+-+\n| |     |\n+-+-+-+-+")
+NORTH, SOUTH, EAST, WEST, STAY = range(5)
+IDS = tuple(
+    f"pursuit/{name}-v0"
+    for name in ("Chaser", "Evader", "Maze", "Race", "HeistChaser", "HeistEvader")
+)
+SEATS = [
+    (task, agent)
+    for task, agents in {
+        "chase": ("chaser_0", "evader_0", "chaser", "evader"),
+        "maze": ("runner_0",),
+        "race": ("runner_0", "runner_1"),
+        "heist": ("chaser", "evader"),
+    }.items()
+    for agent in agents
+]
+
+pytestmark = pytest.mark.filterwarnings("error::UserWarning", "ignore:mask_bumps=True")
+
+
+class Eastward:
+    """A policy of a user: always east, but remembers what it was shown."""
+
+    def __init__(self, observation: str | None = None) -> None:
+        self.observation = observation
+        self.seen: list[Any] = []
+
+    def act(self, view: GameView) -> NDArray[np.int32]:
+        seen = (view.seat, view.positions.copy(), view.steps.copy())
+        self.seen.append(view.observe(self.observation) if self.observation else seen)
+        return np.full(view.num_games, EAST, dtype=np.int32)
+
+
+@pytest.mark.parametrize("observation", ENCODINGS)
+@pytest.mark.parametrize("name", IDS)
+def test_gymnasiums_own_check(name: str, observation: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    # Gymnasium's check opens a window for a while: once is enough.
+    env = gymnasium.make(name, observation=observation, opponent_epsilon=0.5)
+    check_env(env.unwrapped, skip_render_check=observation != "one_hot")
+
+
+@pytest.mark.parametrize("observation", ENCODINGS)
+@pytest.mark.parametrize(("task", "agent"), SEATS)
+def test_every_seat_of_every_task(task: str, agent: str, observation: str) -> None:
+    env = make_env(task, agent, observation=observation, opponent_epsilon=0.3, max_steps=60)
+    rng = np.random.default_rng(1)
+    env.reset(seed=1)
+    for _ in range(5):
+        observed, info = env.reset()
+        for _ in range(60):
+            assert env.observation_space.contains(observed)
+            assert "action_mask" not in info and env.action_masks().tolist() == [True] * 4
+            observed, reward, terminated, truncated, info = env.step(int(rng.integers(4)))
+            assert isinstance(reward, float) and not (terminated and truncated)
+            if terminated or truncated:
+                break
+        assert terminated or (truncated and env.simulator.steps[0] == 60)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_make_vec_gives_the_simulator_underneath(name: str) -> None:
+    envs = gymnasium.make_vec(name, num_envs=5, maze="3x3", max_steps=30)
+    assert isinstance(envs, SingleAgentVectorEnv)
+    assert envs.num_envs == 5 and envs.simulator.num_games == 5
+    assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    assert envs.spec is not None and envs.spec.id == name
+    observations, infos = envs.reset(seed=1)
+    assert observations in envs.observation_space
+    assert not infos and envs.action_masks().tolist() == [[True] * 4] * 5
+    envs.action_space.seed(0)
+    for _ in range(100):
+        observations, rewards, terminations, truncations, infos = envs.step(
+            envs.action_space.sample()
+        )
+        assert observations in envs.observation_space
+        assert rewards.shape == terminations.shape == truncations.shape == (5,)
+        assert (rewards.dtype, terminations.dtype, truncations.dtype) == (np.float32, bool, bool)
+        assert not (terminations & truncations).any()
+    envs.close()
+
+
+def test_gymnasiums_own_vectorisation_works_too() -> None:
+    envs = gymnasium.make_vec(IDS[0], num_envs=2, vectorization_mode="sync", maze="3x3")
+    assert envs.reset(seed=0)[0].shape == (2, 27)
+    envs.step(envs.action_space.sample())
+    envs.close()
+
+
+def twin(task: pursuit.Task, agent: str, game: int, observation: str) -> SingleAgentEnv:
+    """The single environment that belongs to row `game` of a vector environment."""
+    env = SingleAgentEnv(
+        task, agent, default_policies(task, 0.3, own=agent), observation, mask_bumps=True
+    )
+    env.simulator = Simulator(task, first_game=game, auto_restart=False)
+    return env
+
+
+@pytest.mark.parametrize("observation", ["one_hot", "index", "cells", "planes"])
+@pytest.mark.parametrize(
+    ("settings", "agent"),
+    [
+        (("chase", {}), "chaser"),
+        (("chase", {"num_chasers": 2, "num_evaders": 3}), "evader_1"),
+        (("heist", {"maze": ["3x3", "4x4"]}), "evader"),
+        (("race", {"stay_action": True}), "runner_1"),
+        (("maze", {}), "runner"),
+    ],
+)
+def test_a_row_of_the_batch_is_a_single_environment(
+    settings: tuple[str, dict[str, Any]], agent: str, observation: str
+) -> None:
+    task = make_task(settings[0], **{"maze": "4x4", "max_steps": 25, **settings[1]})
+    policies = default_policies(task, 0.3, own=agent)
+    how: dict[str, Any] = {"mask_bumps": True, "autoreset_mode": "SAME_STEP"}
+    envs = SingleAgentVectorEnv(task, agent, policies, 4, observation, **how)
+    singles = [twin(task, agent, game, observation) for game in range(4)]
+    rng = np.random.default_rng(0)
+    observations, infos = envs.reset(seed=9)
+    totals, lengths = np.zeros(4), np.zeros(4, dtype=int)
+    for game, env in enumerate(singles):
+        observed, info = env.reset(seed=9)
+        assert (observed == observations[game]).all()
+        assert (info["action_mask"] == infos["action_mask"][game]).all()
+    ends = 0
+    for _ in range(150):
+        actions = rng.integers(task.num_actions, size=4)
+        observations, rewards, terminations, truncations, infos = envs.step(actions)
+        for game, env in enumerate(singles):
+            observed, reward, terminated, truncated, info = env.step(actions[game])
+            assert reward == rewards[game]
+            assert (terminated, truncated) == (terminations[game], truncations[game])
+            totals[game] += reward
+            lengths[game] += 1
+            if terminated or truncated:
+                ends += 1
+                assert infos["_final_obs"][game]
+                final = infos["final_obs"][game]
+                assert final.dtype == observed.dtype and (final == observed).all()
+                last = infos["final_info"]
+                assert np.isclose(last["episode_return"][game], totals[game])
+                assert last["episode_length"][game] == lengths[game]
+                totals[game] = lengths[game] = 0
+                observed, info = env.reset()
+            elif "final_obs" in infos:
+                assert not infos["_final_obs"][game]
+                last = infos["final_info"]
+                assert last["episode_length"][game] == last["episode_return"][game] == 0
+            assert (observed == observations[game]).all()
+            assert (info["action_mask"] == infos["action_mask"][game]).all()
+    assert ends > 12
+
+
+def test_nothing_returned_is_overwritten_later() -> None:
+    envs = make_vector_env("chase", "chaser", num_envs=3, maze="3x3-open", max_steps=5)
+    returned = [envs.reset(seed=0)]
+    returned += [envs.step(np.full(3, action % 4)) for action in range(40)]
+    again = make_vector_env("chase", "chaser", num_envs=3, maze="3x3-open", max_steps=5)
+    repeated = [again.reset(seed=0)]
+    repeated += [again.step(np.full(3, action % 4)) for action in range(40)]
+    for one, other in zip(returned, repeated, strict=True):
+        for old, new in zip(one[:-1], other[:-1], strict=True):
+            assert (old == new).all()
+        for key in one[-1]:
+            for old, new in zip(one[-1][key], other[-1][key], strict=True):
+                assert np.array_equal(old, new)
+
+
+def test_episode_statistics_of_gymnasium_agree_with_ours() -> None:
+    settings: dict[str, Any] = {"num_envs": 6, "maze": "3x3", "max_steps": 20}
+    plain = gymnasium.make_vec(IDS[0], **settings)
+    envs = vector_wrappers.RecordEpisodeStatistics(gymnasium.make_vec(IDS[0], **settings))
+    plain.reset(seed=3)
+    envs.reset(seed=3)
+    rng = np.random.default_rng(3)
+    for _ in range(100):
+        actions = rng.integers(4, size=6)
+        infos, ours = envs.step(actions)[-1], plain.step(actions)[-1]
+        if "episode" in infos:
+            assert np.allclose(infos["episode"]["r"], ours["episode_return"], atol=1e-5)
+            assert (infos["episode"]["l"] == ours["episode_length"]).all()
+            assert (infos["_episode"] == ours["_episode_return"]).all()
+    assert envs.episode_count > 20
+
+
+def test_other_vector_wrappers_of_gymnasium() -> None:
+    masked = {"stay_action": True, "mask_bumps": True}
+    envs = gymnasium.make_vec(IDS[1], num_envs=3, maze="3x3", max_steps=7, **masked)
+    listed = vector_wrappers.DictInfoToList(
+        vector_wrappers.NormalizeReward(vector_wrappers.ClipReward(envs, -0.5, 0.5))
+    )
+    _, infos = listed.reset(seed=0)
+    assert [info["action_mask"].shape for info in infos] == [(5,)] * 3
+    for _ in range(8):
+        _, _, terminations, truncations, infos = listed.step(np.zeros(3, dtype=int))
+        for ended, info in zip(terminations | truncations, infos, strict=True):
+            assert ended == ("episode_length" in info)
+
+
+def test_masked_sampling() -> None:
+    envs = make_vector_env("maze", "runner", num_envs=4, mask_bumps=True)
+    _, infos = envs.reset(seed=0)
+    actions = envs.action_space.sample(tuple(infos["action_mask"]))
+    assert infos["action_mask"][np.arange(4), actions].all()
+
+
+def test_the_capture_of_your_evader_ends_your_episode_only() -> None:
+    task = make_task("chase", maze=CORRIDOR, num_evaders=2)
+    policies = {"chaser": Eastward(), "evader_1": Eastward()}
+    start = {"positions": [0, 1, 4]}
+    env = SingleAgentEnv(task, "evader_0", policies, "positions")
+    env.reset(seed=0, options=start)
+    observed, reward, terminated, truncated, _ = env.step(WEST)
+    assert (reward, terminated, truncated) == (-1.0, True, False)
+    assert observed.tolist() == [0, 5, 2, 0]  # you are gone, and see the others
+    assert not env.simulator.ended.any()  # the game itself goes on
+
+    envs = SingleAgentVectorEnv(
+        task, "evader_0", policies, 2, "positions", autoreset_mode="SAME_STEP"
+    )
+    envs.reset(seed=0, options={"positions": [[0, 1, 4], [0, 3, 4]]})
+    _, rewards, terminations, truncations, infos = envs.step(np.array([WEST, EAST]))
+    assert rewards.tolist() == [-1.0, 1.0]
+    assert terminations.tolist() == [True, False] and not truncations.any()
+    assert infos["final_obs"][0].tolist() == [0, 5, 2, 0]
+    assert envs.simulator.steps.tolist() == [0, 1]  # your game restarted
+
+
+def test_capture_in_the_last_step_is_no_truncation() -> None:
+    task = make_task("chase", maze=CORRIDOR, num_evaders=2, max_steps=1)
+    policies = {"chaser": Eastward(), "evader_1": Eastward()}
+    env = SingleAgentEnv(task, "evader_0", policies)
+    env.reset(options={"positions": [0, 1, 4]})
+    assert env.step(WEST)[2:4] == (True, False)
+    env.reset(options={"positions": [0, 3, 4]})
+    assert env.step(EAST)[2:4] == (False, True)
+    envs = SingleAgentVectorEnv(task, "evader_0", policies, 2)
+    envs.reset(options={"positions": [[0, 1, 4], [0, 3, 4]]})
+    _, _, terminations, truncations, _ = envs.step(np.array([WEST, EAST]))
+    assert (terminations.tolist(), truncations.tolist()) == ([True, False], [False, True])
+
+
+def test_a_policy_of_your_own_fills_a_seat() -> None:
+    opponent = Eastward()
+    env = gymnasium.make(IDS[0], maze=CORRIDOR, opponent=opponent, observation="positions")
+    env.reset(options={"positions": [0, 1]})
+    observed, *_ = env.step(EAST)
+    assert observed.tolist() == [2, 3, 0]
+    ((seat, positions, steps),) = opponent.seen
+    assert seat == 1 and positions.tolist() == [[0, 1]] and steps.tolist() == [0]
+
+
+def test_an_opponent_may_ask_for_any_observation() -> None:
+    opponent = Eastward("cells")
+    envs = make_vector_env("chase", "chaser", num_envs=3, maze=CORRIDOR, opponent=opponent)
+    envs.reset(seed=0)
+    envs.step(np.zeros(3, dtype=int))
+    assert opponent.seen[0].shape == (3, 1, 5)
+    assert (opponent.seen[0] == 1).sum() == 3  # the evader sees itself, as code 1
+
+
+@pytest.mark.parametrize("opponent", [AStarEvader(), AStarEvader(0.5), RandomAgent()])
+def test_a_table_policy_plays_as_the_agent_that_it_is_the_table_of(opponent: Any) -> None:
+    maze = pursuit.load_maze("3x3")
+    table = TablePolicy(maze, opponent.action_probabilities(maze))
+    mean_lengths = []
+    for policy in (opponent, table):
+        envs = make_vector_env("chase", "chaser", 2000, maze="3x3", opponent=policy, max_steps=30)
+        envs.policies[0] = AStarChaser()  # the chaser is scripted here, to be compared
+        envs.reset(seed=0)
+        moves = np.zeros((2000, 2), dtype=np.int32)
+        while not envs.simulator.ended.all():
+            envs.simulator.act(envs.policies, moves)
+            envs.simulator.step(moves)
+        mean_lengths.append(envs.simulator.steps.mean())
+    assert abs(mean_lengths[0] - mean_lengths[1]) < 0.35
+
+
+def test_opponent_epsilon_reaches_the_opponent() -> None:
+    env = make_env("chase", "chaser", maze="3x3", opponent_epsilon=0.25)
+    assert env.policies[0] is None and env.policies[1].epsilon == 0.25  # type: ignore[union-attr]
+
+
+def test_policies_by_name_go_before_those_by_role() -> None:
+    task = make_task("race", num_runners=3)
+    first, others = RandomAgent(), RandomAgent()
+    env = SingleAgentEnv(task, "runner_1", {"runner_0": first, "runner": others})
+    assert env.policies == [first, None, others]
+
+
+@pytest.mark.parametrize("kind", [SingleAgentEnv, SingleAgentVectorEnv])
+@pytest.mark.parametrize(
+    ("agent", "policies", "message"),
+    [
+        ("runner", {"chaser": RandomAgent()}, "unknown agent 'runner'; this task has chaser_0, ev"),
+        ("evader_1", {"chaser": RandomAgent()}, "unknown agent 'evader_1'"),
+        (2, {"chaser": RandomAgent()}, "seat 2; this task has seats 0 to 1"),
+        ("chaser", {}, "nobody fills the seat of evader_0; add policies={'evader_0': ...}"),
+        ("chaser", {"runner": RandomAgent()}, "a policy for 'runner'; this task has chaser_0"),
+    ],
+)
+def test_wrong_seats(kind: Any, agent: Any, policies: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        kind(make_task("chase"), agent, policies)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"observation": "pixels"}, "unknown observation 'pixels'"),
+        ({"render_mode": "3d"}, "render_mode '3d'"),
+        ({"maze": "5x6"}, "unknown maze '5x6'"),
+        ({"opponent_epsilon": 1.5}, "epsilon=1.5"),
+        ({"max_steps": 2.5}, "max_steps=2.5"),
+    ],
+)
+def test_wrong_settings(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        gymnasium.make(IDS[0], **settings)
+    with pytest.raises(ValueError, match=message):
+        gymnasium.make_vec(IDS[0], num_envs=2, **settings)
+
+
+def test_nobody_steps_before_a_reset() -> None:
+    task, policies = make_task("chase"), {"evader": RandomAgent()}
+    with pytest.raises(ValueError, match="step before reset; call reset"):
+        SingleAgentEnv(task, "chaser", policies).step(0)
+    with pytest.raises(ValueError, match="step before reset; call reset"):
+        SingleAgentVectorEnv(task, "chaser", policies, 2).step(np.zeros(2, dtype=int))
+
+
+def test_an_unknown_setting_is_an_unknown_keyword() -> None:
+    with pytest.raises(TypeError, match="keyword argument 'chasers'"):
+        gymnasium.make(IDS[0], chasers=2)
+    with pytest.raises(TypeError, match="keyword argument 'chasers'"):
+        gymnasium.make_vec(IDS[0], num_envs=2, chasers=2)
+
+
+@pytest.mark.parametrize("action", [4, -1, 1.5, None, "north", np.array([1]), 2**70])
+def test_a_wrong_action_moves_nobody(action: Any) -> None:
+    env, untouched = (make_env("chase", "chaser", opponent_epsilon=0.5) for _ in range(2))
+    for each in (env, untouched):
+        each.reset(seed=0)
+    with pytest.raises(ValueError, match="integers from 0 to 3"):
+        env.step(action)
+    for _ in range(10):
+        assert (env.step(0)[0] == untouched.step(0)[0]).all()
+
+
+@pytest.mark.parametrize(
+    "actions",
+    [np.array([0, 4]), np.array([-1, 0]), np.array([0]), np.array([0.0, 1.0]), 0, [[0, 0]]],
+)
+def test_wrong_actions_move_nobody(actions: Any) -> None:
+    envs, untouched = (
+        make_vector_env("chase", "chaser", 2, opponent_epsilon=0.5) for _ in range(2)
+    )
+    for each in (envs, untouched):
+        each.reset(seed=0)
+    with pytest.raises(ValueError, match="integers"):
+        envs.step(actions)
+    zeros = np.zeros(2, dtype=int)
+    for _ in range(10):
+        assert (envs.step(zeros)[0] == untouched.step(zeros)[0]).all()
+
+
+def test_resets_without_a_seed_go_on_and_differ() -> None:
+    envs = make_vector_env("maze", "runner", num_envs=8, seed=5)
+    same = make_vector_env("maze", "runner", num_envs=8)
+    first = envs.reset()[0]
+    assert (first == same.reset(seed=5)[0]).all()
+    assert (first != envs.reset()[0]).any()
+    assert len(np.unique(first, axis=0)) == 8
+    unseeded = [make_vector_env("maze", "runner", num_envs=8).reset()[0] for _ in range(2)]
+    assert (unseeded[0] != unseeded[1]).any()

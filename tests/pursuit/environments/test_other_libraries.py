@@ -1,0 +1,191 @@
+"""The examples of docs/other_libraries.md run as they stand, where their library is installed."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+PAGE = Path(__file__).parents[3] / "docs" / "other_libraries.md"
+SECTIONS = {
+    text.partition("\n")[0]: re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    for text in PAGE.read_text(encoding="utf-8").split("\n## ")
+}
+
+pytestmark = pytest.mark.filterwarnings("ignore:PettingZoo in TorchRL is tested")
+
+
+def run(title: str) -> dict[str, Any]:
+    """What the blocks of a section leave behind, after the imports and settings before them."""
+    before = [SECTIONS["An own PPO"][0], *SECTIONS["Gymnasium"]]
+    page = ModuleType("page")
+    sys.modules[page.__name__] = page  # some libraries pickle the classes that they are given
+    names = vars(page)
+    for block in SECTIONS[title] if title == "An own PPO" else [*before, *SECTIONS[title]]:
+        needed = re.match(r"# needs: (\S+)\n", block)
+        if needed:
+            pytest.importorskip(needed[1], exc_type=ImportError)
+        exec(compile(block, str(PAGE), "exec"), names)
+    return names
+
+
+def test_examples_are_short() -> None:
+    blocks = [block for section in SECTIONS.values() for block in section]
+    assert len(blocks) >= 18
+    for block in blocks:
+        code = [line for line in block.splitlines() if line.strip() and not line.startswith("#")]
+        assert sum(not re.match(r"(import|from) ", line) for line in code) < 15, block
+
+
+def test_an_own_ppo_learns_to_catch_nearly_as_fast_as_is_possible() -> None:
+    import torch
+
+    torch.manual_seed(0)
+    lengths = run("An own PPO")["lengths"]
+    assert np.mean(lengths[:300]) > 15
+    assert np.mean(lengths[-1000:]) < 5.6  # 4.93 is the optimum, over all starts
+
+
+def test_gymnasium() -> None:
+    names = run("Gymnasium")
+    assert names["observations"].shape == (8, 7)
+    assert set(names["observed"]) == {"observation", "action_mask"}
+
+
+def test_stable_baselines() -> None:
+    assert run("Stable-Baselines3")["model"].num_timesteps == 4096
+
+
+def test_torchrl() -> None:
+    names = run("TorchRL")
+    assert names["rollout"].shape == (1024, 20)
+    last = names["processes"]["next"]
+    over = last["done"].squeeze(-1)
+    assert over.any() and not last["observation"][over].any()
+    assert not names["simulator"].auto_restart
+
+
+def test_pettingzoo_and_supersuit() -> None:
+    names = run("PettingZoo and SuperSuit")
+    steady, strict = names["steady"], names["strict"]
+    seen, _ = steady.reset(seed=0)
+    for _ in range(30):
+        if not steady.agents:
+            break
+        assert [*seen] == steady.possible_agents
+        seen, *_ = steady.step(dict.fromkeys(steady.possible_agents, 0))
+    names["skipping"].reset(seed=0)
+    names["skipping"].step(1)
+    strict.reset(seed=0)
+    mask = strict.last()[0]["action_mask"]
+    assert not mask.all()
+    strict.step(int(np.flatnonzero(mask == 0)[0]))
+    assert all(strict.terminations.values())
+
+
+@pytest.fixture
+def local_ray() -> Iterator[None]:
+    yield
+    pytest.importorskip("ray").shutdown()
+
+
+def test_rllib_sees_whole_episodes_of_vectorised_games() -> None:
+    pytest.importorskip("tree")  # a cheap sign that RLlib is not installed
+    pytest.importorskip("ray.rllib", exc_type=ImportError)
+    from ray.rllib.algorithms.ppo import PPOConfig
+    from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
+
+    game = {"maze": "9x9", "num_goals": 9, "max_steps": 5, "observation": "positions"}
+    config = PPOConfig().environment("pursuit:pursuit/Maze-v0", env_config=game)
+    config = config.env_runners(
+        num_envs_per_env_runner=3, gym_env_vectorize_mode="vector_entry_point"
+    )
+    episodes = SingleAgentEnvRunner(config=config).sample(num_timesteps=60, random_actions=True)
+    assert len(episodes) == 12
+    for episode in episodes:
+        assert episode.is_done and len(episode) == 5
+        first, *others = episode.get_observations().tolist()  # own cell, goals, just collected
+        assert all(set(goals) <= set(first[1:]) | {0} for _, *goals, _ in others)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("local_ray")
+def test_rllib() -> None:
+    names = run("RLlib")
+    for config in (names["config"], *names["configs"]):
+        learner = config.build_algo()
+        sampled = learner.train()["env_runners"]
+        assert sampled["num_env_steps_sampled"] >= 400
+        learner.stop()
+
+
+@pytest.mark.slow
+def test_benchmarl(tmp_path: Path) -> None:
+    names = run("BenchMARL")
+    from benchmarl.algorithms import MappoConfig
+    from benchmarl.experiment import Experiment, ExperimentConfig
+    from benchmarl.models.mlp import MlpConfig
+
+    how = ExperimentConfig.get_from_yaml()
+    how.sampling_device = how.train_device = "cpu"
+    how.on_policy_collected_frames_per_batch, how.on_policy_minibatch_size = 200, 100
+    how.max_n_iters, how.on_policy_n_minibatch_iters, how.save_folder = 2, 1, str(tmp_path)
+    how.evaluation, how.loggers, how.create_json, how.render = False, [], False, False
+    experiment = Experiment(
+        task=names["task"],
+        algorithm_config=MappoConfig.get_from_yaml(),
+        model_config=MlpConfig.get_from_yaml(),
+        critic_model_config=MlpConfig.get_from_yaml(),
+        seed=0,
+        config=how,
+    )
+    experiment.run()
+    assert experiment.total_frames == 400
+
+
+@pytest.mark.slow
+def test_tianshou() -> None:
+    names = run("Tianshou")
+    from tianshou.trainer import OffPolicyTrainerParams
+
+    how = OffPolicyTrainerParams(
+        training_collector=names["collector"],
+        max_epochs=1,
+        epoch_num_steps=200,
+        collection_step_num_env_steps=40,
+        verbose=False,
+        show_progress=False,
+    )
+    names["learner"].run_training(how)
+    assert len(names["collector"].buffer) >= 200
+    assert 1 <= sum(names["observed"]["mask"]) < 4
+    # Masks reach the learner: of masked games it takes no forbidden action.
+    envs = names["DummyVectorEnv"](
+        [lambda: names["PettingZooEnv"](names["maze_v0"].env(**names["game"]))] * 2
+    )
+    buffer = names["VectorReplayBuffer"](400, 2)
+    played = names["Collector"](names["learner"], envs, buffer)
+    played.reset()
+    played.collect(n_step=60)
+    batch, _ = buffer.sample(0)
+    assert np.asarray(batch.obs.mask)[np.arange(len(batch)), np.asarray(batch.act).ravel()].all()
+
+
+@pytest.mark.slow
+def test_agilerl() -> None:
+    names = run("AgileRL")
+    from agilerl.training.train_multi_agent_on_policy import train_multi_agent_on_policy
+
+    envs = names["AsyncPettingZooVecEnv"]([names["make"], names["make"]])
+    how = {"max_steps": 128, "evo_steps": 64, "eval_steps": 20, "verbose": False}
+    trained, _ = train_multi_agent_on_policy(
+        envs, "chase", "IPPO", [names["learner"]], sum_scores=False, **how
+    )
+    assert len(trained) == 1
+    envs.close()

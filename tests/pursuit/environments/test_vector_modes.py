@@ -1,0 +1,270 @@
+"""Vector environments begin games anew as Gymnasium's own do that hold single environments."""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import vector as vector_wrappers
+
+from pursuit import ReacherEnv, ReacherTask, ReacherVectorEnv, SingleAgentEnv, SingleAgentVectorEnv
+from pursuit.mazes.maze import Maze
+from scripted_agents.environments import make_env, make_vector_env
+
+CORRIDOR = Maze.from_text("+-+-+-+-+-+\n|         |\n+-+-+-+-+-+")
+NORTH, EAST = 0, 2
+GAMES = 4
+GRIDS: dict[str, tuple[str, str, dict[str, Any]]] = {
+    "chase": ("chase", "chaser", {}),
+    "caught in a team": ("chase", "evader_1", {"num_chasers": 2, "num_evaders": 3}),
+    "heist": ("heist", "evader", {"maze": ["3x3", "4x4"]}),
+    "maze": ("maze", "runner", {"stay_action": True}),
+    "masks observed": ("maze", "runner", {"mask_in_observation": True}),
+}
+ARMS: dict[str, dict[str, Any]] = {
+    "kept": {"tolerance": 0.7},
+    "random": {"tolerance": 0.7, "start": "random", "joints": 3},
+    "discrete": {"tolerance": 0.7, "discrete_actions": True},
+}
+
+pytestmark = pytest.mark.filterwarnings("error::UserWarning", "ignore:mask_bumps=True")
+
+
+def pair(form: str, mode: AutoresetMode) -> tuple[Any, Any]:
+    """Our vector environment, and Gymnasium's of as many single ones."""
+
+    def sync(make: Callable[[], Any]) -> SyncVectorEnv:
+        return SyncVectorEnv([make] * GAMES, autoreset_mode=mode)
+
+    if form in ARMS:
+        task = {"max_steps": 25, **ARMS[form]}
+        envs = gymnasium.make_vec("pursuit/Reacher-v0", GAMES, autoreset_mode=mode, **task)
+        return envs, sync(lambda: gymnasium.make("pursuit/Reacher-v0", **task))
+    name, agent, settings = GRIDS[form]
+    game = {"maze": "4x4", "max_steps": 25, "opponent_epsilon": 0.3, "mask_bumps": True, **settings}
+    envs = make_vector_env(name, agent, GAMES, autoreset_mode=mode, **game)
+    return envs, sync(lambda: make_env(name, agent, **game))
+
+
+def check_equal(one: Any, other: Any) -> None:
+    """Observations or infos: the same keys, dtypes, shapes and values."""
+    if isinstance(other, dict):
+        assert one.keys() == other.keys()
+        for key in other:
+            check_equal(one[key], other[key])
+    elif isinstance(other, np.ndarray) and other.dtype.hasobject:
+        assert one.dtype == object and len(one) == len(other)
+        for mine, wanted in zip(one, other, strict=True):
+            check_equal(mine, wanted)
+    elif other is None:
+        assert one is None
+    else:
+        assert (one.dtype, one.shape) == (other.dtype, other.shape)
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize("form", [*GRIDS, *ARMS])
+def test_it_is_gymnasiums_own_over_single_environments(form: str, mode: AutoresetMode) -> None:
+    ours, theirs = pair(form, mode)
+    assert ours.metadata["autoreset_mode"] is ours.autoreset_mode is mode
+    assert ours.observation_space == theirs.observation_space
+    assert ours.action_space == theirs.action_space
+    seeds = [5, 2**63, 7, 5]
+    (observed, infos), (expected, hints) = ours.reset(seed=seeds), theirs.reset(seed=seeds)
+    ours.action_space.seed(1)
+    ends, totals, lengths = 0, np.zeros(GAMES), np.zeros(GAMES, dtype=int)
+    waiting = np.zeros(GAMES, dtype=bool)
+    for _ in range(120):
+        check_equal(observed, expected)
+        check_equal(infos, hints)
+        actions = ours.action_space.sample()
+        observed, rewards, terminations, truncations, infos = ours.step(actions)
+        expected, *results, hints = theirs.step(actions)
+        for one, other in zip((rewards, terminations, truncations), results, strict=True):
+            np.testing.assert_array_equal(one, other)
+        over = terminations | truncations
+        totals, lengths = totals + rewards, lengths + ~waiting
+        if over.any():
+            ends += over.sum()
+            final = infos["final_info"] if mode is AutoresetMode.SAME_STEP else infos
+            np.testing.assert_array_equal(final["_episode_return"], over)
+            np.testing.assert_allclose(final["episode_return"], totals * over, atol=1e-5)
+            np.testing.assert_array_equal(final["episode_length"], lengths * over)
+            totals[over], lengths[over] = 0, 0
+        assert ("final_obs" in infos) == (mode is AutoresetMode.SAME_STEP and over.any())
+        waiting = over if mode is AutoresetMode.NEXT_STEP else np.zeros(GAMES, dtype=bool)
+        if mode is AutoresetMode.DISABLED and over.any():
+            with pytest.raises(ValueError, match="reset_mask"):
+                ours.step(actions)
+            observed, infos = ours.reset(options={"reset_mask": over})
+            expected, hints = theirs.reset(options={"reset_mask": over})
+    assert ends > 10
+
+
+@pytest.mark.parametrize("form", ["chase", "kept"])
+def test_a_reset_mask_leaves_the_other_games_alone(form: str) -> None:
+    ours, theirs = pair(form, AutoresetMode.DISABLED)
+    ours.action_space.seed(1)
+    for envs in (ours, theirs):
+        envs.reset(seed=[1, 2, 3, 4])
+    mask = np.array([True, False, False, True])
+    for seeds in (None, [9, 9, 9, 9], [None, 8, 8, 6]):
+        actions = ours.action_space.sample()
+        for envs in (ours, theirs):
+            *_, terminations, truncations, _ = envs.step(actions)
+        assert not (terminations | truncations).any()
+        observed, infos = ours.reset(seed=seeds, options={"reset_mask": mask})
+        expected, hints = theirs.reset(seed=seeds, options={"reset_mask": mask})
+        check_equal(observed, expected)
+        check_equal(infos, hints)
+        assert (ours.simulator.steps > 0).tolist() == (~mask).tolist()
+    ours.reset(seed=3, options={"reset_mask": mask})
+    assert ours.simulator.last_seed is None or (ours.simulator.steps[1:3] > 0).all()
+
+
+def test_a_mask_may_come_with_places() -> None:
+    envs = make_vector_env("chase", "chaser", 3, maze=CORRIDOR, autoreset_mode="DISABLED")
+    envs.reset(seed=0, options={"positions": [0, 4]})
+    mask = np.array([False, True, False])
+    envs.reset(options={"positions": [1, 3], "reset_mask": mask})
+    assert envs.simulator.positions.tolist() == [[0, 4], [1, 3], [0, 4]]
+
+
+def test_one_seed_is_that_of_the_whole_batch_in_every_mode() -> None:
+    first = [
+        make_vector_env("maze", "runner", 8, autoreset_mode=mode).reset(seed=5)[0]
+        for mode in AutoresetMode
+    ]
+    assert (first[0] == first[1]).all() and (first[0] == first[2]).all()
+    assert len(np.unique(first[0], axis=0)) == 8
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"seed": [1]}, "1 seeds for 2 games"),
+        ({"seed": [1, -1]}, "seed=-1"),
+        ({"seed": [1, 1.5]}, "seed=1.5"),
+        ({"seed": "ab"}, "seed='ab'"),
+        ({"seed": 1.5}, "seed=1.5"),
+        ({"options": {"reset_mask": [True]}}, "an array of 2 bools"),
+        ({"options": {"reset_mask": np.array([1, 0])}}, "an array of 2 bools"),
+        ({"seed": [1, 2], "options": {"positions": [0, 99]}}, "99"),
+        ({"seed": [1, 2], "options": 5}, "options=5"),
+    ],
+)
+def test_what_is_refused_changes_nothing(wrong: dict[str, Any], message: str) -> None:
+    envs, untouched = (make_vector_env("chase", "chaser", 2, opponent_epsilon=0.5) for _ in "ab")
+    for each in (envs, untouched):
+        each.reset(seed=0)
+    with pytest.raises(ValueError, match=message):
+        envs.reset(**wrong)
+    for _ in range(10):
+        np.testing.assert_array_equal(
+            *(each.step(np.zeros(2, dtype=int))[0] for each in (envs, untouched))
+        )
+    np.testing.assert_array_equal(envs.reset()[0], untouched.reset()[0])
+
+
+def test_a_wrong_action_moves_nobody_where_games_wait() -> None:
+    envs, untouched = (
+        make_vector_env("chase", "chaser", 2, maze=CORRIDOR, autoreset_mode="NextStep")
+        for _ in "ab"
+    )
+    for each in (envs, untouched):
+        each.reset(seed=0, options={"positions": [[3, 4], [0, 4]]})
+        assert each.step(np.array([EAST, NORTH]))[2].tolist() == [True, False]
+    with pytest.raises(ValueError, match="integers from 0 to 3"):
+        envs.step(np.array([9, 0]))
+    for _ in range(10):
+        actions = np.zeros(2, dtype=int)
+        np.testing.assert_equal(envs.step(actions), untouched.step(actions))
+
+
+def test_unknown_modes_and_early_masks() -> None:
+    with pytest.raises(ValueError, match="autoreset_mode='never'; one of NEXT_STEP, SAME_STEP, DI"):
+        gymnasium.make_vec("pursuit/Chaser-v0", 2, autoreset_mode="never")
+    envs = ReacherVectorEnv(ReacherTask(), 2, autoreset_mode="DISABLED")
+    with pytest.raises(ValueError, match="reset_mask before the first reset"):
+        envs.reset(options={"reset_mask": np.array([True, False])})
+
+
+@pytest.mark.parametrize("name", ["pursuit/Chaser-v0", "pursuit/Reacher-v0"])
+def test_max_episode_steps_cuts_off_as_the_time_limit_of_gymnasium_does(name: str) -> None:
+    for limit, length in ((3, 3), (99, 7)):
+        settings: dict[str, Any] = {"max_steps": 7, "max_episode_steps": limit}
+        settings |= {"tolerance": 1e-6} if "Reacher" in name else {"maze": "9x9"}
+        env, envs = gymnasium.make(name, **settings), gymnasium.make_vec(name, 1, **settings)
+        start = {"positions": [0, 80]} if "Chaser" in name else None
+        for each in (env, envs):
+            each.reset(seed=1, options=start)
+        stay = np.zeros(2, dtype=np.float32) if "Reacher" in name else NORTH
+        ends = [
+            (bool(env.step(stay)[3]), bool(envs.step(np.array([stay]))[3][0])) for _ in range(7)
+        ]
+        assert ends.index((True, True)) == length - 1
+    for wrong in (0, 1.5, "3"):
+        with pytest.raises(ValueError, match="max_episode_steps"):
+            gymnasium.make_vec(name, 2, max_episode_steps=wrong)
+
+
+@pytest.mark.parametrize("name", ["Chaser", "Evader", "Maze", "Race", "HeistEvader", "Reacher"])
+def test_the_spec_has_the_limit_of_the_task_and_nothing_truncates_besides(name: str) -> None:
+    name, settings = f"pursuit/{name}-v0", {"max_steps": 405}
+    env, envs = gymnasium.make(name, **settings), gymnasium.make_vec(name, 2, **settings)
+    for each in (env, envs):
+        assert each.spec is not None and each.spec.max_episode_steps == settings["max_steps"]
+    layer: Any = env
+    while layer is not env.unwrapped:
+        assert not isinstance(layer, gymnasium.wrappers.TimeLimit)
+        layer = layer.env
+    short = gymnasium.make(name, max_episode_steps=9), gymnasium.make_vec(name, max_episode_steps=9)
+    assert [each.spec.max_episode_steps for each in short if each.spec] == [9, 9]
+    assert env.unwrapped.task.max_steps == settings["max_steps"]
+    again = gymnasium.make_vec(envs.spec)
+    assert again.spec is not None and again.spec.max_episode_steps == settings["max_steps"]
+
+
+def test_gymnasiums_class_is_a_direct_base_for_skrl() -> None:
+    for kind in (SingleAgentVectorEnv, ReacherVectorEnv):
+        assert gymnasium.vector.VectorEnv in kind.__bases__
+    for single in (SingleAgentEnv, ReacherEnv):
+        assert gymnasium.Env in single.__bases__
+
+
+def test_next_step_is_the_default() -> None:
+    for name in ("Chaser", "Race", "Reacher"):
+        envs = gymnasium.make_vec(f"pursuit/{name}-v0", 2)
+        assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
+@pytest.mark.parametrize("name", ["pursuit/Evader-v0", "pursuit/Reacher-v0"])
+def test_vector_wrappers_of_gymnasium_take_it(name: str, mode: AutoresetMode) -> None:
+    envs = gymnasium.make_vec(name, 3, max_steps=7, autoreset_mode=mode)
+    wrapped: Any = vector_wrappers.FlattenObservation(envs)
+    if "Reacher" in name:
+        wrapped = vector_wrappers.RescaleObservation(wrapped, np.float32(0), np.float32(1))
+    else:
+        wrapped = vector_wrappers.DtypeObservation(wrapped, np.int64)
+    wrapped = vector_wrappers.TransformAction(wrapped, lambda actions: actions)
+    if mode is AutoresetMode.NEXT_STEP:
+        wrapped = vector_wrappers.NormalizeObservation(wrapped)
+    wrapped = vector_wrappers.RecordEpisodeStatistics(wrapped)
+    observed, _ = wrapped.reset(seed=0)
+    wrapped.action_space.seed(0)
+    for _ in range(30):
+        assert observed.shape == wrapped.observation_space.shape
+        normalised = mode is AutoresetMode.NEXT_STEP
+        assert normalised or wrapped.observation_space.contains(observed)
+        observed, _, terminations, truncations, infos = wrapped.step(wrapped.action_space.sample())
+        over = terminations | truncations
+        assert over.any() == ("episode" in infos)
+        if "episode" in infos:
+            np.testing.assert_allclose(infos["episode"]["r"], infos["episode_return"], atol=1e-5)
+            np.testing.assert_array_equal(infos["episode"]["l"], infos["episode_length"])
+        if mode is AutoresetMode.DISABLED and over.any():
+            observed, _ = wrapped.reset(options={"reset_mask": over})

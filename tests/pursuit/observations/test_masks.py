@@ -1,0 +1,303 @@
+"""Action masks: every action is legal, `mask_bumps=True` forbids bumps, and then everywhere."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+import torch
+from masked_games import count_bumps, torchrl_env
+from tensordict.nn import ProbabilisticTensorDictModule, TensorDictModule
+from tensordict.nn import ProbabilisticTensorDictSequential as Sequential
+from torchrl.collectors import Collector
+from torchrl.envs import PettingZooWrapper
+from torchrl.envs.utils import check_env_specs
+from torchrl.modules import MaskedCategorical
+
+from pursuit import chase_v0, maze_v0
+from pursuit.mazes.maze import Maze, load_maze
+from pursuit.mazes.maze_arrays import lay_out
+from pursuit.observations.masks import action_masks, bump_masks
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import make_task
+from scripted_agents import AStarChaser, AStarEvader, best_response, mean_over_starts
+from scripted_agents.environments import make_env, make_vector_env
+from train.networks.actor_critic import ActorCritic
+from train.networks.layers import Hidden
+
+CORRIDOR = Maze.from_text("+-+-+-+-+-+\n|         |\n+-+-+-+-+-+")
+ENCLOSED = Maze.from_text("+-+-+-+\n| |   |\n+-+-+-+")
+NORTH, SOUTH, EAST, WEST, STAY = range(5)
+WAITING = "mask_bumps=True in task 'chase' without stay_action forbids waiting"
+Role = Literal["chaser", "evader"]
+
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:mask_bumps=True", "ignore:PettingZoo in TorchRL:UserWarning"
+)
+
+
+# -- the masks -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("num_actions", [4, 5])
+def test_a_mask_allows_what_changes_the_cell_and_never_forbids_everything(num_actions: int) -> None:
+    for maze in (load_maze("5x5"), CORRIDOR, ENCLOSED):
+        masks = bump_masks(maze, num_actions)
+        for cell in range(maze.num_cells):
+            moves = [maze.neighbors[cell, action] != cell for action in range(4)]
+            expected = [*moves, *[True] * (num_actions - 4)] if any(moves) else [True] * num_actions
+            assert masks[cell].tolist() == expected
+    assert bump_masks(ENCLOSED, 4)[0].all() and bump_masks(CORRIDOR, 4)[0].tolist() == [0, 0, 1, 0]
+
+
+def test_masks_of_a_batch_are_those_of_its_cells() -> None:
+    task = make_task("chase", maze=("3x3", "4x4-tree"), num_evaders=2, max_steps=8)
+    simulator = Simulator(task, 200, auto_restart=False)
+    world, rng = lay_out(task.mazes).world, np.random.default_rng(0)
+    seen = dict.fromkeys(("captured", "terminated", "truncated"), 0)
+    for _ in range(8):
+        simulator.step(rng.integers(4, size=(200, 3)))
+        over = simulator.terminated
+        masks = action_masks(simulator.games, world, 4, terminated=over)
+        some = action_masks(simulator.games, world, 4, slice(1, 3), over)
+        assert (some == masks[:, 1:]).all()
+        for game, seat in np.ndindex(200, 3):
+            cells = bump_masks(task.mazes[simulator.maze_index[game]], 4)
+            captured = not simulator.active[game, seat]
+            free = captured or over[game]
+            expected = np.ones(4) if free else cells[simulator.positions[game, seat]]
+            assert (masks[game, seat] == expected).all()
+            seen["captured"] += captured
+        seen["terminated"] += over.sum()
+        seen["truncated"] += simulator.truncated.sum()
+    assert all(seen.values())
+
+
+# -- the optimum with and without them -------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "epsilon", "free", "masked"), [("5x5", 0.0, 58.51, 199.34), ("3x3", 0.2, 4.929, 8.730)]
+)
+def test_masks_cost_a_chaser_that_may_not_wait_its_optimum(
+    name: str, epsilon: float, free: float, masked: float
+) -> None:
+    maze = load_maze(name)
+    means = {}
+    for stay in (False, True):
+        evader = AStarEvader(epsilon).action_probabilities(maze, stay)
+        for mask in (False, True):
+            best = best_response("chaser", maze, evader, horizon=200, mask_bumps=mask)
+            means[stay, mask] = mean_over_starts(best.values, maze)
+            cells, others = np.nonzero(~np.eye(maze.num_cells, dtype=bool))
+            if mask:
+                allowed = bump_masks(maze, 4 + stay)
+                assert allowed[cells, best.actions[cells, others]].all()
+    assert means[False, False] == pytest.approx(free, abs=0.006)
+    assert means[False, True] == pytest.approx(masked, abs=0.006)
+    # With the stay action nobody needs a wall to wait.
+    assert means[True, True] == pytest.approx(means[True, False], abs=1e-9)
+
+
+def plain_response(
+    role: Role, maze: Maze, table: Any, horizon: int, first: bool, allowed: Any
+) -> Any:
+    """[chaser cell, evader cell]: the same by the rules in plain Python."""
+    size, least = maze.num_cells, min if role == "chaser" else max
+    values = np.zeros((size, size))
+    for _ in range(horizon):
+        before, values = values, np.zeros((size, size))
+        for chaser, evader in np.ndindex(size, size):
+            own, other = (chaser, evader) if role == "chaser" else (evader, chaser)
+            means = []
+            for action in np.flatnonzero(allowed[own]):
+                mean = 1.0
+                for theirs, chance in enumerate(table[other, own]):
+                    moves = maze.neighbors[own, action], maze.neighbors[other, theirs]
+                    new_chaser, new_evader = moves if role == "chaser" else moves[::-1]
+                    if first and new_chaser == evader:
+                        continue
+                    swapped = (new_chaser, new_evader) == (evader, chaser)
+                    if new_chaser != new_evader and (first or not swapped):
+                        mean += chance * before[new_chaser, new_evader]
+                means.append(mean)
+            values[chaser, evader] = 0.0 if chaser == evader else least(means)
+    return values
+
+
+@pytest.mark.parametrize("role", ["chaser", "evader"])
+@pytest.mark.parametrize("maze", [load_maze("2x2"), load_maze("3x3-tree"), ENCLOSED])
+def test_a_masked_best_response_is_that_of_the_rules(maze: Maze, role: Role) -> None:
+    opponent: Any = AStarEvader(0.3) if role == "chaser" else AStarChaser(0.4)
+    for stay in (False, True):
+        table = opponent.action_probabilities(maze, stay)
+        for order in ("simultaneous", "chasers_first"):
+            rest: Any = (6, 1.0, stay, order)
+            found = best_response(role, maze, table, *rest, mask_bumps=True).values
+            allowed = bump_masks(maze, 4 + stay)
+            first = order == "chasers_first"
+            expected = plain_response(role, maze, table, 6, first, allowed)
+            np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_whether_a_masked_evader_can_live_for_ever_is_known() -> None:
+    # Who must move runs into the chaser that sits at one end of the corridor; who may bump stays.
+    sitting = np.zeros((5, 5, 4))
+    sitting[..., NORTH] = 1.0
+    with pytest.raises(ValueError, match="capture can be avoided for ever"):
+        best_response("evader", CORRIDOR, sitting, None)
+    with pytest.raises(ValueError, match="capture can be avoided for ever"):
+        best_response("evader", CORRIDOR, sitting, None, mask_bumps=True)  # to and fro
+    chasing = AStarChaser().action_probabilities(CORRIDOR)
+    longest = [
+        best_response("evader", CORRIDOR, chasing, None, mask_bumps=mask).values.sum()
+        for mask in (False, True)
+    ]
+    assert longest[0] > longest[1] > 0
+
+
+# -- environments ----------------------------------------------------------------------------------
+
+
+def test_nothing_is_masked_unasked() -> None:
+    env = chase_v0.parallel_env(maze="3x3", max_steps=5)
+    infos: Any = env.reset(seed=0)[1]
+    while env.agents:
+        assert infos == {"chaser_0": {}, "evader_0": {}}
+        *_, infos = env.step(dict.fromkeys(env.agents, NORTH))
+    wrapped = PettingZooWrapper(env)
+    assert not any("action_mask" in str(key) for key in wrapped.observation_spec.keys(True, True))
+    ours = torchrl_env("chaser", mask_bumps=False)
+    assert "action_mask" not in ours.observation_spec.keys() and ours.action_spec.mask is None  # noqa: SIM118
+    assert "action_mask" not in ours.reset().keys()  # noqa: SIM118
+
+
+def test_libraries_that_follow_infos_get_the_masks_that_were_asked_for() -> None:
+    env = chase_v0.parallel_env(maze="3x3", max_steps=5, mask_bumps=True)
+    wrapped = PettingZooWrapper(env)
+    rollout = wrapped.rollout(4)
+    for role in ("chaser", "evader"):
+        chosen = rollout[role, "action_mask"].gather(-1, rollout[role, "action"][..., None])
+        assert chosen.all() and not rollout[role, "action_mask"].all()
+
+
+def test_it_says_where_waiting_is_forbidden() -> None:
+    chaser = {"task": "chase", "agent": "chaser", "maze": "3x3", "mask_bumps": True}
+    for make in (
+        lambda: chase_v0.parallel_env(mask_bumps=True),
+        lambda: make_env(**chaser),  # type: ignore[arg-type]
+        lambda: make_vector_env(**chaser, num_envs=2),  # type: ignore[arg-type]
+        lambda: torchrl_env("evader"),
+    ):
+        with pytest.warns(UserWarning, match=WAITING) as noted:
+            make()
+        assert len(noted) == 1
+    with warnings.catch_warnings(record=True) as noted:
+        warnings.simplefilter("default")
+        for _ in range(3):
+            make_env(**chaser)  # type: ignore[arg-type]
+    assert len(noted) == 1
+    with warnings.catch_warnings(action="error"):
+        maze_v0.parallel_env(mask_bumps=True)  # a runner never gains by waiting
+        make_env(**chaser, stay_action=True)  # type: ignore[arg-type]
+        chase_v0.parallel_env()
+    for wrong in (1, None, "yes"):
+        with pytest.raises(ValueError, match="mask_bumps="):
+            chase_v0.parallel_env(mask_bumps=wrong)
+
+
+def test_the_masks_of_gymnasium_environments() -> None:
+    for mask in (False, True):
+        env = make_env("chase", "chaser", maze=CORRIDOR, stay_action=True, mask_bumps=mask)
+        _, info = env.reset(options={"positions": [0, 2]})
+        expected = [False, False, True, False, True] if mask else [True] * 5
+        assert env.action_masks().tolist() == expected and env.action_masks().dtype == bool
+        assert ("action_mask" in info) == mask
+        if mask:
+            assert info["action_mask"].dtype == np.int8
+            assert info["action_mask"].tolist() == expected
+        ends = [env.step(EAST)[2] for _ in range(5)]
+        assert any(ends) and env.action_masks().all()  # captured: the game is over
+
+
+def test_sb3_contrib_is_given_every_games_own_masks() -> None:
+    pytest.importorskip("stable_baselines3")
+    from pursuit.environments.stable_baselines import StableBaselinesVecEnv
+
+    def vec_env(**settings: Any) -> StableBaselinesVecEnv:
+        envs = make_vector_env("maze", "runner", 4, maze="3x3", num_goals=2, **settings)
+        return StableBaselinesVecEnv(envs)
+
+    env = vec_env(mask_bumps=True)
+    env.reset()
+    masks = env.action_masks()
+    assert masks.shape == (4, 4) and not masks.all() and env.has_attr("action_masks")
+    assert (np.stack(env.env_method("action_masks")) == masks).all()
+    assert (env.env_method("action_masks", indices=[2])[0] == masks[2]).all()
+    *_, infos = env.step(masks.argmax(axis=1))
+    assert (np.stack([info["action_mask"] for info in infos]) == env.action_masks()).all()
+    plain = vec_env()
+    plain.reset()
+    assert plain.action_masks().all() and "action_mask" not in plain.step(np.zeros(4, int))[3][0]
+
+
+def test_maskable_ppo_learns_with_them() -> None:
+    contrib = pytest.importorskip("sb3_contrib")
+    from pursuit.environments.stable_baselines import StableBaselinesVecEnv
+
+    envs = make_vector_env(
+        "chase", "chaser", 8, maze="3x3", max_steps=20, stay_action=True, mask_bumps=True
+    )
+    moved = count_bumps(envs.simulator, 0)
+    model = contrib.MaskablePPO(
+        "MlpPolicy", StableBaselinesVecEnv(envs), n_steps=32, batch_size=64, n_epochs=1, seed=0
+    )
+    model.learn(512)
+    assert moved["steps"] >= 512 and moved["bumps"] == 0
+
+
+# -- TorchRL ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "settings", [{"max_steps": 9}, {"num_evaders": 2, "stay_action": True, "max_steps": 5}]
+)
+def test_the_specs_of_torchrl_hold_the_masks(settings: dict[str, Any]) -> None:
+    env = torchrl_env("evader", **settings)
+    check_env_specs(env, break_when_any_done="both", seed=0)
+    counted = count_bumps(env.simulator, 1)
+    torch.manual_seed(0)
+    rollout = env.rollout(40, break_when_any_done=False)  # actions at random, of those allowed
+    assert counted["steps"] > 200 and counted["bumps"] == 0
+    masks, actions = rollout["action_mask"], rollout["action"]
+    assert masks.dtype == torch.bool and masks.gather(-1, actions[..., None]).all()
+    ended = rollout["next", "terminated"].squeeze(-1)
+    assert ended.any() and rollout["next", "action_mask"][ended].all()
+    cut = rollout["next", "truncated"].squeeze(-1)
+    assert cut.any() and not rollout["next", "action_mask"][cut].all()
+    following = rollout["action_mask"][:, 1:], rollout["next", "action_mask"][:, :-1]
+    same = (following[0] == following[1]).all(dim=-1)
+    assert same[~(ended | cut)[:, :-1]].all()
+
+
+def test_a_collector_with_a_masked_distribution() -> None:
+    env = torchrl_env("chaser")
+    network = ActorCritic(env.player.features, 4, Hidden(8))
+    actor = Sequential(
+        TensorDictModule(network.logits, ["observation"], ["logits"]),
+        ProbabilisticTensorDictModule(
+            in_keys={"logits": "logits", "mask": "action_mask"},
+            out_keys=["action"],
+            distribution_class=MaskedCategorical,
+        ),
+    )
+    counted = count_bumps(env.simulator, 0)
+    collector = Collector(
+        env, actor, frames_per_batch=320, total_frames=640, auto_register_policy_transforms=False
+    )
+    for batch in collector:
+        assert batch["action_mask"].gather(-1, batch["action"][..., None]).all()
+    collector.shutdown()
+    assert counted["steps"] >= 640 and counted["bumps"] == 0

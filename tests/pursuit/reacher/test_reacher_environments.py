@@ -1,0 +1,371 @@
+"""The arm's environments of Gymnasium and PettingZoo, and their own checks."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from collections.abc import Callable
+from copy import deepcopy
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pettingzoo
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import ClipAction, RescaleAction
+from gymnasium.wrappers import vector as vector_wrappers
+
+import pursuit
+from pursuit import ReacherEnv, ReacherTask, ReacherVectorEnv, reacher_v0
+from pursuit.environments.conformance import check_parallel_env
+from pursuit.reacher.observations import ENCODINGS
+from pursuit.reacher.simulator import ReacherSimulator
+
+with warnings.catch_warnings():  # it imports example environments in a way that it deprecates
+    warnings.filterwarnings("ignore", message="The old environment creation API")
+    from pettingzoo import test as pettingzoo_test
+
+ID = "pursuit/Reacher-v0"
+FORMS: dict[str, dict[str, Any]] = {
+    "two": {},
+    "one": {"joints": 1, "observation": "positions_angles"},
+    "eight": {"joints": 8, "hold": 2, "max_steps": 50},
+    "discrete": {"joints": 3, "discrete_actions": True, "start": "random"},
+}
+
+pytestmark = pytest.mark.filterwarnings("error::UserWarning")
+
+
+@pytest.fixture(params=FORMS)
+def form(request: pytest.FixtureRequest) -> dict[str, Any]:
+    return FORMS[request.param]
+
+
+# -- Gymnasium -------------------------------------------------------------------------------------
+
+
+def test_gymnasiums_own_check(form: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    # Gymnasium's check opens a window for a while: once is enough.
+    check_env(gymnasium.make(ID, **form).unwrapped, skip_render_check=bool(form))
+
+
+def test_spaces(form: dict[str, Any]) -> None:
+    env = gymnasium.make(ID, **form).unwrapped
+    joints = form.get("joints", 2)
+    angles = form.get("observation") == "positions_angles"
+    assert env.observation_space.shape == (1 + 2 * (joints + 1) + angles * joints,)
+    if "discrete_actions" in form:
+        assert env.action_space == gymnasium.spaces.MultiDiscrete([3] * joints)
+    else:
+        assert env.action_space == gymnasium.spaces.Box(-1, 1, (joints,), np.float32)
+    assert env.observation_space is not gymnasium.make(ID, **form).unwrapped.observation_space
+
+
+def test_make_vec_gives_the_simulator_underneath(form: dict[str, Any]) -> None:
+    envs = gymnasium.make_vec(ID, num_envs=5, **{**form, "max_steps": 20})
+    assert isinstance(envs, ReacherVectorEnv) and envs.simulator.num_games == 5
+    assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    observations, infos = envs.reset(seed=1)
+    assert observations in envs.observation_space and not infos
+    envs.action_space.seed(0)
+    for _ in range(50):
+        observations, rewards, terminations, truncations, infos = envs.step(
+            envs.action_space.sample()
+        )
+        assert observations in envs.observation_space
+        assert rewards.shape == terminations.shape == truncations.shape == (5,)
+        assert (rewards.dtype, terminations.dtype, truncations.dtype) == (np.float32, bool, bool)
+        assert not (terminations & truncations).any()
+    envs.close()
+
+
+def test_gymnasiums_own_vectorisation_works_too() -> None:
+    envs = gymnasium.make_vec(ID, num_envs=2, vectorization_mode="sync", joints=3)
+    assert envs.reset(seed=0)[0].shape == (2, 9)
+    envs.step(envs.action_space.sample())
+    envs.close()
+
+
+def test_a_row_of_the_batch_is_a_single_environment(form: dict[str, Any]) -> None:
+    observation = form.get("observation", "positions")
+    own = {key: value for key, value in form.items() if key != "observation"}
+    task = ReacherTask(**{**own, "max_steps": 25, "tolerance": 0.7})
+    envs = ReacherVectorEnv(task, 4, observation, autoreset_mode="SAME_STEP")
+    singles = [ReacherEnv(task, observation) for _ in range(4)]
+    observations, _ = envs.reset(seed=9)
+    for arm, env in enumerate(singles):
+        env.simulator = ReacherSimulator(task, first_game=arm, auto_restart=False)
+        assert (env.reset(seed=9)[0] == observations[arm]).all()
+    rng, ends = np.random.default_rng(0), 0
+    totals, lengths = np.zeros(4), np.zeros(4, dtype=int)
+    for _ in range(80):
+        actions = rng.uniform(-1, 1, (4, task.joints)).astype(np.float32)
+        if task.discrete_actions:
+            actions = rng.integers(3, size=(4, task.joints))
+        observations, rewards, terminations, truncations, infos = envs.step(actions)
+        for arm, env in enumerate(singles):
+            observed, reward, terminated, truncated, info = env.step(actions[arm])
+            assert type(reward) is float and reward == rewards[arm]
+            assert bool(info) == (terminated or truncated)
+            assert (terminated, truncated) == (terminations[arm], truncations[arm])
+            totals[arm] += reward
+            lengths[arm] += 1
+            if terminated or truncated:
+                ends += 1
+                assert infos["_final_obs"][arm] and (infos["final_obs"][arm] == observed).all()
+                last = infos["final_info"]
+                assert np.isclose(last["episode_return"][arm], totals[arm], atol=1e-5)
+                assert last["episode_length"][arm] == lengths[arm]
+                totals[arm] = lengths[arm] = 0
+                observed, _ = env.reset()
+            elif "final_obs" in infos:
+                last = infos["final_info"]
+                assert not infos["_final_obs"][arm] and not last["_episode_length"][arm]
+                assert last["episode_length"][arm] == last["episode_return"][arm] == 0
+            assert (observed == observations[arm]).all()
+    assert ends >= 12
+
+
+def test_nothing_returned_is_overwritten_later() -> None:
+    envs = ReacherVectorEnv(ReacherTask(max_steps=5), 3, seed=0)
+    envs.reset()
+    rng, kept, copied = np.random.default_rng(0), [], []
+    for _ in range(20):
+        *arrays, infos = envs.step(rng.uniform(-1, 1, (3, 2)))
+        kept += [*arrays, *infos.values()]
+        copied += deepcopy([*arrays, *infos.values()])
+    for one, other in zip(kept, copied, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_episode_statistics_of_gymnasium_agree_with_ours() -> None:
+    settings: dict[str, Any] = {"num_envs": 6, "max_steps": 20, "tolerance": 0.5}
+    plain = gymnasium.make_vec(ID, **settings)
+    envs = vector_wrappers.RecordEpisodeStatistics(gymnasium.make_vec(ID, **settings))
+    plain.reset(seed=3)
+    envs.reset(seed=3)
+    rng = np.random.default_rng(3)
+    for _ in range(100):
+        actions = rng.uniform(-1, 1, (6, 2))
+        infos, ours = envs.step(actions)[-1], plain.step(actions)[-1]
+        if "episode" in infos:
+            assert np.allclose(infos["episode"]["r"], ours["episode_return"], atol=1e-5)
+            assert (infos["episode"]["l"] == ours["episode_length"]).all()
+            assert (infos["_episode"] == ours["_episode_return"]).all()
+    assert envs.episode_count > 20
+
+
+def test_actions_outside_are_refused_and_the_wrappers_mend_them() -> None:
+    env = gymnasium.make(ID, start="fixed").unwrapped
+    env.reset(seed=0, options={"angles": [0.0, 0.0], "target": [0.0, 1.0]})
+    for wrong in ([0.0, 2.0], [np.nan, 0.0], [np.inf, 0.0]):
+        with pytest.raises(ValueError, match=r"gymnasium.wrappers.ClipAction and RescaleAction"):
+            env.step(np.array(wrong, dtype=np.float32))
+    for wrong in ([0.0], [[0.0, 0.0]], 0.0, "forth", [True, True], None, {}):
+        with pytest.raises(ValueError, match="action"):
+            env.step(wrong)
+    assert not env.simulator.steps.any() and not env.simulator.angles.any()
+    ClipAction(env).step(np.array([3.0, -3.0], dtype=np.float32))
+    np.testing.assert_array_equal(env.simulator.angles, [[0.1, -0.1]])
+    low, high = np.full(2, -10, dtype=np.float32), np.full(2, 10, dtype=np.float32)
+    RescaleAction(env, low, high).step(np.array([5.0, 0.0], dtype=np.float32))
+    np.testing.assert_allclose(env.simulator.angles, [[0.15, -0.1]], atol=1e-7)
+
+
+def test_discrete_actions_turn_back_stay_and_forth() -> None:
+    env = gymnasium.make(ID, joints=3, start="fixed", discrete_actions=True).unwrapped
+    env.reset(seed=0)
+    env.step(np.array([0, 1, 2]))
+    np.testing.assert_array_equal(env.simulator.angles, [[-0.1, 0.0, 0.1]])
+    for wrong in ([0, 1, 3], [-1, 0, 0], [0.0, 1.0, 2.0], [1, 1], 13):
+        with pytest.raises(ValueError, match=r"whole numbers 0 \(back\), 1 \(stay\) and 2 \(forth"):
+            env.step(wrong)
+    assert env.simulator.steps.tolist() == [1]
+
+
+def test_options_begin_an_episode_there() -> None:
+    for make in (lambda: gymnasium.make(ID).unwrapped, lambda: reacher_v0.parallel_env()):
+        env: Any = make()
+        options: dict[str, Any] = {"angles": [0.5, -0.5], "target": (1.0, 1.5)}
+        env.reset(options=options)
+        assert env.simulator.angles.tolist() == [[0.5, -0.5]]
+        assert env.simulator.targets.tolist() == [[1.0, 1.5]]
+        before = env.simulator.get_state()
+        for wrong in (
+            {"angles": [0.5, 0.5]},
+            {"target": [0.0, 0.0]},
+            {"angels": [0.0, 0.0]},
+            {**options, "target": [3.0, 0.0]},
+            {**options, "angles": [np.nan, 0.0]},
+            {**options, "angles": [0.0] * 3},
+            5,
+        ):
+            with pytest.raises(ValueError, match=r"options=|out of reach|angles="):
+                env.reset(seed=5, options=wrong)
+        assert (env.simulator.streams == before.streams).all()
+        assert (env.simulator.angles == before.angles).all()
+        env.reset(options={})
+    envs = ReacherVectorEnv(ReacherTask(), 2)
+    envs.reset(options={"angles": [[0.1, 0.2], [0.3, 0.4]], "target": [1.0, 0.0]})
+    assert envs.simulator.angles.tolist() == [[0.1, 0.2], [0.3, 0.4]]
+    assert envs.simulator.targets.tolist() == [[1.0, 0.0]] * 2
+
+
+def test_seeds() -> None:
+    with pytest.raises(ValueError, match="num_envs=0"):
+        ReacherVectorEnv(ReacherTask(), 0)
+    for seed in (-1, 2**64, 1.5, "1", True):
+        for env in (ReacherEnv(ReacherTask()), ReacherVectorEnv(ReacherTask()), parallel()):
+            with pytest.raises(ValueError, match="seed="):
+                env.reset(seed=seed)
+    given, named = ReacherVectorEnv(ReacherTask(), 3, seed=4), ReacherVectorEnv(ReacherTask(), 3)
+    assert (given.reset()[0] == named.reset(seed=4)[0]).all()
+    assert (given.reset()[0] == named.reset()[0]).all()
+    unseeded = ReacherEnv(ReacherTask()), ReacherEnv(ReacherTask())
+    assert (unseeded[0].reset()[0] != unseeded[1].reset()[0]).any()
+
+
+def test_step_before_reset() -> None:
+    for env, action in (
+        (ReacherEnv(ReacherTask()), [0.0, 0.0]),
+        (ReacherVectorEnv(ReacherTask()), [[0.0, 0.0]]),
+        (parallel(), {"joint_0": [0.0], "joint_1": [0.0]}),
+    ):
+        with pytest.raises(ValueError, match="step before reset"):
+            env.step(action)
+
+
+# -- PettingZoo ------------------------------------------------------------------------------------
+
+
+def parallel(**settings: Any) -> Any:
+    return reacher_v0.parallel_env(**settings)
+
+
+def test_parallel_api_and_conformance(form: dict[str, Any]) -> None:
+    pettingzoo_test.parallel_api_test(parallel(**form), num_cycles=100)
+    check_parallel_env(parallel(**{**form, "max_steps": 60}))
+
+
+@pytest.mark.parametrize("observation", ENCODINGS)
+def test_turn_based_api(form: dict[str, Any], observation: str) -> None:
+    env = reacher_v0.env(**{**form, "observation": observation, "max_steps": 30})
+    pettingzoo_test.api_test(env, num_cycles=40)
+    assert env.metadata["name"] == "reacher_v0"
+
+
+def test_seeds_and_state_of_pettingzoo(form: dict[str, Any]) -> None:
+    pettingzoo_test.seed_test(lambda: reacher_v0.env(**form), num_cycles=20)
+    pettingzoo_test.parallel_seed_test(lambda: parallel(**form), num_cycles=20)
+    pettingzoo_test.state_test(reacher_v0.env(**form), parallel(**form), num_cycles=10)
+
+
+def test_the_registry_makes_it() -> None:
+    env = pettingzoo.make("parallel", "pursuit/reacher-v0", joints=3)
+    assert env.possible_agents == ["joint_0", "joint_1", "joint_2"]
+    assert pursuit.reacher_v0.parallel_env().possible_agents == ["joint_0", "joint_1"]
+
+
+@pytest.mark.parametrize("discrete", [False, True])
+def test_the_team_is_the_arm_and_each_knows_its_number(discrete: bool) -> None:
+    settings: dict[str, Any] = {"joints": 3, "tolerance": 0.5, "discrete_actions": discrete}
+    env, arm = parallel(**settings), gymnasium.make(ID, **settings).unwrapped
+    seen, _ = env.reset(seed=3)
+    observed, _ = arm.reset(seed=3)
+    rng = np.random.default_rng(0)
+    for _ in range(500):
+        for joint, agent in enumerate(env.possible_agents):
+            assert env.observation_space(agent).contains(seen[agent])
+            assert (seen[agent][:-3] == observed).all()
+            assert seen[agent][-3:].tolist() == [float(other == joint) for other in range(3)]
+        assert env.state() in env.state_space
+        assert env.state()[:3] == pytest.approx(arm.simulator.angles[0])
+        assert env.state()[3:5] == pytest.approx(arm.simulator.targets[0])
+        assert env.state()[5:].tolist() == [arm.simulator.held[0], arm.simulator.steps[0]]
+        action = rng.integers(3, size=3) if discrete else rng.uniform(-1, 1, 3)
+        each = action.tolist() if discrete else action[:, None]
+        seen, rewards, *ends, infos = env.step(dict(zip(env.agents, each, strict=True)))
+        observed, reward, *flags, _ = arm.step(action)
+        assert set(rewards.values()) == {reward}
+        assert [set(end.values()) for end in ends] == [{flag} for flag in flags]
+        assert infos == {agent: {} for agent in env.possible_agents}
+        if any(flags):
+            assert env.agents == [] and env.step({}) == ({}, {}, {}, {}, {})
+            (seen, _), (observed, _) = env.reset(), arm.reset()
+    plain = parallel(own_number=False).reset(seed=0)[0]
+    assert (plain["joint_0"] == plain["joint_1"]).all() and plain["joint_0"].shape == (7,)
+
+
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [
+        ({"joint_0": [0.0]}, "no action for joint_1"),
+        ({"joint_0": [0.0], "joint_1": [0.0], "joint_2": [0.0]}, "'joint_2', who is not playing"),
+        ({"joint_0": [0.0], "joint_1": [1.5]}, r"the action of joint_1=\[1.5\]; an array of one"),
+        ({"joint_0": [np.nan], "joint_1": [0.0]}, "the action of joint_0="),
+        ({"joint_0": 0.5, "joint_1": [0.0]}, "the action of joint_0=0.5"),
+        ({"joint_0": [0.0, 0.0], "joint_1": [0.0]}, "the action of joint_0="),
+        ({"joint_0": None, "joint_1": [0.0]}, "the action of joint_0=None"),
+        ([0.0, 0.0], "give a dict of an action for every agent"),
+    ],
+)
+def test_nothing_moves_when_an_action_is_refused(actions: Any, message: str) -> None:
+    env = parallel()
+    env.reset(seed=1)
+    before = env.state()
+    with pytest.raises(ValueError, match=message):
+        env.step(actions)
+    assert (env.state() == before).all()
+
+
+def test_wrong_discrete_actions_of_an_agent() -> None:
+    env = parallel(discrete_actions=True)
+    env.reset(seed=1)
+    for wrong in (3, -1, 1.0, [1], True, "1"):
+        with pytest.raises(ValueError, match=r"the action of joint_0=.*; 0 \(back\), 1 \(stay\)"):
+            env.step({"joint_0": wrong, "joint_1": 1})
+    assert env.state()[-1] == 0
+
+
+def test_the_turn_based_environment_clips_what_is_outside(caplog: Any) -> None:
+    env = reacher_v0.env(start="fixed")
+    env.reset(seed=0, options={"angles": [0.0, 0.0], "target": [0.0, 1.0]})
+    env.step(np.array([4.0], dtype=np.float32))
+    assert "clipping to space" in caplog.text  # PettingZoo warns of it
+    env.step(np.array([0.0], dtype=np.float32))
+    np.testing.assert_array_equal(env.unwrapped.simulator.angles, [[0.1, 0.0]])
+    with pytest.raises(AssertionError):
+        discrete = reacher_v0.env(discrete_actions=True)
+        discrete.reset(seed=0)
+        discrete.step(7)
+
+
+@pytest.mark.parametrize("copied", [deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize("kind", ["single", "vector", "parallel"])
+def test_a_copy_goes_on_as_the_original_does(copied: Callable[[Any], Any], kind: str) -> None:
+    task, rng = ReacherTask(max_steps=12), np.random.default_rng(0)
+    shapes = {"single": (2,), "vector": (3, 2), "parallel": (2, 1)}
+    env: Any = {
+        "single": lambda: ReacherEnv(task),
+        "vector": lambda: ReacherVectorEnv(task, 3),
+        "parallel": lambda: parallel(max_steps=12),
+    }[kind]()
+
+    def step(each: Any, action: Any) -> Any:
+        if kind != "parallel":
+            return each.step(action)
+        return each.step(dict(zip(each.agents, action, strict=False)))
+
+    env.reset(seed=7)
+    step(env, rng.uniform(-1, 1, shapes[kind]))
+    twin = copied(env)
+    for number in range(40):
+        action = rng.uniform(-1, 1, shapes[kind])
+        np.testing.assert_equal(step(env, action), step(twin, action))
+        if kind != "vector" and number % 12 == 10:
+            np.testing.assert_equal(env.reset(), twin.reset())
+        assert (env.simulator.angles == twin.simulator.angles).all()
+    assert env.simulator is not twin.simulator

@@ -1,0 +1,207 @@
+"""Pictures of the arm: what is drawn stands where it is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import reference_arm
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from PIL import Image
+from test_reacher_environments import ID
+
+from pursuit import ReacherSimulator, ReacherTask, reacher_v0
+from pursuit.mazes.maze import Maze
+from pursuit.reacher.rendering import (
+    LINK,
+    REACHED,
+    TARGET,
+    TIP,
+    ArmScene,
+    draw_arm,
+    scene_of,
+    scene_to_text,
+)
+from pursuit.rendering.animation import save_animation
+from pursuit.rendering.rendering import WALL, Scene
+from pursuit.rendering.windows import Window
+
+SCENE = ArmScene((math.pi / 2, -math.pi / 2), (-1.0, -1.0), 0.2, steps=12, max_steps=400)
+
+
+def middle_of(picture: NDArray[np.uint8], color: tuple[int, int, int]) -> tuple[float, float]:
+    """Of the pixels of a colour, from the middle of the square: x to the right, y up."""
+    rows, columns = np.nonzero((picture == color).all(axis=-1))
+    half = picture.shape[1] / 2
+    return columns.mean() + 0.5 - half, half - rows.mean() - 0.5
+
+
+def test_the_text_of_an_arm() -> None:
+    lines = scene_to_text(replace(SCENE, caption="a caption")).splitlines()
+    assert len(lines) == 18 and max(map(len, lines[:17])) <= 33
+    assert lines[4] == " " * 16 + "o-------@"  # a link of two is half the way to the rim
+    assert [line[16] for line in lines[5:8]] == ["|"] * 3 and lines[8][16] == "#"
+    assert lines[12] == " " * 8 + "X"
+    assert not any(lines[:4]) and not any(lines[13:17])
+    assert lines[17] == "step 12 / 400, distance 2.83, angles 1.57 -1.57  a caption"
+    held = replace(SCENE, target=(1.0, 1.0), held=2, hold=5)
+    assert "distance 0.00, held 2 / 5, angles" in scene_to_text(held)
+    assert scene_to_text(held).splitlines()[4][24] == "*"
+
+
+@settings(max_examples=60)
+@given(st.lists(st.floats(-math.pi, math.pi), min_size=1, max_size=8))
+def test_every_mark_of_the_text_stands_where_it_is(angles: list[float]) -> None:
+    joints = len(angles)
+    ends = reference_arm.ends(angles)
+    target = 0.9 * joints * np.exp(1j * sum(angles))
+    scene = ArmScene(tuple(angles), (target.real, target.imag), 0.2, 0, 9)
+    lines = [line.ljust(33) for line in scene_to_text(scene).splitlines()]
+
+    def character(place: complex) -> str:
+        row, column = 8 - place.imag / joints * 8, 16 + place.real / joints * 16
+        near = [lines[r][c] for r in rounded(row) for c in rounded(column)]
+        return "".join(near)
+
+    def rounded(value: float) -> set[int]:
+        return {round(value - 1e-9), round(value + 1e-9)}
+
+    assert set(character(ends[-1])) & set("@*")
+    assert set(character(target)) & set("X@*")
+    assert set(character(0j)) & set("#X@*")
+    for end in ends[:-1]:
+        assert set(character(end)) & set("o#X@*")
+
+
+@pytest.mark.parametrize("joints", range(1, 9))
+@pytest.mark.parametrize("size", [96, 201, 480])
+def test_tip_and_target_show_where_they_are(joints: int, size: int) -> None:
+    rng = np.random.default_rng(joints)
+    angles = tuple(rng.uniform(-math.pi / 3, math.pi / 3, joints))
+    scene = ArmScene(angles, (-0.7 * joints, 0.1), 0.2, 3, 400, caption="a caption")
+    picture = draw_arm(scene, size)
+    assert picture.dtype == np.uint8 and picture.shape[1] == size - size % 2
+    assert picture.shape[0] % 2 == 0 and picture.flags.writeable
+    unit = (picture.shape[1] / 2 - 12) / (joints + 0.2)
+    tip = reference_arm.ends(angles)[-1]
+    assert middle_of(picture, TIP) == pytest.approx((unit * tip.real, unit * tip.imag), abs=1.5)
+    target = (-0.7 * joints * unit, 0.1 * unit)
+    assert middle_of(picture, TARGET) == pytest.approx(target, abs=1.5)
+    assert (picture == draw_arm(scene, size)).all()
+    assert (picture == LINK).all(axis=-1).sum() > 4
+
+
+def test_the_disc_of_the_target_is_as_wide_as_the_tolerance_and_tells_of_reach() -> None:
+    picture = draw_arm(replace(SCENE, tolerance=0.5))
+    unit = (480 / 2 - 12) / 2.5
+    area = (picture == TARGET).all(axis=-1).sum()
+    assert area == pytest.approx(math.pi * (0.5 * unit) ** 2, rel=0.08)
+    assert not (picture == REACHED).all(axis=-1).any()
+    there = draw_arm(replace(SCENE, target=(1.0, 0.85)))
+    assert (there == REACHED).all(axis=-1).any() and not (there == TARGET).all(axis=-1).any()
+
+
+def test_footer_and_trace_are_drawn() -> None:
+    plain = draw_arm(SCENE)
+    assert (draw_arm(replace(SCENE, steps=13))[480:] != plain[480:]).any()
+    assert (draw_arm(replace(SCENE, caption="mine"))[480:] != plain[480:]).any()
+    traced = draw_arm(replace(SCENE, trace=((1.0, -1.0), (1.0, 0.0), (1.0, 1.0))))
+    changed = np.argwhere((traced[:480] != plain[:480]).any(axis=-1))
+    unit = 228 / 2.2
+    assert changed[:, 1].mean() == pytest.approx(240 + unit, abs=1.5)
+    assert changed[:, 0].max() == pytest.approx(240 + unit, abs=3)
+    with pytest.raises(ValueError, match="size=95; a picture of an arm needs at least 96"):
+        draw_arm(SCENE, 95)
+
+
+def test_scenes_of_a_simulator() -> None:
+    simulator = ReacherSimulator(ReacherTask(3, hold=4, max_steps=9), 2)
+    simulator.configure(tolerance=0.7)
+    simulator.place([[0.1, 0.2, 0.3], [0.0] * 3], [[1.0, 2.0], [3.0, 0.0]])
+    assert scene_of(simulator, 0, "mine") == ArmScene(
+        (0.1, 0.2, 0.3), (1.0, 2.0), 0.7, 0, 9, 0, 4, "mine"
+    )
+    simulator.step(np.zeros((2, 3)))
+    scene = scene_of(simulator, 1)
+    assert (scene.held, scene.in_reach, scene.distance, scene.steps) == (1, True, 0.0, 1)
+    np.testing.assert_allclose(scene.points[1:], simulator.ends[1], atol=1e-12)
+
+
+# -- windows, animations, environments -------------------------------------------------------------
+
+
+def test_a_window_shows_arms_and_mazes(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame = pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    window = Window()
+    window.show(SCENE, fps=0)
+    shown = pygame.surfarray.array3d(pygame.display.get_surface()).swapaxes(0, 1)
+    assert (shown == draw_arm(SCENE)).all()
+    window.show(Scene(Maze.from_text("+-+-+\n|   |\n+-+-+"), (), (), 0, 1), fps=0)
+    window.close()
+
+
+def test_an_animation_of_an_arm(tmp_path: Path) -> None:
+    scenes = [replace(SCENE, steps=step, angles=(0.1 * step, 0.2)) for step in range(6)]
+    save_animation(tmp_path / "arm.gif", scenes, fps=20, size=200)
+    with Image.open(tmp_path / "arm.gif") as image:
+        assert image.n_frames == 6 and image.info["loop"] == 0
+        for step in (0, 5):
+            image.seek(step)
+            frame = np.array(image.convert("RGB")).astype(int)
+            drawn = scenes[step].draw(200).astype(int)
+            assert frame.shape == drawn.shape
+            assert np.abs(frame - drawn).mean() < 2.0  # one palette for all frames
+    mixed = [SCENE, Scene(Maze.from_text("+-+-+\n|   |\n+-+-+"), (), (), 0, 1)]
+    with pytest.raises(ValueError, match="after pictures of"):
+        save_animation(tmp_path / "mixed.gif", mixed)
+    assert not (tmp_path / "mixed.gif").exists()
+
+
+@pytest.mark.parametrize("kind", ["gymnasium", "pettingzoo"])
+def test_rendering_of_environments(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    options: dict[str, Any] = {"angles": [0.0, 0.0], "target": [0.0, 1.0]}
+    kinds = {"ansi": str, "rgb_array": np.ndarray, "human": type(None), None: type(None)}
+    for mode, form in kinds.items():
+        env: Any = (
+            gymnasium.make(ID, render_mode=mode).unwrapped
+            if kind == "gymnasium"
+            else reacher_v0.parallel_env(render_mode=mode)
+        )
+        env.reset(options=options)
+        forth = [1.0, 1.0] if kind == "gymnasium" else {"joint_0": [1.0], "joint_1": [1.0]}
+        env.step(forth)
+        if mode is None:
+            with pytest.warns(UserWarning, match="without a render_mode"):
+                assert env.render() is None
+            continue
+        shown = env.render()
+        assert isinstance(shown, form)
+        if mode == "ansi":
+            assert shown == scene_to_text(scene_of(env.simulator)) and "step 1 / 400" in shown
+        if mode == "rgb_array":
+            assert (shown == draw_arm(scene_of(env.simulator))).all()
+            assert (shown == WALL).all(axis=-1).any()
+        env.close()
+        env.close()
+
+
+def test_a_batch_renders_every_arm() -> None:
+    texts = gymnasium.make_vec(ID, num_envs=3, render_mode="ansi").unwrapped
+    texts.reset(seed=0)
+    assert len(set(texts.render())) == 3
+    pictures = gymnasium.make_vec(ID, num_envs=2, render_mode="rgb_array").unwrapped
+    pictures.reset(seed=0)
+    assert [picture.shape for picture in pictures.render()] == [(510, 480, 3)] * 2
+    with pytest.raises(ValueError, match="a batch draws 'rgb_array' or 'ansi'"):
+        gymnasium.make_vec(ID, num_envs=3, render_mode="human")
+    silent = gymnasium.make_vec(ID, num_envs=3).unwrapped
+    assert silent.render() is None

@@ -1,0 +1,334 @@
+"""The pages in a real browser: driven by keys and mouse, they show what the simulator plays."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+import pursuit
+from pursuit import Recorder, Replay
+from pursuit.rendering.rendering import ROLE_COLORS
+from pursuit.replays.viewer.data import Builder, Extras, replay_page
+from pursuit.replays.viewer.page import json_for_html, page
+from scripted_agents import AStarChaser, AStarEvader, action_values
+from train.commands.main import main
+from train.evaluation.closeups import sides_of
+from train.reports.pages import page_of, write_page
+from train.runs.parts import contest_of
+from train.settings.task import TaskSettings
+
+HOSTILE = """</script><script>window.hacked = 1</script><img src=x onerror="window.hacked=2">&'\""""
+
+
+class Sheet:
+    """A page that is open, and all that it said and asked for."""
+
+    def __init__(self, browser: Any, path: Path, **settings: Any) -> None:
+        self.said: list[str] = []
+        self.asked: list[str] = []
+        self.tab = browser.new_page(**{"viewport": {"width": 1200, "height": 900}, **settings})
+        self.tab.on("console", lambda message: self.said.append(message.text))
+        self.tab.on("pageerror", lambda error: self.said.append(str(error)))
+        self.tab.on("request", lambda request: self.asked.append(request.url))
+        self.tab.goto(path.as_uri())
+        self.address = path.as_uri()
+
+    def press(self, *keys: str) -> None:
+        for key in keys:
+            self.tab.keyboard.press(key)
+
+    def state(self) -> dict[str, Any]:
+        found: dict[str, Any] = self.tab.evaluate("window.pursuit.state()")
+        return found
+
+    def close(self) -> None:
+        """Nothing was asked for but the page itself, and nothing went wrong."""
+        assert self.asked == [self.address] and self.said == []
+        self.tab.close()
+
+
+def random_replay(env: Any, episodes: int, title: str = "") -> Replay:
+    recorder = Recorder(env)
+    env.action_space.seed(0)
+    for seed in range(episodes):
+        env.reset(seed=seed)
+        over = False
+        while not over:
+            _, _, terminated, truncated, _ = env.step(env.action_space.sample())
+            over = terminated or truncated
+    return replace(recorder.stop(), title=title)
+
+
+def written(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def duel() -> Replay:
+    env = gymnasium.make("pursuit/Chaser-v0", maze="5x5", max_steps=40)
+    return random_replay(env, 3)
+
+
+def test_keys_and_mouse_show_the_states_of_the_simulator(
+    browser: Any, duel: Replay, tmp_path: Path
+) -> None:
+    sheet = Sheet(browser, written(tmp_path / "duel.html", duel.page("a duel")))
+    for number in range(3):
+        states = duel.play(number).states
+        for step, state in enumerate(states):
+            shown = sheet.state()
+            assert (shown["episode"], shown["step"]) == (number, step)
+            assert shown["cells"] == state["cells"].tolist()
+            sheet.press("ArrowRight")
+        assert sheet.state()["step"] == len(states) - 1  # it stays at the end
+        sheet.press("Home")
+        assert sheet.state()["step"] == 0
+        sheet.press("End", "ArrowLeft")
+        assert sheet.state()["step"] == max(len(states) - 2, 0)
+        sheet.press("ArrowDown")
+    assert sheet.state()["episode"] == 0
+    longest = max(range(3), key=lambda number: duel.episodes[number].length)
+    sheet.tab.select_option("select[aria-label=episode]", str(longest))
+    bar = sheet.tab.locator("input[type=range]").bounding_box()
+    sheet.tab.mouse.click(bar["x"] + bar["width"] / 2, bar["y"] + bar["height"] / 2)
+    middle = sheet.state()["step"]
+    assert abs(middle - duel.episodes[longest].length / 2) <= 1
+    expected = duel.play(longest).states[middle]["cells"].tolist()
+    assert sheet.state()["cells"] == expected
+    sheet.tab.get_by_role("button", name="a step back (left)").click()
+    assert sheet.state()["step"] == middle - 1
+    sheet.press("Home", "0", " ")  # as fast as it goes
+    for _ in range(200):
+        if not sheet.state()["playing"]:
+            break
+        sheet.tab.wait_for_timeout(50)
+    assert sheet.state()["step"] == duel.episodes[longest].length
+    sheet.press("b")
+    assert sheet.state()["several"] and sheet.tab.locator("svg.board").count() == 3
+    sheet.press("b", "t", "?")
+    assert not sheet.state()["shown"]["trails"] and sheet.tab.locator("dialog[open]").count() == 1
+    sheet.press("Escape", "d")
+    assert sheet.tab.evaluate("document.documentElement.dataset.theme") == "dark"
+    sheet.close()
+
+
+def near(picture: NDArray[Any], color: tuple[int, int, int]) -> NDArray[Any]:
+    distance: NDArray[Any] = np.abs(picture.astype(int) - np.array(color)).sum(axis=2)
+    return distance < 40
+
+
+def test_the_board_looks_as_the_picture_of_the_game_does(browser: Any, tmp_path: Path) -> None:
+    env = gymnasium.make("pursuit/Chaser-v0", maze="7x7", max_steps=30)
+    replay = random_replay(env, 1)
+    sheet = Sheet(browser, written(tmp_path / "board.html", replay.page()))
+    sheet.press("t")
+    states, maze = replay.play(0).states, replay.task.mazes[0]
+    for step in (0, 3, 7):
+        sheet.tab.evaluate(f"window.pursuit.go({step})")
+        content = sheet.tab.locator("svg.board").screenshot()
+        picture = np.array(Image.open(io.BytesIO(content)).convert("RGB"))
+        side = min(picture.shape[:2]) / (10 * maze.width + 2)  # pixels of a unit
+        left = (picture.shape[1] - side * (10 * maze.width + 2)) / 2
+        for role, cell in zip(("chaser", "evader"), states[step]["cells"], strict=True):
+            rows, columns = np.nonzero(near(picture, ROLE_COLORS[role]))
+            assert len(rows) > 50
+            row = (rows.mean() / side - 1) // 10
+            column = ((columns.mean() - left) / side - 1) // 10
+            assert (row, column) == (maze.rows[cell], maze.columns[cell])
+    sheet.close()
+
+
+def test_values_and_moves_are_the_exact_ones(browser: Any, tmp_path: Path) -> None:
+    contest: Any = contest_of(TaskSettings(maze="5x5", role="chaser"), 2)
+    maze, policy = contest.task.mazes[0], AStarChaser(0.0)
+    simulator, play = contest.game(policy, 0)
+    recorder = Recorder(simulator)
+    for _ in play:
+        pass
+    builder = Builder()
+    sides = sides_of(contest, policy)
+    builder.add(recorder.stop(), Extras(sides=sides, seat="chaser_0", encoding="index"))
+    path = tmp_path / "sides.html"
+    write_page(path, "sides", ['<div id="pursuit"></div>'], builder.data(""))
+    sheet = Sheet(browser, path)
+    sheet.press("v", "p", "o", "ArrowRight")
+    evader = AStarEvader(0.2).action_probabilities(maze)
+    chaser = policy.action_probabilities(maze)
+    found = {
+        "chaser_0": (action_values("chaser", maze, evader), chaser),
+        "evader_0": (action_values("evader", maze, chaser), evader),
+    }
+    assert [side.name for side in sides] == list(found)
+    for number, (exact, table) in enumerate(found.values()):
+        sheet.tab.evaluate(f"window.pursuit.side = {number}; window.pursuit.show()")
+        other = sheet.state()["cells"][1 - number]
+        texts = sheet.tab.locator(".values text").all_text_contents()
+        arrows = sheet.tab.evaluate(f"window.pursuit.sides()[{number}].arrowsAt({other})")
+        for cell in range(maze.num_cells):
+            if cell == other:
+                assert texts[cell] == ""
+                continue
+            assert float(texts[cell]) == pytest.approx(exact.values[cell, other], abs=0.51)
+            bits = [bool(arrows["optimal"][cell] >> action & 1) for action in range(4)]
+            assert bits == exact.optimal[cell, other].tolist()
+            learned = arrows["learned"][cell]
+            assert learned == pytest.approx(table[cell, other], abs=0.003)
+    numbers = sheet.tab.locator(".numbers").text_content()
+    assert numbers.startswith("index: ")
+    sheet.close()
+
+
+def test_goals_and_scores_of_a_heist(browser: Any, tmp_path: Path) -> None:
+    task = pursuit.make_task("heist", maze="4x4", num_evaders=2, max_steps=60)
+    simulator = pursuit.Simulator(task, auto_restart=False)
+    recorder, rng = Recorder(simulator), np.random.default_rng(3)
+    while not simulator.ended[0]:
+        simulator.step(rng.integers(4, size=(1, 3)))
+    replay = recorder.stop()
+    sheet = Sheet(browser, written(tmp_path / "heist.html", replay.page()))
+    returns = replay.episodes[0].rewards.sum(axis=0)
+    for step, state in enumerate(replay.play(0).states):
+        sheet.tab.evaluate(f"window.pursuit.go({step})")
+        shown = sheet.state()
+        assert shown["cells"] == state["cells"].tolist()
+        assert shown["goals"] == state["goals"].tolist()
+    rows = sheet.tab.locator(".side table tr").all()[1:]
+    sums = [float(row.locator("td").nth(2).text_content()) for row in rows]
+    assert sums == pytest.approx(returns.tolist(), abs=2e-3)
+    sheet.close()
+
+
+def test_an_arm_moves_on_a_phone_in_the_dark(browser: Any, tmp_path: Path) -> None:
+    env = gymnasium.make("pursuit/Reacher-v0", joints=3, max_steps=30)
+    replay = random_replay(env, 2)
+    path = written(tmp_path / "arm.html", replay.page("arm"))
+    phone = {"width": 360, "height": 740}
+    sheet = Sheet(browser, path, viewport=phone, has_touch=True, color_scheme="dark")
+    for step, state in enumerate(replay.play(0).states):
+        assert sheet.state()["angles"] == pytest.approx(state["angles"].tolist(), abs=1e-4)
+        assert sheet.state()["step"] == step
+        sheet.tab.get_by_role("button", name="a step forth (right)").tap()
+    wide = sheet.tab.evaluate("document.documentElement.scrollWidth")
+    assert wide <= phone["width"]  # nothing to scroll sideways
+    assert (
+        sheet.tab.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(13, 17, 23)"
+    )
+    sheet.close()
+
+
+def test_texts_of_others_run_nothing(browser: Any, duel: Replay, tmp_path: Path) -> None:
+    labelled = tuple(replace(episode, label=HOSTILE) for episode in duel.episodes)
+    hostile = replace(
+        duel, title=HOSTILE, episodes=labelled, players={"chaser_0": HOSTILE}, versions={}
+    )
+    sheet = Sheet(browser, written(tmp_path / "one.html", replay_page({HOSTILE: hostile}, HOSTILE)))
+    sheet.press("ArrowDown", "b")
+    assert sheet.tab.evaluate("window.hacked") is None
+    assert sheet.tab.title() == HOSTILE
+    sheet.close()
+    # What is put in unescaped is stopped by the page's own policy.
+    bare = page("bare", None, (), f"<main>{HOSTILE}</main>")
+    tab = browser.new_page()
+    tab.goto(written(tmp_path / "bare.html", bare).as_uri())
+    assert tab.evaluate("window.hacked") is None
+    tab.close()
+    assert "</script" not in json_for_html({"a": HOSTILE})
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short run whose folder and maze have hostile names."""
+    folder = tmp_path_factory.mktemp("runs")
+    maze = folder / "<img src=x onerror=hacked()>.txt"
+    maze.write_text(pursuit.load_maze("4x4").to_text())
+    name = folder / "<b>run&'"
+    options = [
+        "--num-games",
+        "64",
+        "--minibatch-size",
+        "256",
+        "--frames",
+        "4096",
+        "--episodes",
+        "200",
+        "--threads",
+        "1",
+    ]
+    main(["train", "--maze", str(maze), "--width", "16", *options, "--out", str(name)])
+    return name
+
+
+def test_the_report_of_a_run(browser: Any, run: Path) -> None:
+    report = run / "report.html"
+    assert report.stat().st_size < 2_000_000
+    replay = Replay.load(run / "replays.json")
+    assert replay.check() == []
+    sheet = Sheet(browser, report)
+    labels = sheet.tab.locator("select[aria-label=episode] option").all_text_contents()
+    assert labels[:3] == ["best", "median", "worst"] and labels[3].startswith("loses most")
+    assert labels == [episode.label for episode in replay.episodes]
+    text = sheet.tab.locator("body").inner_text()
+    for expected in ("<b>run&'", "Learned:", "optimal", "Where it loses steps", "row "):
+        assert expected in text
+    assert sheet.tab.locator("b").count() == 0 and sheet.tab.locator("figure img").count() == 1
+    sheet.press("p", "v", "End")
+    sheet.close()
+
+
+def test_view_writes_pages_of_runs_and_replays(
+    browser: Any, run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (run / "report.html").unlink()
+    main(["view", str(run), "--no-open"])
+    assert (run / "report.html").is_file()
+    out = tmp_path / "both.html"
+    games = [str(run), str(run / "replays.json")]
+    main(["view", *games, "--episodes", "2", "--out", str(out), "--no-open"])
+    sheet = Sheet(browser, out)
+    labels = sheet.tab.locator("select[aria-label=episode] option").all_text_contents()
+    assert len(labels) == 2 + len(Replay.load(run / "replays.json").episodes)
+    sheet.close()
+    capsys.readouterr()
+    for wrong, told in (
+        ([], "nothing to view"),
+        ([str(tmp_path / "none.json")], "no such file or folder"),
+        ([str(out)], "no replay that can be played"),
+    ):
+        with pytest.raises(SystemExit):
+            main(["view", *wrong, "--no-open", "--out", str(tmp_path / "x.html")])
+        assert told in capsys.readouterr().err
+
+
+def test_a_notebook_shows_the_page(browser: Any, duel: Replay, tmp_path: Path) -> None:
+    outer = f"<!DOCTYPE html><body>{duel._repr_html_()}</body>"
+    tab = browser.new_page()
+    tab.goto(written(tmp_path / "cell.html", outer).as_uri())
+    inner = tab.frame_locator("iframe")
+    inner.locator("svg.board").first.wait_for()
+    assert inner.locator("output").text_content().startswith("step 0 of")
+    tab.close()
+
+
+def test_the_report_of_a_sweep_is_one_page(browser: Any, tmp_path: Path) -> None:
+    picture = tmp_path / "arms.png"
+    Image.new("RGB", (4, 3), "red").save(picture)
+    text = f"# {HOSTILE}\n\n| arm | gap |\n|---|---|\n| {HOSTILE} | 1 |\n\n![arms](arms.png)\n"
+    written(tmp_path / "report.md", text + "\n![out](../secret.png)\n")
+    page = page_of(tmp_path / "report.md")
+    picture.unlink()
+    tab = browser.new_page()
+    tab.goto(page.as_uri())
+    assert tab.evaluate("window.hacked") is None and tab.locator("td").count() == 2
+    assert tab.locator("td").first.text_content() == HOSTILE
+    widths = tab.evaluate("[...document.images].map((image) => image.naturalWidth)")
+    assert widths == [4]  # the figure is inside, and nothing from elsewhere
+    tab.close()

@@ -1,0 +1,317 @@
+"""On-policy learners of continuous actions: their losses against TorchRL's, and that they learn."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+from tensordict.nn import ProbabilisticTensorDictModule, TensorDictModule
+from tensordict.nn import ProbabilisticTensorDictSequential as Sequential
+from torch.distributions import Independent, Normal, kl_divergence
+from torch.nn.utils import vector_to_parameters
+from torchrl.modules import TanhNormal
+from torchrl.objectives import A2CLoss, ClipPPOLoss, ReinforceLoss
+from torchrl_heads import NormalHead, critic_of, ours
+
+from pursuit.reacher.policy import ArmPolicy, ArmView
+from pursuit.reacher.simulator import ReacherSimulator
+from pursuit.reacher.task import ReacherTask
+from train.algorithms.a2c import a2c_loss
+from train.algorithms.cross_entropy import Candidates, CrossEntropy
+from train.algorithms.ppo import PPO, ppo_loss
+from train.algorithms.registry import Build, entry
+from train.algorithms.rollouts import TorchUpdate
+from train.environments.arm_env import ArmEnv
+from train.networks.actor_critic import ActorCritic
+from train.networks.arm_policy import ArmSeat
+from train.networks.distributions import SquashedNormal
+from train.networks.fused_actor_critic import LossCoefficients
+from train.networks.layers import Hidden
+from train.settings.algorithms import (
+    CrossEntropySettings,
+    PPOSettings,
+)
+
+
+def arm_env(games: int, joints: int = 1, **settings: Any) -> ArmEnv:
+    task = ReacherTask(joints, **settings)
+    return ArmEnv(ReacherSimulator(task, games, auto_restart=False), ArmSeat(task))
+
+
+def network_and_minibatch(joints: int = 2) -> tuple[ActorCritic, TensorDict]:
+    """A policy that is not that which drew the actions of the frames."""
+    torch.manual_seed(0)
+    env = arm_env(256, joints)
+    network = ActorCritic(env.player.features, joints, Hidden(16), action_std=0.5)
+    with torch.no_grad():
+        network.policy_head.weight.mul_(50)
+    prepared = network.policy_trunk.prepare(env.reset()["observation"])
+    before = SquashedNormal(0.3 * torch.randn(256, joints), torch.full((joints,), -0.5))
+    drawn = before.draw()
+    hidden, value_hidden = network.hidden(prepared)
+    content = {
+        "prepared": prepared,
+        "drawn": drawn,
+        "action": drawn.tanh(),
+        "distribution": before.parameters,
+        "action_log_prob": before.log_prob(drawn),
+        "advantage": torch.randn(256, 1),
+        "value_target": torch.randn(256, 1),
+        "policy_hidden": hidden,
+        "value_hidden": value_hidden,
+    }
+    return network, TensorDict(content, batch_size=[256])
+
+
+def tanh_actor(network: ActorCritic) -> Sequential:
+    """TorchRL's policy of actions, after tanh, with the factor of their density."""
+    assert network.log_std is not None
+    head = NormalHead(network.policy_head, network.log_std)
+    keys = ["loc", "scale"]
+    return Sequential(
+        TensorDictModule(head, ["policy_hidden"], keys),
+        ProbabilisticTensorDictModule(
+            in_keys=keys, out_keys=["action"], distribution_class=TanhNormal, return_log_prob=True
+        ),
+    )
+
+
+def assert_same_gradients(network: ActorCritic, ours: torch.Tensor, theirs: torch.Tensor) -> None:
+    weights = [weight for weight in network.parameters() if weight.requires_grad]
+    for a, b in zip(
+        torch.autograd.grad(ours, weights, retain_graph=True),
+        torch.autograd.grad(theirs, weights, retain_graph=True),
+        strict=True,
+    ):
+        torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-5)
+
+
+def test_the_loss_of_ppo_and_its_gradients_equal_torchrls_of_actions_after_tanh() -> None:
+    network, minibatch = network_and_minibatch()
+    found, parts = ppo_loss(network, ours(minibatch), LossCoefficients(0.2, 0.5, 0.0))
+    assert 0.05 < parts["clip_fraction"] < 0.95
+    mean, log_std = minibatch["distribution"].chunk(2, dim=-1)
+    theirs_batch = minibatch.copy()
+    collecting = TanhNormal(mean, log_std.exp())
+    theirs_batch["action_log_prob"] = collecting.log_prob(minibatch["action"])
+    loss = ClipPPOLoss(
+        tanh_actor(network),
+        critic_of(network),
+        clip_epsilon=0.2,
+        entropy_bonus=False,
+        critic_coeff=0.5,
+        loss_critic_type="l2",
+        normalize_advantage=True,
+    )
+    losses = loss(theirs_batch)
+    theirs = losses["loss_objective"] + losses["loss_critic"]
+    torch.testing.assert_close(found, theirs, rtol=1e-4, atol=1e-5)
+    assert_same_gradients(network, found, theirs)
+
+
+def test_penalty_and_entropy_bonus_are_torchs_of_the_normals() -> None:
+    network, minibatch = network_and_minibatch()
+    plain = ppo_loss(network, ours(minibatch), LossCoefficients(0.2, 0.5, 0.0))[0]
+    coefficients = LossCoefficients(0.2, 0.5, 0.01, kl_coef=0.7)
+    found, parts = ppo_loss(network, ours(minibatch), coefficients)
+    assert network.log_std is not None
+    mean, log_std = minibatch["distribution"].chunk(2, dim=-1)
+    now = network.policy_head(minibatch["policy_hidden"])
+    policies = [
+        Independent(Normal(*numbers), 1)
+        for numbers in ((mean, log_std.exp()), (now, network.log_std.exp().expand_as(now)))
+    ]
+    penalty = kl_divergence(*policies).mean()
+    entropy = policies[1].entropy().mean()
+    torch.testing.assert_close(parts["kl"], penalty.detach())
+    torch.testing.assert_close(parts["entropy"], entropy.detach())
+    torch.testing.assert_close(found, plain + 0.7 * penalty - 0.01 * entropy)
+
+
+@pytest.mark.parametrize("name", ["a2c", "reinforce"])
+def test_the_gradients_of_a2c_and_reinforce_are_those_of_actions_after_tanh(name: str) -> None:
+    network, minibatch = network_and_minibatch()
+    parts = (tanh_actor(network), critic_of(network))
+    if name == "a2c":
+        losses = A2CLoss(*parts, critic_coeff=0.5, loss_critic_type="l2")(minibatch)
+        names, value_coef = ["loss_objective", "loss_critic"], 0.5
+    else:
+        losses = ReinforceLoss(*parts, loss_critic_type="l2")(minibatch)
+        names, value_coef = ["loss_actor", "loss_value"], 1.0
+    coefficients = LossCoefficients(1.0, value_coef, 0.0, standardize=False)
+    found, _ = a2c_loss(network, ours(minibatch), coefficients)
+    assert_same_gradients(network, found, sum(losses[key] for key in names))
+
+
+# -- the cross-entropy method ----------------------------------------------------------------------
+
+SMALL = {"num_games": 64, "population": 16, "elite_share": 0.25}
+
+
+def searcher(joints: int = 2, **settings: Any) -> CrossEntropy:
+    chosen = CrossEntropySettings(**{**SMALL, **settings})
+    learner = entry("cross_entropy").build(chosen, arm_env(chosen.num_games, joints), Build(seed=1))
+    assert isinstance(learner, CrossEntropy)
+    return learner
+
+
+def test_every_candidate_draws_from_its_own_normal_distribution() -> None:
+    learner = searcher(num_games=40_000, population=4, elite_share=0.5, action_std=0.5)
+    env = learner.env
+    env.simulator.place([0.3, -0.4], [1.0, 0.5])
+    torch.manual_seed(0)
+    flat = torch.randn(4, len(learner.mean))
+    candidates = Candidates(learner.network, learner._named, flat)
+    observed, every = env.observe(), np.ones(40_000, dtype=bool)
+    candidates.act(observed, learner._streams, every, env.masks()[:, 0], learner._actions)
+    assert learner._actions.shape == (40_000, 2)
+    for number, weights in enumerate(flat):
+        vector_to_parameters(weights, learner._named.values())
+        with torch.no_grad():
+            mean = learner.network.logits(torch.from_numpy(observed[:1]))[0].numpy()
+        drawn = learner._actions[10_000 * number : 10_000 * (number + 1)]
+        share = (drawn < np.tanh(mean + 0.5)).mean(axis=0)  # one standard deviation above
+        np.testing.assert_allclose(share, 0.8413, atol=0.015)
+
+
+def test_candidates_start_alike_though_arms_keep_their_poses() -> None:
+    learner = searcher()
+    for _ in range(2):
+        begun: list[np.ndarray[Any, Any]] = []
+        restart = learner.env.restart
+
+        def restarting(games: Any = None, restart: Any = restart, begun: list[Any] = begun) -> None:
+            restart(games)
+            simulator = learner.env.simulator
+            begun.append(np.hstack([simulator.angles, simulator.targets]))
+
+        learner.env.restart = restarting  # type: ignore[method-assign]
+        learner.play(torch.randn(16, len(learner.mean)))
+        learner.env.restart = restart  # type: ignore[method-assign]
+        starts = begun[0].reshape(16, 4, 4)
+        assert (starts == starts[:1]).all() and len(np.unique(starts[0], axis=0)) == 4
+
+
+def test_the_cross_entropy_methods_returns_are_those_of_the_arms() -> None:
+    learner = searcher()
+    returns = learner.play(torch.randn(16, len(learner.mean)))
+    env = learner.env
+    ended, lengths = (np.concatenate(part) for part in (env.finished_returns, env.finished_lengths))
+    assert len(ended) == 64 and learner.frames == lengths.sum()
+    assert float(returns.mean()) == pytest.approx(ended.mean(), rel=1e-5)
+
+
+# -- learning --------------------------------------------------------------------------------------
+
+
+class RandomTurns:
+    """Uniform turns."""
+
+    def act(self, view: ArmView) -> Any:
+        return np.stack([2.0 * view.uniform() - 1.0 for _ in range(view.task.joints)], axis=1)
+
+
+def mean_steps(policy: ArmPolicy, joints: int = 1, arms: int = 500) -> float:
+    """Of episodes from random poses."""
+    simulator = ReacherSimulator(
+        ReacherTask(joints, start="random"), arms, 2**62, auto_restart=False
+    )
+    lengths = np.zeros(arms)
+    while (running := lengths == 0).any():
+        simulator.step(policy.act(simulator.view()))
+        ended = running & simulator.ended
+        lengths[ended] = simulator.steps[ended]
+    return float(lengths.mean())
+
+
+APART = {"width": 32, "gamma": 0.9, "shared": False, "entropy_coef": 0.0, "learning_rate": 5e-3}
+LEARNERS: dict[str, tuple[int, dict[str, Any]]] = {
+    "ppo": (250_000, {**APART, "num_games": 256, "minibatch_size": 1024}),
+    "a2c": (150_000, {**APART, "num_games": 256}),
+    "reinforce": (100_000, {"num_games": 64, "width": 32, "gamma": 0.9}),
+    "cross_entropy": (400_000, {"num_games": 256, "population": 32}),
+}
+
+
+@pytest.mark.parametrize("name", LEARNERS)
+def test_every_on_policy_learner_beats_random_turns_by_far(name: str) -> None:
+    torch.manual_seed(1)
+    frames, flat = LEARNERS[name]
+    algorithm = entry(name)
+    settings: Any = algorithm.settings(**flat)
+    env = arm_env(settings.num_games, max_steps=100)  # the first episodes lead nowhere
+    algorithm.check_actions(env.player)
+    learner = algorithm.build(settings, env, Build(seed=1))
+    while learner.frames < frames:
+        figures = learner.iterate(learner.frames / frames)
+    assert all(np.isfinite(list(figures.values())))
+    loaded = algorithm.load(settings, env.player, learner.state_dict(), True)
+    steps = mean_steps(learner.policy())  # type: ignore[arg-type]
+    assert steps == mean_steps(loaded)  # type: ignore[arg-type]
+    sampled = mean_steps(learner.policy(greedy=False))  # type: ignore[arg-type]
+    learner.close()
+    random = mean_steps(RandomTurns())
+    assert steps < 0.3 * random and sampled < 0.3 * random
+
+
+@pytest.mark.parametrize(
+    ("name", "flat"),
+    [
+        ("ppo", {"num_games": 16, "minibatch_size": 64, "kl_target": 0.01, "width": 8}),
+        ("cross_entropy", SMALL),
+    ],
+)
+def test_a_learner_of_continuous_actions_resumes_bit_for_bit(
+    name: str, flat: dict[str, Any]
+) -> None:
+    settings: Any = entry(name).settings(**flat)
+    env, again = (arm_env(settings.num_games) for _ in range(2))
+    first = entry(name).build(settings, env, Build(seed=1))
+    first.iterate(0.0)
+    again.simulator.set_state(env.simulator.get_state())
+    again.resume = True
+    second = entry(name).build(settings, again, Build(seed=2))
+    second.load_state_dict(copy.deepcopy(first.state_dict()))
+    for learner in (first, second):
+        torch.manual_seed(3)
+        learner.iterate(0.5)
+        learner.close()
+    for key, weight in first.state_dict()["network"].items():
+        assert torch.equal(weight, second.state_dict()["network"][key]), key
+
+
+def test_without_a_critic_ppo_has_returns_for_advantages() -> None:
+    env = arm_env(16, max_steps=8)
+    settings = PPOSettings(16, 0.9, minibatch_size=64, rollout_steps=12, critic=False, width=8)
+    learner = entry("ppo").build(settings, env, Build())
+    assert isinstance(learner, PPO)
+    assert isinstance(learner.update, TorchUpdate)
+    collector = learner.update.collector
+    rollout = collector.rollout()
+    collector.rollout = lambda: rollout  # type: ignore[method-assign]
+    frames = learner.collect()
+    reward, done = (rollout[key] for key in ("reward", "done"))
+    expected, running = torch.zeros(16, 12), torch.zeros(16)
+    for step in reversed(range(12)):
+        running = reward[:, step] + 0.9 * torch.where(done[:, step], 0.0, running)
+        expected[:, step] = running
+    torch.testing.assert_close(frames["advantage"].reshape(16, 12), expected)
+    _, parts = ppo_loss(learner.network, frames, LossCoefficients(0.2, None, 0.0))
+    assert "loss_critic" not in parts
+    learner.close()
+
+
+def test_what_cannot_be_is_said() -> None:
+    player = arm_env(4).player
+    with pytest.raises(ValueError, match="central_critic=True with continuous actions"):
+        entry("ppo").build(PPOSettings(central_critic=True), arm_env(1024), Build())
+    with pytest.raises(ValueError, match="central_critic=True with critic=False"):
+        PPOSettings(central_critic=True, critic=False)
+    with pytest.raises(ValueError, match=r"action_std=0\.0; it is above 0"):
+        PPOSettings(action_std=0.0)
+    with pytest.raises(ValueError, match="cannot choose continuous actions; take ppo or a2c"):
+        entry("q_learning").check_actions(player)

@@ -1,0 +1,126 @@
+"""Under limited sight scores stand beside what is certain, and nothing else is called optimal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from pursuit import Simulator, make_task
+from pursuit.simulator.policy import pairs_of_cells
+from scripted_agents import AStarChaser, AStarEvader, RandomAgent, TablePolicy
+from train.algorithms.q_learning import QTablePolicy, StateNumbers
+from train.evaluation import hidden_contest
+from train.evaluation.closeups import sides_of
+from train.evaluation.contest import GameContest
+from train.evaluation.floor import objective_floor
+from train.evaluation.scores import score_table
+from train.evaluation.suite_contest import SuiteContest
+from train.evaluation.suite_report import summary_of
+from train.networks.actor_critic import ActorCritic
+from train.networks.layers import Hidden
+from train.networks.policy import Seat
+from train.runs.report import summary
+from train.runs.single import evaluation_of
+from train.self_play.report import told_exploitability
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hidden_contest, "SECONDS", 0.5)
+
+
+def contest_for(role: str, **task: Any) -> GameContest:
+    opponents: Any = {"chaser": AStarChaser(epsilon=0.6), "evader": AStarEvader(epsilon=0.2)}
+    return GameContest(make_task("chase", maze="3x3", **task), role, opponents, episodes=300)
+
+
+@pytest.mark.parametrize("role", ["chaser", "evader"])
+def test_scores_stand_beside_the_certified_interval(role: str) -> None:
+    contest = contest_for(role, view_radius={role: 1})
+    assert contest.optimal() is None and contest.optimal_lengths() is None
+    certificate = contest.certificate()
+    assert certificate is not None and certificate.lower <= certificate.upper
+    scores = {score.name: score for score in contest.baselines()}
+    assert "optimal" not in scores and "optimal, full sight" in scores
+    certified = scores["certified"]
+    assert certified.discounted_steps is not None and certified.discounted_ci95 is not None
+    slack = 2.0 * certified.discounted_ci95 + 1e-9
+    assert certificate.lower - slack <= certified.discounted_steps <= certificate.upper + slack
+    for name in ("random", "optimal, full sight"):  # tables, so exact; the random one is blind
+        assert scores[name].discounted_ci95 in (0.0, None)
+    blind = scores["random"].discounted_steps
+    assert blind is not None
+    assert blind >= certificate.lower if role == "chaser" else blind <= certificate.upper
+
+
+def test_results_claim_no_optimum_that_is_none() -> None:
+    contest = contest_for("chaser", view_radius={"chaser": 1})
+    learned = contest.score("learned", RandomAgent())
+    results = evaluation_of([learned], "greedy", None, contest.certificate())
+    found = results["evaluation"]
+    assert found["optimal_steps"] is None and found["optimality_gap"] is None
+    assert found["discount"] == 0.95 and found["certified_lower"] <= found["certified_upper"]
+    expected = found["discounted_steps"] / found["certified_lower"] - 1.0
+    assert found["certified_gap"] == pytest.approx(expected) and expected > 0.0
+    objective = {"column": "mean_steps", "unit": "steps", "less_is_better": True}
+    results |= {"frames": 1, "seconds": 1.0, "interrupted": False, "objective": objective}
+    results["role"] = "chaser"
+    page = score_table([learned], contest.certificate()).markdown()
+    assert "proven" in summary(results) and "discounted" in page
+    assert "gap at most" in page and f"{100 * expected:+.2f} %" in page  # as on the terminal
+    assert objective_floor(contest, 0.95) == (None, None)
+    sides = [side.name for side in sides_of(contest, RandomAgent())]
+    assert sides == ["chaser_0 with full sight", "evader_0"]
+
+
+@pytest.mark.parametrize("task", [{}, {"view_radius": {"evader": 1}}, {"view_radius": 9}])
+def test_with_all_in_view_the_optimum_is_the_best_response(task: Any) -> None:
+    contest = contest_for("chaser", **task)
+    assert contest.optimal() is not None and contest.certificate() is None
+    assert contest.score("random", RandomAgent()).discounted_steps is None
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_in_suites_the_optimum_of_full_sight_is_called_that(exact: bool) -> None:
+    task = make_task("chase", maze="suite:5x5-test/0-1", view_radius={"chaser": 1})
+    contest = SuiteContest(task, "chaser", {"evader": AStarEvader(0.2)}, 20, exact=exact)
+    assert contest.best is None and contest.optimal() is None and contest.optimal_lengths() is None
+    found = contest.references()
+    names = [each.name for each in found]
+    limited = ["searching chaser", "belief chaser"] if not exact else []  # which are not solved
+    assert names == ["random", "A* chaser", *limited, "optimal, full sight"]
+    assert (found[-1].steps <= found[1].steps + 1e-9).all() or not exact
+    assert "optimality_gap" not in summary_of(contest, found[0])
+
+
+def test_a_nash_conv_under_limited_sight_is_called_a_bound() -> None:
+    results: dict[str, Any] = {"evaluation": {"nash_conv": 1.0}, "frames": 1, "seconds": 1.0}
+    assert "0 is an equilibrium" in told_exploitability(results)[0]
+    told = told_exploitability({**results, "limited_sight": True})[0]
+    assert "0 is an equilibrium" not in told and "see everything" in told
+
+
+def test_a_table_over_states_refuses_a_seat_that_does_not_see_them() -> None:
+    task = make_task("chase", maze="3x3", view_radius={"chaser": 1})
+    policy = QTablePolicy(task, "chaser", np.zeros((StateNumbers(task).count, task.num_actions)))
+    simulator = Simulator(task, num_games=2, seed=0)
+    with pytest.raises(ValueError, match="sees everything"):
+        policy.act(simulator.view("chaser"))
+
+
+def test_a_table_of_another_sight_is_not_taken_for_what_is_played() -> None:
+    seeing, blind = (make_task("chase", maze="3x3", view_radius=radius) for radius in (None, 0))
+    seat = Seat(seeing, "chaser")
+    torch.manual_seed(0)
+    policy = seat.policy(ActorCritic(seat.features, 4, Hidden(width=16)))
+    assert contest_for("chaser").score("learned", policy).exact
+    contest = GameContest(blind, "chaser", {"evader": AStarEvader(epsilon=0.2)}, episodes=300)
+    found = contest.score("learned", policy)
+    played = policy.distribution(blind, pairs_of_cells(blind, blind.mazes[0], "chaser"), 0)
+    table = TablePolicy(blind.mazes[0], played.reshape(9, 9, 4))
+    assert not found.exact
+    exact = contest.score("the same as a table", table)
+    assert exact.exact and abs(found.mean_steps - exact.mean_steps) <= 2.0 * found.ci95

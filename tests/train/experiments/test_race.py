@@ -1,0 +1,370 @@
+"""The race: it runs to its report, resumes, refuses bad files; the PPO rewritten for it learns."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torchrl.objectives.value.functional import generalized_advantage_estimate
+
+from scripted_agents import RandomAgent
+from train.commands.main import main
+from train.experiments import executors
+from train.experiments.comparison.contestants import CONTESTANTS, settings_of
+from train.experiments.comparison.library_run import LibraryRun, learn, world_and_contest
+from train.experiments.comparison.plain_ppo import advantages_of
+from train.experiments.comparison.plan import FILES, copy_of, load_race
+from train.experiments.comparison.report import race_report
+from train.experiments.comparison.run import Result, result_of, run_race
+from train.experiments.comparison.tables import median_of, reached
+from train.experiments.power import power_line
+from train.experiments.study import OUTCOME, Study, Told
+from train.settings.algorithms import PPOSettings
+from train.settings.task import TaskSettings
+
+TASK = """[[tasks]]
+name = "runner, 2x2"
+settings = { task = "maze", maze = "2x2", num_goals = 1 }
+held_out = ["3x3"]
+"""
+TINY = f"""
+title = "Tiny"
+contestants = ["ours", "cleanrl"]
+{TASK}[space]
+num_games = {{ choices = [8] }}
+rollout_steps = {{ choices = [8] }}
+minibatch_size = {{ choices = [32, 999] }}
+learning_rate = {{ low = 1e-3, high = 1e-2, scale = "log" }}
+width = {{ choices = [16] }}
+[short]
+tuning = {{ frames = 128, trials = 2 }}
+final = {{ frames = 256, seeds = [0, 1] }}
+episodes = 20
+[full]
+tuning = {{ seconds = 1, trials = 2 }}
+final = {{ seconds = 1, seeds = [0] }}
+"""
+RUNNER = TaskSettings(task="maze", maze="3x3", num_goals=1)
+
+
+def written(folder: Path, text: str = TINY) -> str:
+    path = folder / "tiny.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def unwatched(study: Study) -> Told:
+    return lambda statuses, progress: None
+
+
+def outcomes(out: Path) -> list[Path]:
+    return list(out.rglob(OUTCOME))
+
+
+# -- a race ----------------------------------------------------------------------------------------
+
+
+def test_a_tiny_race_runs_to_its_report_and_does_nothing_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    race = load_race(written(tmp_path))
+    standing = run_race(race, tmp_path / "out", unwatched, workers=0)
+    assert len(outcomes(tmp_path / "out")) == sum(race.count()) == 4 + 4
+    # The settings raced with are those of the trial with the least score.
+    for (task, name), number in standing.chosen.items():
+        scores = [standing.scores[task, name, trial][0] for trial in range(2)]
+        assert number == int(np.argmin([np.inf if s is None else s for s in scores]))
+        final = standing.finals[task, name, 0]
+        assert final is not None
+        assert final.settings["learning_rate"] == race.trials[number]["learning_rate"]
+        assert final.settings["minibatch_size"] <= 64  # a rollout
+        assert [p["frames"] for p in final.points] == [64.0, 128.0, 192.0, 256.0]
+    report = race_report(race, standing, tmp_path / "out")
+    text = report.read_text(encoding="utf-8")
+    for word in ("First to each gap", "CleanRL, rewritten", "learning_rate", "3x3", "Processor"):
+        assert word in text
+    assert f"The power of one comparison, {power_line([(2, 2)])}." in text
+    assert (report.parent / "curves.png").stat().st_size > 10_000
+    with (report.parent / "runs.csv").open(encoding="utf-8") as file:
+        assert len(list(csv.DictReader(file))) == 4
+    with (report.parent / "trials.csv").open(encoding="utf-8") as file:
+        assert [row["chosen"] for row in csv.DictReader(file)].count("True") == 2
+
+    # Once more: nothing is done, and what it says is the same.
+    monkeypatch.setattr(executors, "Performed", pytest.fail)
+    again = run_race(race, tmp_path / "out", unwatched, workers=0)
+    assert again == standing
+
+
+def test_a_bout_that_fails_is_told_of_and_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: Any) -> Any:
+        raise RuntimeError("no luck")
+
+    alone = TINY.replace('"ours", "cleanrl"', '"cleanrl"')
+    race = load_race(written(tmp_path, alone))
+    entry = CONTESTANTS["cleanrl"]
+    monkeypatch.setitem(CONTESTANTS, "cleanrl", replace(entry, build=broken))
+    with pytest.raises(ValueError, match=r"cleanrl failed in every trial on 'runner, 2x2'"):
+        run_race(race, tmp_path / "out", unwatched, workers=0)
+    errors = list((tmp_path / "out" / "trials").rglob("error.txt"))
+    assert len(errors) == 2 and "no luck" in errors[0].read_text(encoding="utf-8")
+    monkeypatch.setitem(CONTESTANTS, "cleanrl", entry)
+    run_race(race, tmp_path / "out", unwatched, workers=0)
+    assert not list((tmp_path / "out" / "trials").rglob("error.txt"))
+
+
+def test_the_best_on_the_first_maze_are_run_on_the_others_and_the_best_of_them_is_raced_with(
+    tmp_path: Path,
+) -> None:
+    text = TINY.replace('["3x3"]', '["3x3", "4x4-open"]')
+    race = load_race(written(tmp_path, text.replace("trials = 2", "trials = 4, finalists = 2")))
+    standing = run_race(race, tmp_path / "out", unwatched, workers=0)
+    assert len(outcomes(tmp_path / "out")) == sum(race.count()) == (4 + 2) * 2 + 4
+    for (task, name), chosen in standing.chosen.items():
+        scores = [standing.scores[task, name, number] for number in range(4)]
+        firsts = sorted(each[0] for each in scores if each[0] is not None)
+        finalists = [n for n in range(4) if len(scores[n]) == 2]
+        assert sorted(scores[n][0] or 0.0 for n in finalists) == firsts[:2]
+        means = {n: np.mean([s for s in scores[n] if s is not None]) for n in finalists}
+        assert means[chosen] == min(means.values())
+    text = race_report(race, standing, tmp_path / "out").read_text(encoding="utf-8")
+    assert "best 2 of a contestant" in text and "4x4-open" in text
+
+
+def test_finalists_that_all_fail_are_not_said_to_have_failed_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    build = CONTESTANTS["cleanrl"].build
+
+    def broken(world: Any, *rest: Any) -> Any:
+        if world.settings.maze == "4x4-open":
+            raise RuntimeError("no luck")
+        return build(world, *rest)
+
+    text = TINY.replace('["3x3"]', '["3x3", "4x4-open"]').replace('"ours", "cleanrl"', '"cleanrl"')
+    race = load_race(written(tmp_path, text.replace("trials = 2", "trials = 2, finalists = 1")))
+    monkeypatch.setitem(CONTESTANTS, "cleanrl", replace(CONTESTANTS["cleanrl"], build=broken))
+    with pytest.raises(ValueError, match=r"on further held-out mazes of 'runner, 2x2' with every"):
+        run_race(race, tmp_path / "out", unwatched, workers=0)
+
+
+def test_one_seed_is_one_seed(tmp_path: Path) -> None:
+    text = TINY.replace('"ours", "cleanrl"', '"cleanrl"').replace("seeds = [0, 1]", "seeds = [0]")
+    race = load_race(written(tmp_path, text.replace("trials = 2", "trials = 1")))
+    standing = run_race(race, tmp_path / "out", unwatched, workers=0)
+    told = race_report(race, standing, tmp_path / "out").read_text(encoding="utf-8")
+    assert "1 seed," in told and "1 trial," in told
+    assert "five runs" not in told and "1 against 1: 0 % at every effect" in told
+
+
+def test_damaged_results_are_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / OUTCOME).write_text(json.dumps({"points": []}), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"does that run again"):
+        result_of(tmp_path)
+
+
+def test_a_folder_of_the_form_before_is_refused(tmp_path: Path) -> None:
+    """Each of its runs was a file, not a folder."""
+    (tmp_path / "out" / "trials").mkdir(parents=True)
+    (tmp_path / "out" / "trials" / "ours-2x2-seed1000000-0123456789.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"trials: not empty, .*; give a new folder"):
+        run_race(load_race(written(tmp_path)), tmp_path / "out", unwatched, workers=0)
+
+
+@pytest.mark.slow
+def test_the_command_races_in_processes_of_its_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["race", written(tmp_path), "--out", str(tmp_path / "out"), "--workers", "2"])
+    assert "report: " in capsys.readouterr().out
+    assert (tmp_path / "out" / "report" / "report.html").is_file()
+
+
+# -- what is compared ------------------------------------------------------------------------------
+
+
+def test_the_shipped_race_is_tuned_on_other_mazes_and_fits_its_time() -> None:
+    race = load_race("ppo")
+    assert race.seconds() is not None and race.seconds() <= 45 * 60  # type: ignore[operator]
+    for on in load_race("ppo", "full").tasks:
+        copies = {copy_of(task.maze) for task in (on.task, *on.held_out)}
+        assert 3 <= len(on.held_out) <= 5 and len(copies) == 1 + len(on.held_out)
+    # Every contestant has the same trials, seeds and budgets, and as many of each.
+    alike = {
+        name: [
+            (job.given | {"contestant": ""}, number)
+            for (_, other, number, _), job in race.trial_jobs().items()
+            if other == name
+        ]
+        for name in race.contestants
+    }
+    assert all(each == alike["ours"] for each in alike.values()) and len(alike["ours"]) == 8
+    assert {path.stem for path in FILES.glob("*.toml")} == {"ppo"}
+
+
+def test_times_are_censored_and_medians_need_more_than_half() -> None:
+    points = [
+        {
+            "seconds": s,
+            "wall_seconds": s,
+            "cpu_seconds": s,
+            "frames": 10 * s,
+            "greedy": gap,
+            "sampled": 1.0,
+            "greedy_success": 1.0,
+            "sampled_success": 1.0,
+        }
+        for s, gap in ((1.0, 0.2), (2.0, 0.04), (3.0, 0.06))
+    ]
+    result = Result(points, 9.0, {}, "", "", "")
+    assert reached(result, "greedy", 0.05, "seconds") == 2.0
+    assert reached(result, "greedy", 0.05, "frames") == 20.0
+    assert reached(result, "sampled", 0.05, "seconds") == float("inf")
+    assert reached(None, "greedy", 0.05, "seconds") == float("inf")
+    never = float("inf")
+    assert median_of([1.0, 2.0, 4.0, never, never]) == 4.0
+    assert median_of([1.0, 2.0, never, never]) is None
+
+
+@pytest.mark.parametrize("name", CONTESTANTS)
+def test_every_contestant_learns_and_is_judged_alike(name: str) -> None:
+    if name == "stable-baselines3":
+        pytest.importorskip("stable_baselines3")
+    drawn = {"num_games": 8, "rollout_steps": 8, "minibatch_size": 32, "width": 16}
+    found = learn(LibraryRun(name, RUNNER, drawn, 3, None, 200, 50, True))
+    points = found["points"]
+    assert [point["frames"] for point in points] == [64, 128, 192]  # a fourth would not fit
+    assert all(point["cpu_seconds"] > 0 and point["greedy"] >= 0 for point in points)
+    world, contest, optimum = world_and_contest(RUNNER, 50)
+    assert found["optimal_steps"] == optimum.mean_steps
+    # At the start everybody draws about evenly, whatever it observes.
+    racer = CONTESTANTS[name].build(world, settings_of(name, world, drawn), 3)
+    drawn_from = racer.policy(greedy=False).distribution(world.task, contest.starts().games, 0)
+    racer.close()
+    assert np.allclose(drawn_from.mean(axis=0), 0.25, atol=0.1)
+
+
+def test_a_discount_that_is_drawn_is_that_of_every_contestant() -> None:
+    many = replace(RUNNER, num_goals=8)
+    world, *_ = world_and_contest(many, 50)
+    assert settings_of("ours", world, {}).gamma_end == pytest.approx(0.997)
+    for name in CONTESTANTS:
+        drawn = settings_of(name, world, {"gamma": 0.95})
+        assert drawn.gamma == drawn.last_gamma == 0.95
+
+
+# -- the PPO that was rewritten --------------------------------------------------------------------
+
+
+def test_its_advantages_are_those_of_torchrl() -> None:
+    draw = torch.Generator().manual_seed(0)
+    rewards, values = torch.randn(2, 7, 3, generator=draw)
+    last = torch.randn(3, generator=draw)
+    ended = (torch.rand(7, 3, generator=draw) < 0.3).float()
+    settings = PPOSettings(gamma=0.9, gae_lambda=0.8)
+    following = torch.cat([values[1:], last[None]])
+    columns = [x.T[..., None] for x in (values, following, rewards, ended.bool())]
+    theirs, _ = generalized_advantage_estimate(0.9, 0.8, *columns, terminated=columns[3])
+    ours = advantages_of(rewards, values, ended, last, settings)
+    torch.testing.assert_close(ours, theirs[..., 0].T)
+
+
+def test_it_learns_far_better_than_chance() -> None:
+    drawn = {
+        "num_games": 64, "rollout_steps": 16, "minibatch_size": 256, "epochs": 4,
+        "learning_rate": 3e-3, "gamma": 0.95, "gae_lambda": 0.9, "entropy_coef": 0.01, "width": 64,
+    }  # fmt: skip
+    found = learn(LibraryRun("cleanrl", RUNNER, drawn, 1, None, 15_000, 200, False))
+    _, contest, optimum = world_and_contest(RUNNER, 200)
+    chance = contest.score("", RandomAgent()).mean_steps / optimum.mean_steps - 1.0
+    assert found["points"][-1]["sampled"] < 0.2 < 2.0 < chance
+
+
+# -- what is refused -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"ours", "cleanrl"', '"ours", "nobody"', "unknown contestant 'nobody'"),
+        ('"ours", "cleanrl"', '"ours", "ours"', "give each once"),
+        ('held_out = ["3x3"]', 'held_out = ["2x2"]', "is the maze of the race"),
+        ('held_out = ["3x3"]', "held_out = []", "held_out is empty"),
+        ('held_out = ["3x3"]', 'held_out = ["suite:5x5-train"]', "is several mazes"),
+        ("num_goals = 1", 'num_goals = 1, colour = "red"', "colour"),
+        ('held_out = ["3x3"]', 'held_out = ["3x3", "4x4", "3x3"]', "'3x3' stands there twice"),
+        ("width = { choices = [16] }", "breadth = { choices = [16] }", "'breadth'"),
+        ("width = { choices = [16] }", "pairs = { choices = [true] }", "'pairs'; those that every"),
+        ("width = { choices = [16] }", "shared = { choices = [true] }", "'shared'; those that"),
+        ("width = { choices = [16] }", "samples = 3", "'samples'; those that every contestant"),
+        ("width = { choices = [16] }", "seed = 3", "'seed'; those that every contestant obeys"),
+        ("width = { choices = [16] }", "width = { choices = [0] }", "width=0"),
+        (
+            "width = { choices = [16] }",
+            'width = { choices = ["16"] }',
+            "[space]: a value of another",
+        ),
+        (
+            "width = { choices = [16] }",
+            "width = { low = 16, high = 17.5 }",
+            "[space]: field width: a whole number",
+        ),
+        ("frames = 128,", "", "give one of the two"),
+        ("frames = 256,", "frames = -1,", "above 0"),
+        (", trials = 2", "", "field .trials. is missing"),
+        (", trials = 2", ", trials = 2, finalists = 0", "finalists=0"),
+        (", trials = 2", ", trials = 2, finalists = 3", "finalists=3; 1 to 2"),
+        (", trials = 2", ", trials = 2, finalists = 1", "no task has more than one held-out maze"),
+        (", trials = 2", ", trials = 2, seeds = [7]", "seeds"),
+        ("seeds = [0, 1]", "seeds = [0, 1], finalists = 1", "finalists"),
+        ("seeds = [0, 1]", "seeds = [0, 1], trials = 1", "trials"),
+        ("seeds = [0, 1]", "seeds = [0, 1, 0]", "seeds=[0, 1, 0]; give each once"),
+        ("episodes = 20", "episodes = 20\nheld_out = -1", "held_out=-1; at least 1"),
+        (
+            "episodes = 20",
+            'episodes = 20\ntasks = ["runner, 2x2", "runner, 2x2"]',
+            "give each once",
+        ),
+        ("[space]", f"{TASK.replace('runner', 'another')}[space]", "are the same; leave one out"),
+        ("seeds = [0, 1]", "seeds = []", "seeds is an empty list"),
+        ("seeds = [0, 1]", "seeds = [1000000]", "those from there on are of trials"),
+        ("episodes = 20", "episodes = 1", "at least 2"),
+        ('title = "Tiny"', "", "title"),
+        ("[space]", "[spaces]", "spaces"),
+    ],
+)
+def test_bad_files_are_refused_in_a_line(tmp_path: Path, old: str, new: str, words: str) -> None:
+    text = TINY.replace(old, new, 1)
+    assert text != TINY
+    with pytest.raises(ValueError, match=words.replace("[", r"\[")) as refused:
+        load_race(written(tmp_path, text))
+    assert "tiny.toml" in str(refused.value)
+
+
+def test_an_evader_cannot_race(tmp_path: Path) -> None:
+    text = TINY.replace(
+        'task = "maze", maze = "2x2", num_goals = 1',
+        'task = "chase", role = "evader", maze = "2x2"',
+    )
+    with pytest.raises(ValueError, match="needs an exact optimum and few steps to be good"):
+        load_race(written(tmp_path, text))
+
+
+def test_no_such_file_or_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(ValueError, match=r"no such race file; shipped are ppo"):
+        load_race("nothing")
+    with pytest.raises(ValueError, match="short or full"):
+        load_race("ppo", "medium")
+    with pytest.raises(ValueError, match="unknown clock 'sun'"):
+        load_race("ppo", clock="sun")
+    with pytest.raises(SystemExit) as stopped:
+        main(["race", "ppo", "--workers", "0"])
+    assert stopped.value.code == 2 and "workers=0" in capsys.readouterr().err

@@ -1,0 +1,123 @@
+"""Sweeps on a Ray cluster: nothing is lost, and nothing counted twice."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_sweeps import TINY, silent, write
+
+from train.experiments.executors import run_locally, run_on_ray
+from train.experiments.kinds import open_run
+from train.experiments.study import status_of
+from train.experiments.sweep import load_sweep
+from train.experiments.tables import collect
+
+# -- Ray -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Any:
+    """A local Ray cluster of three nodes; the head has no cores for runs."""
+    pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+
+    found = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
+    for _ in range(2):
+        found.add_node(num_cpus=1)
+    yield found
+    found.shutdown()
+
+
+@pytest.mark.slow
+def test_ray_gives_the_results_that_this_machine_gives(cluster: Any, tmp_path: Path) -> None:
+    import ray
+
+    text = TINY.replace(', "q_learning"', "").replace('"2x2", "3x3"', '"2x2"')
+    sweep, out = load_sweep(write(tmp_path / "tiny.toml", text)), tmp_path / "out"
+    ray.init(address=cluster.address, log_to_driver=False)
+    try:
+        statuses = run_on_ray(sweep, out, None, silent)
+    finally:
+        ray.shutdown()
+    assert statuses == dict.fromkeys((run.name for run in sweep.runs), "complete")
+    # A budget of frames repeats exactly.
+    local = tmp_path / "local"
+    run_locally(replace(sweep, runs=sweep.runs[:1]), local, 1, silent)
+    name = sweep.runs[0].name
+    evaluations = [
+        json.loads((folder / "runs" / name / "results.json").read_text())["evaluation"]
+        for folder in (out, local)
+    ]
+    assert evaluations[0] == evaluations[1]
+
+
+@pytest.mark.slow
+def test_ray_loses_nothing_and_counts_nothing_twice_when_a_node_dies(
+    cluster: Any, tmp_path: Path
+) -> None:
+    import ray
+
+    text = TINY.replace("frames = 2000", "frames = 20000").replace(', "q_learning"', "")
+    sweep, out = load_sweep(write(tmp_path / "tiny.toml", text)), tmp_path / "out"
+    ray.init(address=cluster.address, log_to_driver=False)
+    removed: list[Any] = []
+
+    def kill(statuses: dict[str, str], progress: dict[str, float]) -> None:
+        workers = [node for node in cluster.list_all_nodes() if node is not cluster.head_node]
+        if not removed and list(statuses.values()).count("complete") >= 1:
+            removed.append(workers[0])
+            cluster.remove_node(workers[0], allow_graceful=False)
+            cluster.add_node(num_cpus=1)
+
+    try:
+        statuses = run_on_ray(sweep, out, None, kill)
+    finally:
+        ray.shutdown()
+    assert removed
+    assert statuses == dict.fromkeys((run.name for run in sweep.runs), "complete")
+    runs, curves = collect(out)
+    assert len(runs) == 4 and runs["run"].n_unique() == 4
+    assert curves.select("run", "frames").is_unique().all()
+
+
+LONG = """
+episodes = 5
+[settings]
+task = "maze"
+maze = "3x3"
+algorithm = "a2c"
+frames = 2000000
+num_games = 32
+[search]
+samples = 4
+learning_rate = {low = 1e-4, high = 1e-2}
+"""
+
+
+@pytest.mark.slow
+def test_control_c_brings_back_what_ray_did(cluster: Any, tmp_path: Path) -> None:
+    import ray
+
+    sweep = load_sweep(write(tmp_path / "long.toml", LONG))
+    out = tmp_path / "out"
+
+    def interrupt(statuses: dict[str, str], progress: dict[str, float]) -> None:
+        if any(progress.values()):
+            raise KeyboardInterrupt
+
+    ray.init(address=cluster.address, log_to_driver=False)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_on_ray(sweep, out, None, interrupt)
+    finally:
+        ray.shutdown()
+    statuses = [status_of(out / "runs" / run.name) for run in sweep.runs]
+    assert "interrupted" in statuses and set(statuses) <= {"interrupted", "new"}
+    for run, status in zip(sweep.runs, statuses, strict=True):
+        if status == "interrupted":
+            found = open_run(out / "runs" / run.name)
+            assert found.trainee.frames > 0 and found.metrics.rows

@@ -1,0 +1,237 @@
+"""A run of a sweep is what it reads, not where that lies; and nobody's work is lost or raced."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from filelock import FileLock, Timeout
+
+from pursuit import load_maze
+from train.experiments.kinds import KINDS, open_run, start
+from train.experiments.on_ray import Exchange
+from train.experiments.study import prepare, status_of
+from train.experiments.sweep import load_sweep
+from train.experiments.tables import collect
+from train.experiments.worker import shipment, unpack, when_saved, work_elsewhere
+from train.runs.folder import RUN
+
+MAZE = "+-+-+\n|   |\n+ + +\n|   |\n+-+-+\n"
+OTHER = "+-+-+\n|   |\n+-+ +\n|   |\n+-+-+\n"
+SWEEP = """
+episodes = {episodes}
+[settings]
+task = "chase"
+role = "chaser"
+frames = 2000
+num_games = 32
+minibatch_size = 32
+curriculum = "maze-size"
+opponent = "{opponent}"
+[grid]
+maze = ["{maze}"]
+curriculum_mazes = ["{lesson}, 2x2"]
+"""
+
+
+def silent(statuses: dict[str, str], progress: dict[str, float]) -> None:
+    pass
+
+
+def evader(folder: Path, seed: int = 0) -> Path:
+    """The folder of a run that has learned nothing yet."""
+    asked: dict[str, Any] = {"task": "chase", "role": "evader", "maze": "3x3", "frames": 100}
+    settings = KINDS[RUN].settings_of(**asked, num_games=8, minibatch_size=8, seed=seed)
+    start(RUN, settings, folder).save()
+    return folder
+
+
+@pytest.fixture
+def given(tmp_path: Path) -> dict[str, Any]:
+    """The files that a sweep names, and a sweep."""
+    (tmp_path / "mazes").mkdir()
+    maze, lesson = tmp_path / "mazes" / "maze.txt", tmp_path / "mazes" / "lesson.txt"
+    maze.write_text(load_maze("3x3").to_text())
+    lesson.write_text(OTHER)
+    opponent = evader(tmp_path / "evader")
+    return {"maze": maze, "lesson": lesson, "opponent": opponent, "episodes": 5}
+
+
+def names(tmp_path: Path, given: dict[str, Any]) -> list[str]:
+    (tmp_path / "s.toml").write_text(SWEEP.format(**given))
+    return [run.name for run in load_sweep(str(tmp_path / "s.toml")).runs]
+
+
+# -- identity --------------------------------------------------------------------------------------
+
+
+def test_files_that_moved_are_the_same_run_and_files_that_changed_another(
+    given: dict[str, Any], tmp_path: Path
+) -> None:
+    (before,) = names(tmp_path, given)
+    for name in ("maze", "lesson", "opponent"):
+        moved = given[name].with_name(f"moved-{given[name].name}")
+        given[name] = given[name].rename(moved)
+    (after,) = names(tmp_path, given)
+    assert before[-10:] == after[-10:]
+    seen = {before[-10:]}
+    given["maze"].write_text(load_maze("3x3-open").to_text())
+    seen.add(names(tmp_path, given)[0][-10:])
+    given["lesson"].write_text(MAZE)
+    seen.add(names(tmp_path, given)[0][-10:])
+    given["opponent"] = evader(tmp_path / "another", seed=1)
+    seen.add(names(tmp_path, given)[0][-10:])
+    given["episodes"] = 6
+    seen.add(names(tmp_path, given)[0][-10:])
+    assert len(seen) == 5
+
+
+def test_a_sweep_over_files_is_taken_up_again_and_reads_its_own_copies(
+    given: dict[str, Any], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    names(tmp_path, given)
+    ((run, folder),) = prepare(load_sweep(str(tmp_path / "s.toml")), out)
+    assert prepare(load_sweep(str(tmp_path / "s.toml")), out) == [(run, folder)]
+    # The maze's file is changed and the opponent goes on learning: not in this run.
+    for name in ("maze", "lesson"):
+        given[name].write_text(MAZE)
+    given["opponent"].rename(tmp_path / "gone")
+    trainee = open_run(folder).trainee
+    assert trainee.parts.world.task.mazes[0] == load_maze("3x3")
+    assert len(trainee.parts.plan.task.mazes) == 3
+    # The whole sweep is moved: its copies with it.
+    (tmp_path / "gone").rename(given["opponent"])
+    given["maze"].write_text(load_maze("3x3").to_text())
+    given["lesson"].write_text(OTHER)
+    out.rename(tmp_path / "elsewhere")
+    prepare(load_sweep(str(tmp_path / "s.toml")), tmp_path / "elsewhere")
+    open_run(tmp_path / "elsewhere" / "runs" / run.name)
+    # Reports call them what the sweep file does.
+    row = collect(tmp_path / "elsewhere")[0].to_dicts()[0]
+    assert (row["maze"], row["opponent"]) == (str(given["maze"]), str(given["opponent"]))
+
+
+@pytest.mark.slow
+def test_a_run_travels_with_all_that_it_reads(given: dict[str, Any], tmp_path: Path) -> None:
+    names(tmp_path, given)
+    ((_, folder),) = prepare(load_sweep(str(tmp_path / "s.toml")), tmp_path / "out")
+    files = shipment(folder)
+    assert str(tmp_path) not in files["config.json"].decode()
+    for path in (tmp_path / "mazes", given["opponent"], tmp_path / "out"):
+        path.rename(path.with_name(f"{path.name}-gone"))
+    told: list[float] = []
+    back = work_elsewhere(files, lambda progress, saved: bool(told.append(progress)))
+    assert "error.txt" not in back, back["error.txt"].decode()
+    assert json.loads(back["results.json"])["interrupted"] is False and told
+    assert "config.json" not in back and not any("inputs" in name for name in back)
+
+
+def test_self_play_travels_with_its_frozen_side(tmp_path: Path) -> None:
+    frozen = evader(tmp_path / "evader")
+    (tmp_path / "s.toml").write_text(
+        f'kind = "self-play"\n[settings]\nmaze = "3x3"\nframes = 2000\nnum_games = 32\n'
+        f'minibatch_size = 32\nevader = "{frozen}"\n'
+    )
+    ((_, folder),) = prepare(load_sweep(str(tmp_path / "s.toml")), tmp_path / "out")
+    files = shipment(folder)
+    for path in (frozen, tmp_path / "out"):
+        path.rename(path.with_name(f"{path.name}-gone"))
+    unpack(tmp_path / "there", files)
+    assert open_run(tmp_path / "there").trainee.parts.frozen["evader"]
+
+
+# -- nothing is lost -------------------------------------------------------------------------------
+
+LONG = """
+episodes = 5
+[settings]
+task = "maze"
+maze = "2x2"
+algorithm = "q_learning"
+frames = 1000000000
+num_games = 32
+[search]
+samples = 2
+gamma = {choices = [0.9, 0.95]}
+"""
+
+
+def test_files_are_taken_when_a_run_has_saved_not_while_it_saves(tmp_path: Path) -> None:
+    checkpoint, progress = tmp_path / "checkpoint.pt", tmp_path / "progress.txt"
+    assert when_saved(tmp_path) is None
+    checkpoint.write_text("1")
+    assert when_saved(tmp_path) is None
+    progress.write_text("0.1")
+    first = when_saved(tmp_path)
+    assert first is not None
+    os.utime(checkpoint, ns=(first[1] + 10, first[1] + 10))
+    assert when_saved(tmp_path) is None
+    os.utime(progress, ns=(first[1] + 20, first[1] + 20))
+    assert when_saved(tmp_path) not in (None, first)
+
+
+def test_the_exchange_keeps_what_was_last_saved_until_a_run_has_ended() -> None:
+    exchange = Exchange()
+    assert not exchange.tell("a", 0.0, None) and not exchange.tell("b", 0.1, {"x": b"1"})
+    assert exchange.take() == ({"b": {"x": b"1"}}, {"a": 0.0, "b": 0.1})
+    assert exchange.take()[0] == {} and exchange.latest("b") == {"x": b"1"}
+    assert exchange.stop() == {"a": 0.0, "b": 0.1}
+    assert exchange.tell("a", 0.2, {"x": b"2"})
+    exchange.end("b")
+    assert exchange.all() == {"a": {"x": b"2"}}
+
+
+@pytest.mark.slow
+def test_a_run_elsewhere_hands_over_what_it_saved_and_stops_when_told(tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text(LONG.replace("1000000000", "30000000"))
+    ((_, folder), *_) = prepare(load_sweep(str(tmp_path / "s.toml")), tmp_path / "out")
+    saved: list[dict[str, bytes]] = []
+
+    def tell(progress: float, files: dict[str, bytes] | None) -> bool:
+        saved.extend([files] if files else [])
+        return bool(saved)
+
+    back = work_elsewhere(shipment(folder), tell)
+    assert {"checkpoint.pt", "metrics.csv"} <= set(saved[0]) and "error.txt" not in back
+    assert "results.json" not in back
+    unpack(tmp_path / "again", shipment(folder) | back)
+    run = open_run(tmp_path / "again")
+    assert 0 < run.progress < 1 and run.metrics.rows
+
+
+@pytest.mark.slow
+def test_a_killed_sweep_leaves_no_run_behind_and_the_next_waits_for_it(tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text(LONG)
+    sweep, out = load_sweep(str(tmp_path / "s.toml")), tmp_path / "out"
+    command = [sys.executable, "-m", "train.commands.main", "sweep", str(tmp_path / "s.toml")]
+    driver = subprocess.Popen([*command, "--out", str(out), "--workers", "1"])
+    folder = out / "runs" / sweep.runs[0].name
+    lock, deadline = FileLock(folder / ".worker.lock"), time.monotonic() + 120
+    while time.monotonic() < deadline and not list(folder.rglob("events*")):
+        time.sleep(0.1)
+    with pytest.raises(Timeout), lock.acquire(blocking=False):
+        pass
+    time.sleep(2)  # it learns
+    driver.send_signal(signal.SIGKILL)
+    driver.wait()
+    with lock.acquire(timeout=60):  # the run has heard of it, saved, and ended
+        assert status_of(folder) == "interrupted"
+        before = open_run(folder).trainee.frames
+    assert before > 0
+    command += ["--out", str(out), "--workers", "1"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as driver:
+        assert driver.stdout is not None
+        while "1 running" not in driver.stdout.readline():
+            pass
+        driver.send_signal(signal.SIGTERM)
+        driver.communicate(timeout=120)
+    assert driver.returncode == 143
+    assert open_run(folder).trainee.frames >= before

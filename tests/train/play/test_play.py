@@ -1,0 +1,387 @@
+"""Games by hand: every seat of every task, and a person's steps beside the optimum."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import re
+import shlex
+import signal
+import threading
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from played_by_hand import EAST, NORTH, SOUTH, STAY, WEST, Visitor, maze_session, serving
+from self_play_runs import make_run
+
+from pursuit.environments.single_agent import SingleAgentEnv
+from pursuit.mazes.maze import Maze, load_maze
+from pursuit.replays.replay import Replay
+from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner
+from train.commands import play as play_command
+from train.commands.main import main
+from train.play.kept import PATTERN
+from train.play.seats import session_of
+from train.play.server import PlayServer
+from train.play.session import ArmSession
+from train.settings.task import ReacherSettings, TaskSettings
+
+PAGE = Path(__file__).parents[3] / "docs" / "play.md"
+
+# -- the optimum beside it, against solvers of our own ---------------------------------------------
+
+
+def way(maze: Maze, start: int, end: int) -> list[int]:
+    """The moves of a shortest path, by breadth first search."""
+    before: dict[int, tuple[int, int]] = {start: (start, STAY)}
+    queue = deque([start])
+    while queue:
+        cell = queue.popleft()
+        for move in (NORTH, SOUTH, EAST, WEST):
+            after = int(maze.neighbors[cell, move])
+            if after not in before:
+                before[after] = cell, move
+                queue.append(after)
+    moves = []
+    while end != start:
+        end, move = before[end]
+        moves.append(move)
+    return moves[::-1]
+
+
+def tour(maze: Maze, start: int, goals: list[int]) -> list[int]:
+    """The moves of a shortest tour, of all orders of the goals."""
+    tours = []
+    for order in itertools.permutations(goals):
+        stops = [start, *order]
+        tours.append([m for a, b in itertools.pairwise(stops) for m in way(maze, a, b)])
+    return min(tours, key=len)
+
+
+def least_steps_to_catch(maze: Maze, horizon: int) -> tuple[np.ndarray, np.ndarray]:
+    """[chaser cell, evader cell] expected steps of the best chaser against a greedy A* evader, and
+    its first move: backward induction, one state after the other."""
+    table = AStarEvader(0.0).action_probabilities(maze)
+    cells, next_of = range(maze.num_cells), maze.neighbors.tolist()
+    values = np.zeros((maze.num_cells, maze.num_cells))
+    moves = np.zeros(values.shape, dtype=int)
+    for _ in range(horizon):
+        later, values = values, np.zeros_like(values)
+        for chaser, evader in itertools.product(cells, cells):
+            if chaser == evader:
+                continue
+            costs = []
+            for move in range(4):
+                there, cost = next_of[chaser][move], 1.0
+                for reply in range(4):
+                    fled = next_of[evader][reply]
+                    met = there == fled or (there == evader and fled == chaser)
+                    if not met:
+                        cost += table[evader, chaser, reply] * later[there, fled]
+                costs.append(cost)
+            values[chaser, evader], moves[chaser, evader] = min(costs), int(np.argmin(costs))
+    return values, moves
+
+
+# -- over HTTP -------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def runner() -> Iterator[tuple[Visitor, PlayServer]]:
+    with serving(maze_session(7, "optimal", task="maze", maze="4x4", num_goals=3)) as both:
+        yield both
+
+
+@pytest.fixture
+def chaser() -> Iterator[tuple[Visitor, PlayServer]]:
+    with serving(
+        maze_session(3, "optimal", maze="3x3", opponent_epsilon=0.0, max_steps=30)
+    ) as both:
+        yield both
+
+
+def test_a_tour_played_by_hand_takes_the_least_steps_of_all_orders(
+    runner: tuple[Visitor, PlayServer],
+) -> None:
+    visitor, _ = runner
+    maze, state = load_maze("4x4"), visitor.state()
+    assert state["board"]["walls"] == maze.to_text() and state["board"]["you"] == 0
+    for game in range(3):
+        assert (state["game"], state["step"], state["over"]) == (game, 0, False)
+        (here,), goals = state["frame"]["cells"], state["frame"]["goals"]
+        best = tour(maze, here, goals)
+        for step, move in enumerate(best, start=1):
+            here = int(maze.neighbors[here, move])
+            state = visitor.move(move)
+            assert state["frame"]["cells"] == [here] and state["step"] == step
+        assert state["over"] and state["outcome"]["won"]
+        assert state["outcome"]["least"] == state["outcome"]["agent_steps"] == len(best)
+        assert state["rows"][0] == ["you", f"{len(best)} steps, won"]
+        assert state["rows"][1] == ["optimum", f"{len(best)} steps"]
+        state = visitor.ask("POST", visitor.path + "next", {"game": game})[1]
+    assert "3 games, 3 won" in state["total"]
+
+
+def test_the_optimum_of_a_chase_is_the_value_of_its_start(
+    chaser: tuple[Visitor, PlayServer],
+) -> None:
+    visitor, _ = chaser
+    values, moves = least_steps_to_catch(load_maze("3x3"), 30)
+    lengths, optima = [], []
+    for game in range(25):
+        state = visitor.state()
+        start = tuple(state["frame"]["cells"])
+        while not state["over"]:
+            state = visitor.move(int(moves[tuple(state["frame"]["cells"])]))
+        assert state["outcome"]["least"] == pytest.approx(values[start], abs=1e-9)
+        assert state["outcome"]["expected"]
+        lengths.append(state["outcome"]["steps"])
+        optima.append(state["outcome"]["least"])
+        visitor.ask("POST", visitor.path + "next", {"game": game})
+    doubt = 4 * np.std(np.subtract(lengths, optima)) / len(lengths) ** 0.5 + 1e-9
+    assert abs(np.mean(lengths) - np.mean(optima)) < doubt
+
+
+def test_after_the_end_only_the_next_game_moves(runner: tuple[Visitor, PlayServer]) -> None:
+    visitor, server = runner
+    state = visitor.state()
+    (here,), goals = state["frame"]["cells"], state["frame"]["goals"]
+    for move in tour(load_maze("4x4"), here, goals):
+        state = visitor.move(move)
+    late = {"game": 0, "step": state["step"], "action": 0}
+    assert visitor.ask("POST", visitor.path + "move", late)[0] == 409
+    with pytest.raises(ValueError, match="game 0 is over; begin the next one"):
+        server.session.move(0)
+    assert len(server.session.outcomes) == 1
+
+
+# -- every seat ------------------------------------------------------------------------------------
+
+
+def test_a_race_tells_who_has_collected_what() -> None:
+    """A runner who goes for the nearest goal, as the agent beside does."""
+    session = maze_session(4, task="race", maze="5x5", role="runner_1")
+    policy = NearestGoalRunner(0.0)
+    for _ in range(10):
+        left = 3
+        counts = [0, 0]
+        while not session.over:
+            session.move(int(policy.act(session.simulator.view("runner_1"))[0]))
+            goals = sum(goal >= 0 for goal in session.frame()["goals"])
+            for seat, paid in enumerate(session.rewards[-1]):
+                counts[seat] += paid > 0
+            assert left - goals <= sum(paid > 0 for paid in session.rewards[-1])
+            left = goals
+        outcome = session.outcomes[-1]
+        assert outcome.collected == (("runner_1", counts[1]), ("runner_0", counts[0]))
+        assert outcome.agent_goals == counts[1] and outcome.agent_steps == outcome.steps
+        assert outcome.rows()[0] == ("you", f"{outcome.steps} steps, goals: {counts[1]}")
+        session.next_game()
+
+
+@pytest.mark.parametrize(
+    ("task", "role", "known"),
+    [
+        ("chase", "chaser", True),
+        ("chase", "evader", True),
+        ("maze", "runner", True),
+        ("race", "runner_1", False),
+        ("heist", "chaser", False),
+        ("heist", "evader", False),
+    ],
+)
+def test_a_person_takes_any_seat(task: str, role: str, known: bool, tmp_path: Path) -> None:
+    settings = TaskSettings(task=task, role=role, maze="4x4", stay_action=True, max_steps=40)
+    session = session_of(settings, "astar", 1)
+    keeper = play_command.Keeper(tmp_path / "hand", "Ann")
+    taken = []
+    while not session.over:
+        taken.append(session.step % 5)
+        session.move(taken[-1])
+    (outcome,) = session.outcomes
+    assert (outcome.least is not None) == known and outcome.steps == len(taken)
+    assert ("not known" in "\n".join(outcome.lines())) != known
+    assert 1 <= outcome.agent_steps <= 40
+    keeper.keep(session)
+    (kept,) = (tmp_path / "hand").glob(PATTERN)
+    replay = Replay.load(kept)
+    assert replay.check() == [] and replay.seed == 1 and kept.name == "game-0001.json"
+    seat = session.task.seat(role)  # type: ignore[attr-defined]
+    assert replay.episodes[0].actions[:, seat].tolist() == taken
+    assert replay.players[replay.agents[seat]] == "Ann, by hand"
+
+
+def test_a_captured_evader_is_over_for_the_person_alone(tmp_path: Path) -> None:
+    settings = TaskSettings(maze="2x2", num_evaders=2, role="evader_1", opponent_epsilon=0.0)
+    session = session_of(settings, "random", 0)
+    keeper = play_command.Keeper(tmp_path, "Ann")
+    open_ends = 0
+    for _ in range(20):
+        while not session.over:
+            session.move(NORTH)
+        assert session.frame()["cells"][2] == -1 and not session.outcomes[-1].won
+        open_ends += not session.simulator.ended[0]
+        keeper.keep(session)
+        session.next_game()
+    assert 0 < open_ends < 20
+    kept = list(tmp_path.glob(PATTERN))
+    assert len(kept) == 20 and all(Replay.load(path).check() == [] for path in kept)
+
+
+def test_an_arm_is_moved_by_hand_beside_its_least_steps() -> None:
+    session = session_of(ReacherSettings(joints=1), "optimal", 2)
+    assert isinstance(session, ArmSession)
+    for game in range(5):
+        frame = session.frame()
+        x, y = frame["target"]
+        off = (np.arctan2(y, x) - frame["angles"][0] + np.pi) % (2 * np.pi) - np.pi
+        # On the rim the tip is in reach within this angle, the chord of it being the tolerance.
+        near = 2 * np.arcsin(0.2 / 2)
+        least = max(int(np.ceil((abs(off) - near) / 0.1)), 1)
+        while not session.over:
+            session.move([float(np.sign(off))])
+        outcome = session.outcomes[game]
+        assert (outcome.steps, outcome.least, outcome.most) == (least, least, least)
+        assert outcome.agent_steps == least
+        session.next_game()
+    for wrong in (0, [], [2.0], [float("nan")], ["a"], [True], [0.1, 0.1]):
+        with pytest.raises(ValueError, match="action"):
+            session.move(wrong)
+    assert session.step == 0
+
+
+def test_the_agent_beside_plays_the_same_start_with_the_same_luck() -> None:
+    """A person who moves as A* does ends as A* does, to the step."""
+    session = maze_session(5, maze="5x5", role="chaser", opponent_epsilon=0.3)
+    shadow = AStarChaser(0.0)
+    for _ in range(20):
+        while not session.over:
+            session.move(int(shadow.act(session.simulator.view("chaser"))[0]))
+        session.next_game()
+    assert [o.steps for o in session.outcomes] == [o.agent_steps for o in session.outcomes]
+    assert len({o.steps for o in session.outcomes}) > 5
+
+
+# -- the command -----------------------------------------------------------------------------------
+
+
+def test_the_command_serves_a_game_keeps_it_and_ends_by_ctrl_c(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen: list[str] = []
+
+    def person() -> None:
+        try:
+            visitor = Visitor(seen[0])
+            state = visitor.state()
+            while not state["over"]:
+                state = visitor.move(NORTH)
+            seen.append(state["rows"][0][1])
+        finally:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=person)
+
+    def opened(address: str) -> bool:
+        seen.append(address)
+        thread.start()
+        return True
+
+    monkeypatch.setattr(play_command, "open_page", opened)
+    game = ["play", "--task", "heist", "--maze", "4x4", "--role", "evader", "--max-steps", "12"]
+    main([*game, "--name", "Ann", "--out", str(tmp_path / "hand"), "--seed", "4"])
+    thread.join(20)
+    printed = capsys.readouterr().out
+    assert f"opened {seen[0]}" in printed and seen[1] in printed
+    assert "optimum  not known" in printed and f"kept: {tmp_path / 'hand'}" in printed
+    (kept,) = (tmp_path / "hand").glob(PATTERN)
+    replay = Replay.load(kept)
+    assert replay.check() == [] and replay.players["evader_0"] == "Ann, by hand"
+    assert replay.seed == 2**62 + 4  # no game that anybody has learned from
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--role", "runner"], "role 'runner' does not play"),
+        (["--against", "nobody"], "nobody: no policy"),
+        (["--beside", "nobody"], "nobody: no policy"),
+        (["--against", "astar", "--opponent", "random"], "give one"),
+        (["--task", "maze", "--against", "random"], "nobody of another role"),
+        (["--task", "heist", "--against", "optimal"], "3 goal(s)"),
+        (["--task", "reacher", "--against", "astar"], "an arm has no other seats"),
+        (["--port", "65536"], "port=65536"),
+        (["--seed", "-1"], "seed=-1"),
+        (["--name", " ", "--out", "x"], "name=' '"),
+    ],
+)
+def test_wrong_command_lines_are_one_line(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["play", "--no-browser", *arguments])
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert words in said and said.count("\n") == 1, said
+
+
+# -- the page about it -----------------------------------------------------------------------------
+
+
+def blocks_of(language: str) -> list[str]:
+    found = re.findall(r"^```(\w*)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.M)
+    return [code for named, code in found if named == language]
+
+
+def test_the_commands_of_the_page_run_as_they_stand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """But that nobody sits there: whoever serves a game plays it by going north. The run is a side
+    of self-play that is quickly made."""
+    monkeypatch.chdir(tmp_path)
+
+    def go_north(session: Any, *rest: Any) -> None:
+        arm = isinstance(session, ArmSession)
+        while not session.over:
+            session.move([1.0] * session.task.joints if arm else NORTH)
+        if rest[-1] is not None:
+            rest[-1].keep(session)
+
+    monkeypatch.setattr(play_command, "on_page", go_north)
+    lines = [line for block in blocks_of("") for line in block.splitlines()]
+    assert len(lines) == 11 and all(line.startswith("pursuit ") for line in lines)
+    make_run(tmp_path / "pair", frames=2000, task={"maze": "5x5"}).train()
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "pair" / "chaser").rename(tmp_path / "runs" / "c")
+    for line in lines:
+        if not line.startswith("pursuit train"):
+            main(shlex.split(line)[1:])
+    printed = capsys.readouterr().out
+    assert "you are evader on maze 9x9" in printed and "OptimalEvader(epsilon=0)" in printed
+    assert (tmp_path / "ann.html").is_file()
+
+
+@pytest.mark.filterwarnings("ignore:.*matplotlib is not installed")  # so it says without Tk
+def test_the_gymnasium_example_of_the_page_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame = pytest.importorskip("pygame")
+    (code,) = blocks_of("py")
+    script = iter([[], [pygame.event.Event(pygame.KEYDOWN, {"key": ord(" ")})], [], None])
+
+    def events() -> list[Any]:
+        found = next(script, None)
+        return [pygame.event.Event(pygame.QUIT)] if found is None else found
+
+    taken, step = [], SingleAgentEnv.step
+
+    def noted(env: SingleAgentEnv, action: int) -> Any:
+        taken.append(action)
+        return step(env, action)
+
+    monkeypatch.setattr(pygame.event, "get", events)
+    monkeypatch.setattr(SingleAgentEnv, "step", noted)
+    exec(compile(code, str(PAGE), "exec"), {})
+    assert taken and set(taken) == {4}  # space, until the window is closed

@@ -1,0 +1,242 @@
+"""Runs on an arm: trained, taught, judged, saved and read as runs in mazes are."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pursuit.reacher.simulator import ReacherSimulator
+from scripted_agents import InverseKinematics, LeastStepsPolicy, least_steps
+from train.commands.main import main
+from train.evaluation import arm_contest
+from train.evaluation.arm_contest import ArmContest, bounds_of
+from train.evaluation.scores import optimality_gap
+from train.experiments.kinds import open_run, start
+from train.experiments.sweep import load_sweep
+from train.runs.folder import RUN
+from train.runs.opponents import load_opponent, load_policy
+from train.runs.parts import contest_of, parts_of, settings_of
+from train.runs.saved import load_settings
+from train.runs.worlds import world_of
+from train.settings.algorithms import TD3Settings
+from train.settings.curricula import curriculum_form
+from train.settings.run import TrainSettings
+from train.settings.task import ReacherSettings
+from train.teaching.plan import plan_lessons
+
+TINY = [
+    *("--task", "reacher", "--joints", "1", "--max-steps", "40", "--num-games", "16"),
+    *("--rollout-steps", "8", "--minibatch-size", "64", "--width", "16", "--threads", "1"),
+]
+
+
+def run(*arguments: object) -> None:
+    main([str(argument) for argument in arguments])
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    with pytest.raises(SystemExit) as stop:
+        run(*arguments)
+    assert stop.value.code == 2
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("pursuit: error: ") and "\n" not in error
+    return error
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "arm"
+    run("train", *TINY, "--frames", "4096", "--episodes", "50", "--out", folder)
+    return folder
+
+
+def test_a_run_leaves_a_complete_folder(trained: Path) -> None:
+    for name in ("config.json", "metrics.csv", "checkpoint.pt", "learning_curve.png", "replay.gif"):
+        assert (trained / name).exists(), name
+    results = json.loads((trained / "results.json").read_text())
+    assert (results["task"], results["joints"], results["maze"]) == ("reacher", 1, None)
+    evaluation = results["evaluation"]
+    gap = evaluation["mean_steps"] / evaluation["optimal_steps"] - 1
+    assert evaluation["optimality_gap"] == pytest.approx(gap) and gap >= 0
+    names = {score["name"] for score in results["scores"]}
+    assert names >= {"random", "damped", "optimal", "learned", "learned, sampled"}
+
+
+def test_a_run_is_evaluated_rendered_and_read_again(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run("evaluate", trained, "--episodes", "50", "--out", tmp_path / "again.json")
+    again = json.loads((tmp_path / "again.json").read_text())
+    before = json.loads((trained / "results.json").read_text())
+    assert again["evaluation"]["mean_steps"] == before["evaluation"]["mean_steps"]
+    run("render", trained, "--out", tmp_path / "run.gif", "--episodes", "1")
+    run("render", "--task", "reacher", "--joints", "3", "--optimal", "--out", tmp_path / "best.gif")
+    settings: Any = load_settings(trained).task
+    assert settings == ReacherSettings(joints=1, max_steps=40)
+    actions = load_policy(trained).act(ReacherSimulator(settings.build(), 5).view())
+    assert actions.shape == (5, 1) and (np.abs(actions) <= 1).all()
+    with pytest.raises(ValueError, match="games in mazes are needed"):
+        load_opponent(trained)
+    assert "complete" in refused(capsys, "train", "--resume", trained)
+
+
+def test_baselines_beside_the_least_steps(capsys: pytest.CaptureFixture[str]) -> None:
+    run("baseline", "--task", "reacher", "--joints", "3", "--episodes", "50")
+    told = capsys.readouterr().out
+    for name in ("random", "transpose", "pseudo-inverse", "damped", "cyclic", "thesis", "optimal"):
+        assert name in told
+    assert "exact from every start" in told
+
+
+def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    train = ("train", "--task", "reacher")
+    assert "at most 8" in refused(capsys, *train, "--joints", "9")
+    assert "at least 1" in refused(capsys, *train, "--joints", "0")
+    assert "above 0" in refused(capsys, *train, "--tolerance", "-1")
+    assert "--maze" in refused(capsys, *train, "--maze", "5x5")
+    assert "or discrete_actions=True" in refused(capsys, *train, "--algorithm", "dqn")
+    table = refused(capsys, *train, "--discrete-actions", "--algorithm", "q_learning")
+    assert "of a maze, and there is none here; take ppo" in table
+    assert "threads=100000; from 0 to 1024" in refused(capsys, *train, "--threads", "100000")
+    wide = refused(capsys, *train, "--tolerance", "5", "--curriculum", "tolerance")
+    assert "set the task's own tolerance" in wide
+    assert "unknown observation" in refused(capsys, *train, "--observation", "index")
+    assert "games in mazes" in refused(capsys, *train, "--curriculum", "maze-size")
+    assert "turns an arm" in refused(capsys, "train", "--curriculum", "hold")
+    assert "reacher" in refused(capsys, "train", "--task", "reachr")
+    assert "discrete" in refused(capsys, "train", "--algorithm", "td3")
+
+
+def test_what_teaches_nothing_is_said() -> None:
+    arm = ReacherSettings(joints=1)
+    with pytest.warns(UserWarning, match="curriculum 'hold' goes from 1 to 1: it teaches nothing"):
+        plan_lessons("hold", curriculum_form("hold")(), world_of(arm).ground, 0)
+    hyper = TD3Settings(learning_starts=500)
+    with pytest.warns(UserWarning, match="frames=400 and learning_starts=500"):
+        parts_of(TrainSettings(arm, hyper, algorithm="td3", frames=400))
+
+
+# -- what it is judged by --------------------------------------------------------------------------
+
+
+def test_there_is_no_gap_where_time_is_too_short_for_everybody() -> None:
+    contest = contest_of(ReacherSettings(joints=1, max_steps=1, tolerance=1e-6, max_turn=1e-3), 20)
+    assert contest.optimal() is None
+    assert "optimal" not in [score.name for score in contest.baselines()]
+
+
+def test_a_contest_counts_the_steps_of_every_start() -> None:
+    contest = contest_of(ReacherSettings(joints=2, hold=4, max_steps=60), 40)
+    starts, found = contest.starts(), []
+    for arm in range(40):
+        lower, upper = least_steps(starts.angles[arm], starts.targets[arm])
+        assert lower == upper
+        found.append(min(max(lower, 1) + 3, 60))
+    optimum = contest.optimal()
+    assert optimum.mean_steps == pytest.approx(np.mean(found))
+    played = contest.score("least", LeastStepsPolicy())
+    assert played.mean_steps == optimum.mean_steps and played.success_rate == 1.0
+    others = contest.score("damped", InverseKinematics("damped"))
+    gap = optimality_gap(others, optimum)
+    assert gap is not None and gap > 0
+    assert contest_of(ReacherSettings(joints=2, hold=4), 40, seed=1).seed != contest.seed
+
+
+def test_a_smaller_evaluation_plays_the_first_starts_of_a_larger_one() -> None:
+    task = ReacherSettings(joints=2).build()
+    few, many = (bounds_of(task, episodes, 7) for episodes in (30, 1500))
+    assert np.array_equal(few.lower, many.lower[:30]) and few.share_exact == 1.0
+
+
+def test_least_steps_are_kept_on_disk_and_solved_again_where_they_are_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PURSUIT_CACHE", str(tmp_path))
+    task = ReacherSettings(joints=7).build()
+    found = arm_contest.solved(task, 5, 3)
+    (kept,) = tmp_path.iterdir()
+    monkeypatch.setattr(arm_contest, "least_steps_of", None)  # not asked again
+    assert np.array_equal(arm_contest.solved(task, 5, 3), found)
+    monkeypatch.undo()
+    monkeypatch.setenv("PURSUIT_CACHE", str(tmp_path))
+    for damaged in (b"", b"nonsense", kept.read_bytes()[:90]):
+        kept.write_bytes(damaged)
+        assert np.array_equal(arm_contest.solved(task, 5, 3), found)
+    monkeypatch.setenv("PURSUIT_CACHE", str(kept))  # a file: nothing can be kept
+    assert np.array_equal(arm_contest.solved(task, 5, 3), found)
+
+
+def test_discrete_actions_have_a_lower_bound_only(capsys: pytest.CaptureFixture[str]) -> None:
+    contest = ArmContest(ReacherSettings(joints=2, discrete_actions=True).build(), 20)
+    assert [score.name for score in contest.baselines()] == ["random", "optimal"]
+    run("baseline", "--task", "reacher", "--discrete-actions", "--episodes", "20")
+    assert "as many or more" in capsys.readouterr().out
+
+
+# -- lessons ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("axis", ["target-distance", "free-joints", "hold", "tolerance"])
+def test_lessons_reach_the_arms(axis: str, tmp_path: Path) -> None:
+    settings = settings_of(
+        task="reacher", joints=3, hold=4, max_steps=12, algorithm="ppo", curriculum=axis,
+        num_games=32, rollout_steps=4, minibatch_size=64, width=8, frames=6000, threads=1,
+    )  # fmt: skip
+    run = start(RUN, settings, tmp_path / "run")
+    simulator = run.trainee.simulator
+    seen: list[float] = []
+
+    def look(run: Any, row: dict[str, float]) -> None:
+        arms = simulator.arms
+        if axis == "target-distance":
+            for arm in np.flatnonzero(arms.steps == 0):
+                known = float(arms.tolerance[arm])
+                lower, _ = least_steps(arms.angles[arm], arms.target[arm], tolerance=known)
+                assert lower <= np.ceil(run.trainee.teacher.playing[arm])
+                seen.append(lower)
+        elif axis == "free-joints":
+            seen.append(arms.free_joints.mean())
+            assert (arms.angles[arms.free_joints == 1][:, 1:] == 0).all()
+        else:
+            seen.append(getattr(arms, axis).mean())
+
+    run.train(look)
+    ends = {"free-joints": (1, 3), "hold": (1, 4), "tolerance": (1.0, 0.2)}
+    if axis in ends:
+        assert (seen[0], seen[-1]) == pytest.approx(ends[axis])
+    else:
+        assert max(seen[:9]) < max(seen[-99:])
+    assert (tmp_path / "run" / "curriculum.csv").exists()
+    assert open_run(tmp_path / "run").trainee.teacher.axis.name == axis
+
+
+def test_regrets_of_an_arm_are_against_the_least_steps_of_their_starts() -> None:
+    settings = settings_of(
+        task="reacher", joints=2, curriculum="level-replay", frames=1000, hold=2, num_games=16,
+        rollout_steps=8, minibatch_size=128,
+    )  # fmt: skip
+    parts = parts_of(settings)
+    env, teacher = parts.games()
+    assert teacher is not None
+    env.reset()
+    arms = env.simulator.arms
+    for game in range(16):
+        least = max(least_steps(arms.angles[game], arms.target[game])[0], 1) + 1
+        assert teacher.optima[game] == least
+    assert "distance" in parts.world.level(parts.seat.task, 5)
+    with pytest.raises(ValueError, match="exact optimum"):
+        plan_lessons(
+            "level-replay",
+            settings.lessons,
+            parts_of(settings_of(task="reacher", joints=8, frames=1000)).world.ground,
+            0,
+        )
+
+
+def test_the_experiments_on_the_arm_are_complete() -> None:
+    by_joints = load_sweep("reacher_by_joints", "full")
+    assert len(by_joints.runs) == 4 * 5 * 5
+    for name in ("reacher_noise_tau", "reacher_encodings"):
+        assert len({run.settings.seed for run in load_sweep(name, "short").runs}) >= 5

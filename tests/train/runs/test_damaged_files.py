@@ -1,0 +1,271 @@
+"""Files of a run that are damaged, or made by somebody who means harm, are one line each."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import os
+import random
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from train.commands.levels import levels
+from train.experiments.kinds import is_complete, open_run, start
+from train.experiments.tables import row_of
+from train.runs.folder import RUN, SELF_PLAY, load_checkpoint, load_results, read_metrics
+from train.runs.opponents import load_policy
+from train.runs.parts import settings_of
+from train.runs.saved import load_settings
+from train.self_play.league import enter
+from train.self_play.parts import self_play_settings_of
+from train.tensors import MARK, first_not_finite
+
+SMALL = {"maze": "2x2", "num_games": 16, "rollout_steps": 8, "width": 8, "threads": 1}
+PPO = {**SMALL, "minibatch_size": 64, "frames": 1024}
+NASTY: list[Any] = [
+    *(None, True, -1, 0, 3, 1e308, -0.5, 10**40, "", "x", [], {}, [[]], {"a": 1}, [1, "a"]),
+    *(float("nan"), float("inf")),
+]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Complete runs, one of every kind of file."""
+    made = {
+        "levels": (RUN, settings_of(**PPO, task="maze", num_goals=1, curriculum="level-replay")),
+        "dqn": (
+            RUN,
+            settings_of(
+                **SMALL, algorithm="dqn", frames=1024, buffer_size=300, batch_size=16,
+                learning_starts=64,
+            ),
+        ),
+        "table": (RUN, settings_of(maze="2x2", algorithm="q_learning", num_games=8, frames=1024)),
+        "self-play": (SELF_PLAY, self_play_settings_of(**PPO, snapshots=2, members=["astar"])),
+    }  # fmt: skip
+    folders = {}
+    for name, (kind, settings) in made.items():
+        folders[name] = tmp_path_factory.mktemp("damaged") / name
+        run = start(kind, settings, folders[name])
+        run.train()
+        run.results(2)
+    return folders
+
+
+def iterate(folder: Path) -> None:
+    """Open a run and let it learn on for a moment."""
+    run = open_run(folder)
+    run.trainee.iterate(run)
+    run._check_learned()
+    run.trainee.close()
+
+
+def enter_league(folder: Path) -> None:
+    """Take part in a league."""
+    enter([str(folder), "astar"], "2x2")
+
+
+READERS: dict[str, list[Callable[[Path], object]]] = {
+    "config.json": [
+        load_settings,
+        load_policy,
+        open_run,
+        row_of,
+        lambda f: enter([str(f), "astar"], "2x2"),
+    ],
+    "results.json": [is_complete, load_results, row_of],
+    "metrics.csv": [read_metrics, open_run, lambda f: (load_results(f), row_of(f))],
+    "checkpoint.pt": [load_policy, iterate, lambda f: levels([str(f)])],
+    ".pt": [open_run],
+}
+
+
+def readers_of(path: Path) -> list[Callable[[Path], object]]:
+    return READERS.get(path.name, READERS[".pt"])
+
+
+def places_in(content: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Where something lies in dicts and lists within one another."""
+    inner: Any = ()
+    if isinstance(content, dict):
+        inner = content.items()
+    elif isinstance(content, list):
+        inner = enumerate(content)
+    found = [path] if path else []
+    for name, part in inner:
+        found += places_in(part, (*path, name))
+    return found
+
+
+def changed(content: Any, chance: random.Random) -> Any:
+    """Something at random is replaced, removed or added."""
+    *way, last = chance.choice(places_in(content))
+    holder = content
+    for name in way:
+        holder = holder[name]
+    deed = chance.randrange(6)
+    if deed == 0:
+        del holder[last]
+    elif deed == 1 and isinstance(holder, dict):
+        holder["new"] = chance.choice(NASTY)
+    else:
+        holder[last] = chance.choice(NASTY)
+    return content
+
+
+def damage(path: Path, chance: random.Random) -> None:
+    """One of many ways to damage a file."""
+    raw = bytearray(path.read_bytes())
+    deed = chance.randrange(10 if path.suffix != ".pt" else 4)
+    if deed == 0:
+        path.unlink()
+    elif deed == 1:
+        path.write_bytes(raw[: chance.randrange(len(raw))])
+    elif deed == 2:
+        for _ in range(chance.randint(1, 3)):
+            raw[chance.randrange(len(raw))] ^= 1 << chance.randrange(8)
+        path.write_bytes(raw)
+    elif deed == 3:
+        place = chance.randrange(len(raw))
+        junk = chance.choice([b"\0", b"\xff\xfe", b"[[{", b'"'])
+        path.write_bytes(raw[:place] + junk + raw[place:])
+    elif path.suffix == ".json":
+        text = json.dumps(changed(json.loads(raw), chance))
+        path.write_text("[" * 100_000 if chance.random() < 0.05 else text)
+    elif path.suffix == ".csv":
+        rows = list(csv.reader(io.StringIO(raw.decode())))
+        row, column = chance.randrange(len(rows)), chance.randrange(len(rows[0]))
+        if chance.random() < 0.3:
+            rows = [[c for n, c in enumerate(cells) if n != column] for cells in rows]
+        elif chance.random() < 0.3:
+            rows[row] = rows[row][:column]
+        else:
+            rows[row][column] = chance.choice(["", "x", "nan", "1e999", "-1", rows[0][0]])
+        path.write_text("\n".join(",".join(cells) for cells in rows))
+
+
+def check_all(runs: dict[str, Path], tmp_path: Path, seed: int, count: int) -> None:
+    """Damage files one by one; every reader succeeds, or says one line that names the folder."""
+    chance = random.Random(seed)
+    for number in range(count):
+        name = chance.choice(list(runs))
+        folder = tmp_path / "run"
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(runs[name], folder)
+        files = [p for p in folder.rglob("*") if p.suffix in (".json", ".csv", ".pt")]
+        path = chance.choice(sorted(files))
+        damage(path, chance)
+        where = path.parent if path.parent.name in ("chaser", "evader") else folder
+        if where.parent.name == "pool":
+            where = folder
+        for reader in readers_of(path):
+            try:
+                reader(where)
+            except ValueError as error:
+                told = str(error)
+                assert "\n" not in told and len(told) < 600, told
+                assert str(folder) in told, told
+            except Exception as error:
+                told = f"damage {number} to {name}, {path.name}: {error!r}"
+                raise AssertionError(told) from error
+
+
+@pytest.mark.filterwarnings("ignore:.*snapshot, left out of the pool")
+def test_whatever_is_done_to_a_file_is_said_in_one_line(
+    runs: dict[str, Path], tmp_path: Path
+) -> None:
+    check_all(runs, tmp_path, seed=0, count=60)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*snapshot, left out of the pool")
+def test_whatever_is_done_to_many_files_is_said_in_one_line(
+    runs: dict[str, Path], tmp_path: Path
+) -> None:
+    check_all(runs, tmp_path, seed=1, count=500)
+
+
+def test_a_flipped_bit_anywhere_in_a_checkpoint_is_noticed(
+    runs: dict[str, Path], tmp_path: Path
+) -> None:
+    raw = (runs["table"] / "checkpoint.pt").read_bytes()
+    chance = random.Random(0)
+    for place in [0, len(raw) - 1, *(chance.randrange(len(raw)) for _ in range(50))]:
+        hurt = bytearray(raw)
+        hurt[place] ^= 1 << chance.randrange(8)
+        (tmp_path / "checkpoint.pt").write_bytes(hurt)
+        with pytest.raises(ValueError, match=r"checkpoint.pt: damaged.*checksum does not fit"):
+            load_checkpoint(tmp_path)
+
+
+class Evil:
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (os.mkdir, ("owned",))
+
+
+def test_code_in_a_checkpoint_with_a_right_checksum_is_not_run(
+    runs: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "checkpoint.pt"
+    torch.save({"format": 5, "trainee": Evil()}, path)
+    path.write_bytes(path.read_bytes() + MARK + hashlib.sha256(path.read_bytes()).digest())
+    with pytest.raises(ValueError, match="more than tensors and plain values"):
+        load_checkpoint(tmp_path)
+    assert not (tmp_path / "owned").exists()
+
+
+@pytest.mark.parametrize("name", ["levels", "dqn", "table", "self-play"])
+@pytest.mark.parametrize("other", ["levels", "dqn", "table", "self-play"])
+def test_the_checkpoint_of_another_run_is_refused(
+    name: str, other: str, runs: dict[str, Path], tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(runs[name], tmp_path / "run"))
+    shutil.copy(runs[other] / "checkpoint.pt", folder)
+    if name == other:
+        open_run(folder)
+        return
+    for read in (open_run, load_policy) if name != "self-play" else (open_run,):
+        with pytest.raises(ValueError, match="does not fit the settings") as caught:
+            read(folder)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("part", "changed"),
+    [("hyper", {"num_games": 8}), ("hyper", {"width": 16}), ("task", {"maze": "3x3"})],
+)
+def test_the_checkpoint_of_other_settings_is_refused(
+    part: str, changed: dict[str, Any], runs: dict[str, Path], tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(runs["dqn"], tmp_path / "run"))
+    plain = json.loads((folder / "config.json").read_text())
+    plain[part] |= changed
+    (folder / "config.json").write_text(json.dumps(plain))
+    with pytest.raises(ValueError, match="does not fit the settings") as caught:
+        open_run(folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_budget_beyond_all_numbers_is_refused(runs: dict[str, Path], tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(runs["table"], tmp_path / "run"))
+    plain = json.loads((folder / "config.json").read_text())
+    for frames, said in (
+        (1e308, r"frames=1e\+308; a whole number is needed"),
+        (10**400, r"below 2\*\*63"),
+    ):
+        (folder / "config.json").write_text(json.dumps({**plain, "frames": frames}))
+        with pytest.raises(ValueError, match=said):
+            load_settings(folder)
+
+
+def test_the_first_number_that_is_not_finite_is_found() -> None:
+    tree = {"a": torch.zeros(2), "b": [{"c": torch.tensor([0.0, float("inf")])}], "d": "text"}
+    assert first_not_finite(tree) == "b.0.c" and first_not_finite({"a": torch.arange(3)}) is None

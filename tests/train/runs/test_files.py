@@ -1,0 +1,130 @@
+"""Files are written beside and renamed: nothing that is there already is lost."""
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from train.commands.main import main
+from train.experiments.kinds import start
+from train.files import hold, only_one, remove_leftovers, reserved, write_text
+from train.runs.folder import RUN, check_new
+from train.runs.parts import settings_of
+
+
+def test_a_failing_write_leaves_what_was_there(tmp_path):
+    path = tmp_path / "a.txt"
+    write_text(path, "old")
+    with pytest.raises(UnicodeEncodeError):
+        write_text(path, "\ud800")
+    assert path.read_text() == "old" and os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_a_device_or_folder_is_not_replaced_by_a_file(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", tmp_path):
+        with pytest.raises(ValueError, match="not a file"):
+            write_text(path, "content")
+    assert stat.S_ISFIFO(os.stat(tmp_path / "pipe").st_mode)
+
+
+def test_whoever_holds_a_folder_clears_what_the_dead_left_half_written(tmp_path):
+    gone = subprocess.run(
+        [sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True
+    )
+    left = tmp_path / "runs" / f".results.parquet.{int(gone.stdout)}.part"
+    left.parent.mkdir()
+    left.write_text("half")
+    own = tmp_path / f".a.txt.{os.getpid()}.part"
+    own.write_text("still being written")
+    with only_one(tmp_path, "sweep"):
+        assert not left.exists() and own.exists()
+
+
+KILLED = """
+import os, signal, sys
+import numpy as np
+import gymnasium
+import pursuit
+from pursuit.rendering.animation import save_animation
+
+class Still:
+    def draw(self, size):
+        return np.zeros((64, 64, 3), dtype=np.uint8)
+
+os.replace = lambda *paths: os.kill(os.getpid(), signal.SIGKILL)
+path = sys.argv[1]
+if path.endswith(".json"):
+    env = gymnasium.make("pursuit/Chaser-v0", maze="2x2")
+    recorder = pursuit.Recorder(env)
+    env.reset(seed=0)
+    recorder.stop().save(path)
+save_animation(path, [Still(), Still()])
+"""
+
+
+@pytest.mark.parametrize("name", ["replay.gif", "replay.mp4", "replays.json"])
+def test_what_a_process_left_that_was_killed_while_it_drew_is_removed(name, tmp_path):
+    killed = subprocess.run([sys.executable, "-c", KILLED, tmp_path / name])
+    assert killed.returncode == -signal.SIGKILL
+    assert len(os.listdir(tmp_path)) == 1
+    check_new(tmp_path)
+    remove_leftovers(tmp_path)
+    assert os.listdir(tmp_path) == []
+
+
+# -- two processes at a time -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a complete run."""
+    settings = settings_of(maze="2x2", algorithm="q_learning", num_games=16, frames=256, threads=1)
+    made = start(RUN, settings, tmp_path_factory.mktemp("runs") / "run")
+    made.train()
+    made.results(2)
+    return made.folder
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """The error of a command; nothing where it succeeds."""
+    capsys.readouterr()
+    try:
+        main([str(argument) for argument in arguments])
+    except SystemExit as stopped:
+        assert stopped.code == 2
+        return capsys.readouterr().err
+    return ""
+
+
+@pytest.mark.parametrize("command", ["league", "report"])
+def test_one_process_at_a_time_writes_a_folder_of_results(
+    command: str,
+    run: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    entries = ["astar", "--maze", "2x2", "--games", "2"] if command == "league" else [run]
+    given = [command, *entries, "--out", tmp_path / "out"]
+    held = hold(tmp_path / "out", "writer")
+    told = said(capsys, *given)
+    assert f"{tmp_path / 'out'}: another {command} works on this folder" in told
+    held.release()
+    assert said(capsys, *given) == ""
+
+
+def test_one_process_at_a_time_writes_a_new_file(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "found.json"
+    given = ["evaluate", run, "--episodes", "2", "--out", path]
+    with reserved(path):
+        assert f"{path}: another process is to write this file" in said(capsys, *given)
+    assert said(capsys, *given) == ""
+    assert os.listdir(tmp_path) == ["found.json"]
+    assert f"{path}: exists already" in said(capsys, *given)
+    assert "no folder" in said(capsys, *given[:-1], tmp_path / "a" / "b.json")

@@ -1,0 +1,309 @@
+"""A run that is stopped, and killed, ends bit for bit where an uninterrupted one does.
+
+For every learner, curriculum and scheme of self-play that the registries name, a new one included.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from train.algorithms.registry import ALGORITHMS, entry
+from train.experiments.kinds import resume, start
+from train.runs.folder import RUN, SELF_PLAY, load_checkpoint
+from train.runs.loop import Run
+from train.runs.parts import settings_of
+from train.runs.threads import random_states, set_random_states
+from train.settings.algorithms import HYPERPARAMETERS
+from train.settings.curricula import CURRICULA
+from train.settings.self_play import SAMPLING, SelfPlaySettings, self_play_ppo
+from train.settings.task import TaskSettings
+
+TIMING = {"seconds", "frames_per_second"}
+TINY = {
+    "num_games": 24, "rollout_steps": 3, "minibatch_size": 64, "width": 8, "population": 4,
+    "elite_share": 0.5, "batch_size": 16, "buffer_size": 400, "learning_starts": 100,
+    "gradient_steps": 2, "target_update_interval": 3, "epochs": 1,
+}  # fmt: skip
+RUNNER = {"task": "maze", "maze": "3x3", "num_goals": 2, "max_steps": 12}
+CHASER = {"task": "chase", "maze": "3x3", "max_steps": 12}
+SUITE = {
+    "task": "maze",
+    "num_goals": 1,
+    "maze": "suite:5x5-train/0-9",
+    "observation": "planes",
+    "max_steps": 12,
+    "judge_every": 200,
+}
+ARM = {"task": "reacher", "joints": 2, "max_steps": 12}
+FRAMES = 900
+LONGER = {"q_learning": 6000}
+"""Where an iteration takes more frames than most: each run has to have several."""
+
+
+@pytest.fixture(autouse=True)
+def few_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is tested is what is learned; evaluations would take most of the time."""
+    monkeypatch.setattr("train.runs.loop.EVALUATIONS", 4)
+    monkeypatch.setattr("train.runs.single.EPISODES", 10)
+
+
+class KilledError(Exception):
+    """Ends a run between two checkpoints, as SIGKILL does."""
+
+
+def carry_on(run: Run, until: float, end: Callable[[Run], object]) -> None:
+    """Train, and do `end` in the first iteration beyond `until`."""
+
+    def report(run: Run, row: dict[str, float]) -> None:
+        if not row and until < run.progress < 1.0:
+            end(run)
+
+    run.train(report)
+
+
+def stop(run: Run) -> None:
+    run.stopped = True
+
+
+def kill(run: Run) -> None:
+    raise KilledError
+
+
+def check_resumption(kind: str, settings: Any, folder: Path) -> None:
+    """An uninterrupted run, and one that is stopped at 30 % and killed at 60 % of its budget."""
+    whole, parts = folder / "whole", folder / "parts"
+    start(kind, settings, whole).train()
+    carry_on(start(kind, settings, parts), 0.3, stop)
+    with pytest.raises(KilledError):
+        carry_on(resume(parts, kind), 0.6, kill)
+    resume(parts, kind).train()
+    check_same(load_checkpoint(whole), load_checkpoint(parts), "checkpoint")
+    snapshots = [sorted(path.glob("pool/*/*.pt")) for path in (whole, parts)]
+    assert [p.relative_to(whole) for p in snapshots[0]] == [
+        p.relative_to(parts) for p in snapshots[1]
+    ]
+    for one, two in zip(*snapshots, strict=True):
+        check_same(torch.load(one), torch.load(two), one.name)
+
+
+def check_same(one: Any, two: Any, place: str) -> None:
+    """All that is in two checkpoints but the time that they took."""
+    assert type(one) is type(two), place
+    if isinstance(one, dict):
+        assert set(one) == set(two), place
+        for name in set(one) - TIMING:
+            check_same(one[name], two[name], f"{place}.{name}")
+    elif isinstance(one, list | tuple):
+        assert len(one) == len(two), place
+        for number, (a, b) in enumerate(zip(one, two, strict=True)):
+            check_same(a, b, f"{place}[{number}]")
+    elif isinstance(one, torch.Tensor):
+        equal = torch.allclose(one, two, rtol=0, atol=0, equal_nan=True)
+        assert one.dtype == two.dtype and one.shape == two.shape and equal, place
+    else:
+        assert one == two or (one != one and two != two), f"{place}: {one!r} and {two!r}"
+
+
+def tiny(algorithm: str, **flat: Any) -> Any:
+    """Settings of a short run, small in whatever the algorithm has."""
+    names = {field.name for field in fields(HYPERPARAMETERS[algorithm])}
+    small = {name: value for name, value in TINY.items() if name in names}
+    return settings_of(
+        **{
+            **small,
+            "algorithm": algorithm,
+            "threads": 1,
+            "frames": LONGER.get(algorithm, FRAMES),
+            "curriculum": "none",
+            **flat,
+        }
+    )
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_every_learner_resumes(algorithm: str, tmp_path: Path) -> None:
+    game = RUNNER if "discrete" in ALGORITHMS[algorithm].actions else ARM
+    check_resumption(RUN, tiny(algorithm, **game), tmp_path)
+
+
+@pytest.mark.parametrize(
+    "flat",
+    [
+        {"algorithm": "ppo", "kl_target": 0.01, "shared": False},
+        {"algorithm": "a2c", "critic": False},
+        {"algorithm": "dqn", "prioritized": True, "dueling": True},
+        {"algorithm": "dqn", "mask_bumps": True},
+        {"algorithm": "td3", "prioritized": True, "noise": "ornstein-uhlenbeck", **ARM},
+        {"algorithm": "cross_entropy", "observation": "planes"},
+        {"algorithm": "q_learning", "role": "evader", **CHASER},
+        {"algorithm": "ppo", "recurrent": "gru", **CHASER},
+        {"algorithm": "ppo", "recurrent": "lstm", "shared": False},
+        {"algorithm": "a2c", "recurrent": "gru", "mask_bumps": True},
+        {"algorithm": "reinforce", "recurrent": "lstm"},
+        {"algorithm": "dqn", "recurrent": "gru", "burn_in": 2, "rollout_steps": 6, "max_steps": 9},
+        {"algorithm": "ppo", "frame_stack": 3, "observation": "planes"},
+        {"algorithm": "dqn", "frame_stack": 2},
+        {"algorithm": "cross_entropy", "frame_stack": 2, **CHASER},
+        {"algorithm": "dqn", "recurrent": "lstm", "burn_in": 0, "prioritized": True},
+    ],
+    ids=lambda flat: " ".join(map(str, flat.values())),
+)
+def test_switched_learners_resume(flat: dict[str, Any], tmp_path: Path) -> None:
+    game = {} if "joints" in flat else RUNNER
+    check_resumption(RUN, tiny(**{**game, **flat}), tmp_path)
+
+
+def test_a_learner_resumes_against_an_opponent_that_remembers(tmp_path: Path) -> None:
+    evader = start(RUN, tiny("ppo", role="evader", recurrent="lstm", **CHASER), tmp_path / "evader")
+    evader.train()
+    check_resumption(RUN, tiny("ppo", opponent=str(tmp_path / "evader"), **CHASER), tmp_path)
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c", "reinforce", "cross_entropy"])
+def test_learners_of_both_kinds_of_actions_resume_on_an_arm(algorithm: str, tmp_path: Path) -> None:
+    check_resumption(RUN, tiny(algorithm, **ARM), tmp_path)
+
+
+def test_learners_of_discrete_actions_resume_on_an_arm(tmp_path: Path) -> None:
+    check_resumption(RUN, tiny("dqn", **ARM, discrete_actions=True), tmp_path)
+
+
+def taught(algorithm: str, curriculum: str, **flat: Any) -> Any:
+    """A run with a curriculum: of a runner; of a chaser or an arm where that has not what turns."""
+    for game in (RUNNER, CHASER, SUITE):
+        with contextlib.suppress(ValueError):
+            return tiny(algorithm, curriculum=curriculum, **game, **flat)
+    return tiny(algorithm, curriculum=curriculum, **ARM, hold=3, **flat)
+
+
+@pytest.mark.parametrize(
+    "curriculum",
+    [pytest.param(name, marks=[pytest.mark.slow] * name.startswith("maze-")) for name in CURRICULA],
+)
+def test_every_curriculum_resumes(curriculum: str, tmp_path: Path) -> None:
+    check_resumption(RUN, taught("ppo", curriculum), tmp_path)
+
+
+def test_levels_scored_by_advantages_resume(tmp_path: Path) -> None:
+    check_resumption(RUN, taught("a2c", "level-replay", level_score="value_loss"), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("curriculum", CURRICULA)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_every_learner_resumes_with_every_curriculum(
+    algorithm: str, curriculum: str, tmp_path: Path
+) -> None:
+    try:
+        settings = taught(algorithm, curriculum)
+    except ValueError as error:
+        pytest.skip(str(error))
+    check_resumption(RUN, settings, tmp_path)
+
+
+# -- self-play -------------------------------------------------------------------------------------
+
+PPO = replace(self_play_ppo(), num_games=24, rollout_steps=3, minibatch_size=64, width=8)
+
+
+def both(task: dict[str, Any] | None = None, **changes: Any) -> SelfPlaySettings:
+    """Settings of a short self-play with more snapshots than most pools keep."""
+    game = {"maze": "3x3", "rewards": "zero_sum", "max_steps": 12, **(task or {})}
+    given = {
+        "hyper": PPO,
+        "frames": 2 * FRAMES,
+        "snapshots": 7,
+        "pool_size": 3,
+        **({"window": 2} if changes.get("sampling") == "window" else {}),
+        **changes,
+    }
+    return SelfPlaySettings(task=TaskSettings(**game), **given)
+
+
+@pytest.mark.parametrize("sampling", SAMPLING)
+def test_every_scheme_of_self_play_resumes(sampling: str, tmp_path: Path) -> None:
+    size = 7 if sampling == "double-oracle" else 3
+    settings = both(sampling=sampling, members=("astar",), pool_size=size)
+    check_resumption(SELF_PLAY, settings, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sampling", SAMPLING)
+@pytest.mark.parametrize("algorithm", [name for name in ALGORITHMS if entry(name).self_play])
+def test_every_learner_resumes_in_every_scheme(
+    algorithm: str, sampling: str, tmp_path: Path
+) -> None:
+    settings = both(
+        sampling=sampling,
+        pool_size=7,
+        chaser_algorithm=algorithm,
+        frames=40_000,
+        members=("astar",),
+    )
+    check_resumption(SELF_PLAY, settings, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"share_networks": True},
+        pytest.param({"evader": "astar", "sampling": "pfsp"}, marks=pytest.mark.slow),
+        pytest.param(
+            {"task": {"num_chasers": 2, "num_evaders": 2}, "sampling": "double-oracle",
+             "pool_size": 7},
+            marks=pytest.mark.slow,
+        ),
+        {"task": {"num_chasers": 2}, "hyper": replace(PPO, central_critic=True)},
+        pytest.param(
+            {"hyper": replace(PPO, recurrent="gru"), "sampling": "pfsp"}, marks=pytest.mark.slow
+        ),
+        {"task": {"num_chasers": 2}, "hyper": replace(PPO, central_critic=True, recurrent="gru")},
+    ],
+    ids=[
+        "one trunk", "a frozen side", "teams", "a central critic", "memories",
+        "memories beside a central critic",
+    ],
+)  # fmt: skip
+def test_teams_and_shared_networks_resume(changes: Any, tmp_path: Path) -> None:
+    check_resumption(SELF_PLAY, both(**changes), tmp_path)
+
+
+# -- random states ---------------------------------------------------------------------------------
+
+
+def test_the_generators_of_gpus_are_in_the_checkpoint(monkeypatch: pytest.MonkeyPatch) -> None:
+    states = [torch.full((16,), 1, dtype=torch.uint8), torch.full((16,), 2, dtype=torch.uint8)]
+    taken: dict[int, torch.Tensor] = {}
+    for name, stand_in in {
+        "is_available": lambda: True,
+        "is_initialized": lambda: True,
+        "device_count": lambda: 2,
+        "get_rng_state_all": lambda: states,
+        "set_rng_state": lambda state, device: taken.__setitem__(device, state),
+    }.items():
+        monkeypatch.setattr(torch.cuda, name, stand_in)
+    saved = random_states()
+    assert saved["cuda_rng"] == states
+    set_random_states(saved)
+    assert list(taken.items()) == [(0, states[0]), (1, states[1])]
+    taken.clear()
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
+    set_random_states(saved)
+    assert list(taken) == [0]
+    monkeypatch.setattr(torch.cuda, "is_initialized", lambda: False)
+    assert random_states()["cuda_rng"] == []  # a run on the CPU wakes no GPU
+
+
+def test_what_is_compared_is_compared() -> None:
+    check_same({"a": [1.0, math.nan], "seconds": 1}, {"a": [1.0, math.nan], "seconds": 2}, "")
+    for one, two in (({"a": 1}, {"a": 2}), ([1], [1, 2]), (torch.ones(2), torch.zeros(2))):
+        with pytest.raises(AssertionError):
+            check_same(one, two, "")

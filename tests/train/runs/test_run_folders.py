@@ -1,0 +1,386 @@
+"""Whenever a run is stopped, one command carries it on; nobody else works on its folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from train.commands import progress
+from train.commands import train as train_command
+from train.commands.main import main
+from train.experiments.identity import fingerprint
+from train.experiments.kinds import open_run, start
+from train.files import hold
+from train.runs.folder import (
+    RUN,
+    SELF_PLAY,
+    load_checkpoint,
+    load_results,
+    read_metrics,
+)
+from train.runs.loop import Budget
+from train.runs.parts import settings_of
+from train.self_play import report as self_play_report
+from train.self_play.parts import self_play_settings_of
+
+SMALL = {"maze": "2x2", "num_games": 16, "rollout_steps": 8, "minibatch_size": 64, "width": 8}
+FRAMES = {"frames": 1024, "threads": 1}
+MAKE: dict[str, Callable[..., Any]] = {
+    "train": lambda **more: settings_of(**SMALL, **FRAMES, **more),
+    "self-play": lambda **more: self_play_settings_of(**SMALL, **FRAMES, snapshots=2, **more),
+}
+KIND = {"train": RUN, "self-play": SELF_PLAY}
+
+
+def copy_of(whole: Path, path: Path) -> Path:
+    return Path(shutil.copytree(whole, path))
+
+
+@pytest.fixture(autouse=True)
+def quick_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is drawn is tested elsewhere; here only that it is there."""
+    drawn: Any = lambda path, *rest: path.write_bytes(b"picture")  # noqa: E731
+    monkeypatch.setattr(train_command, "draw_learning_curve", drawn)
+    monkeypatch.setattr(train_command, "save_replay", drawn)
+    monkeypatch.setattr(self_play_report, "draw_self_play", drawn)
+
+
+@pytest.fixture(scope="module", params=["train", "self-play"])
+def finished(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[str, Path]:
+    """A command, and the folder of a complete run of it, without pictures."""
+    folder = tmp_path_factory.mktemp("runs") / request.param
+    run = start(KIND[request.param], MAKE[request.param](), folder)
+    run.train()
+    run.results(2)
+    return request.param, folder
+
+
+def dead_process() -> int:
+    """The number of a process that has ended."""
+    process = subprocess.Popen(["true"])
+    process.wait()
+    return process.pid
+
+
+def status_of_command(*arguments: object) -> int:
+    try:
+        main([str(argument) for argument in arguments])
+    except SystemExit as stopped:
+        return int(stopped.code or 0)
+    return 0
+
+
+def error_of(capsys: pytest.CaptureFixture[str], *arguments: object, status: int = 2) -> str:
+    """The one line that a command says before it ends with this status."""
+    capsys.readouterr()
+    assert status_of_command(*arguments) == status
+    (line,) = [
+        line for line in capsys.readouterr().err.splitlines() if "compiling kernels" not in line
+    ]
+    return line
+
+
+# -- every stop ------------------------------------------------------------------------------------
+
+STOPS: dict[str, list[str]] = {
+    "before the first checkpoint": ["checkpoint.pt", "metrics.csv", "results.json", "pool"],
+    "between the first evaluation and its checkpoint": ["checkpoint.pt", "results.json", "chaser"],
+    "between the last checkpoint and what lies beside it": ["results.json", "chaser", "evader"],
+    "before the results": ["results.json"],
+    "before the pictures": [],
+}
+
+
+@pytest.mark.parametrize("missing", STOPS.values(), ids=STOPS)
+def test_whatever_a_stop_leaves_one_command_carries_it_on(
+    missing: list[str], finished: tuple[str, Path], tmp_path: Path
+) -> None:
+    command, whole = finished
+    folder = copy_of(whole, tmp_path / "run")
+    for name in missing:
+        shutil.rmtree(folder / name, ignore_errors=True)
+        if (folder / name).is_file():
+            (folder / name).unlink()
+    left = folder / f".results.json.{dead_process()}.part"
+    left.write_text("{")
+    assert status_of_command(command, "--resume", folder, "--episodes", 2) == 0
+    assert not left.exists() and not list(folder.rglob("*.part"))
+    for name in ("results.json", "learning_curve.png", "checkpoint.pt"):
+        assert (folder / name).exists(), name
+    assert (folder / "replay.gif").exists() == (command == "train")
+    if command == "self-play":
+        assert (folder / "chaser" / "checkpoint.pt").exists()
+    results = [load_results(path) for path in (whole, folder)]
+    assert results[0]["frames"] == results[1]["frames"] and not results[1]["interrupted"]
+    rows = [[row["frames"] for row in read_metrics(path)] for path in (whole, folder)]
+    assert rows[0] == rows[1]
+
+
+def test_a_run_that_is_complete_says_so(
+    finished: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command, whole = finished
+    folder = copy_of(whole, tmp_path / "run")
+    for name in ("learning_curve.png", "replay.gif", "report.html"):
+        (folder / name).touch()
+    assert "complete; its budget is spent" in error_of(capsys, command, "--resume", folder)
+
+
+def test_a_side_of_self_play_points_to_both(
+    finished: tuple[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    command, folder = finished
+    if command == "self-play":
+        for other in ("train", "self-play"):
+            assert f"give {folder}" in error_of(capsys, other, "--resume", folder / "chaser")
+
+
+def test_a_folder_of_a_run_killed_before_its_settings_were_written_can_be_used(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / ".lock").touch()
+    half = folder / f".config.json.{dead_process()}.part"
+    half.write_text("{")
+    assert "no run here" in error_of(capsys, "train", "--resume", folder)
+    start(RUN, MAKE["train"](), folder)
+    assert not half.exists() and (folder / "config.json").exists()
+
+
+def kill_at_random(command: str, folder: Path, after: float) -> None:
+    """Begin a run in a process of its own, and kill it `after` seconds with its folder."""
+    given = [f"--{name.replace('_', '-')}={value}" for name, value in {**SMALL, **FRAMES}.items()]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "train.commands.main", command, *given, "--out", str(folder)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    while not folder.exists() and process.poll() is None:
+        time.sleep(0.001)
+    time.sleep(after)
+    process.kill()
+    process.wait()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["train", "self-play"])
+def test_kills_at_random_moments_leave_no_dead_end(command: str, tmp_path: Path) -> None:
+    generator = random.Random(0)
+    for number in range(20):
+        folder = tmp_path / str(number)
+        kill_at_random(command, folder, generator.uniform(0.0, 6.0) ** 2 / 6.0)
+        if not (folder / "config.json").exists():
+            start(KIND[command], MAKE[command](), folder)
+        elif (status := status_of_command(command, "--resume", folder, "--episodes", 2)) == 2:
+            assert (folder / "learning_curve.png").exists()  # it was complete
+        else:
+            assert status == 0
+            load_results(folder)
+        assert not list(folder.rglob("*.part"))
+
+
+# -- one at a time ---------------------------------------------------------------------------------
+
+HOLD = """
+import sys
+from pathlib import Path
+from train.files import hold
+lock = hold(Path(sys.argv[1]), "run")
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_second_process_is_refused_and_told_why(
+    finished: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command, whole = finished
+    resumed, new = copy_of(whole, tmp_path / "run"), tmp_path / "new"
+    (resumed / "results.json").unlink()
+    before = sorted(path.name for path in resumed.iterdir())
+    for folder, option in ((resumed, "--resume"), (new, "--out")):
+        with subprocess.Popen(
+            [sys.executable, "-c", HOLD, str(folder)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        ) as other:
+            assert other.stdout is not None and other.stdout.readline() == b"held\n"
+            said = error_of(capsys, command, option, folder, "--maze=2x2", "--frames=64")
+            assert f"{folder}: another run works on this folder" in said
+            assert other.stdin is not None
+            other.stdin.close()
+    assert not (new / "config.json").exists()
+    assert {*before, ".lock"} == {path.name for path in resumed.iterdir()}
+    open_run(resumed)  # the other process is gone, and its hold with it
+
+
+def test_a_process_may_hold_what_it_holds(tmp_path: Path) -> None:
+    first, second = (hold(tmp_path, "run", shared=True) for _ in range(2))
+    assert first is second
+
+
+# -- signals and divergence ------------------------------------------------------------------------
+
+
+def signals_at_first_row(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
+    """Have these signals come with the first evaluation."""
+    left = list(numbers)
+
+    def watched(self: Any, run: Any, row: dict[str, float]) -> None:
+        while row and left:
+            signal.raise_signal(left.pop(0))
+
+    monkeypatch.setattr(progress.Watch, "__call__", watched)
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_a_run_with_its_status_once_everything_is_saved(
+    number: int, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
+    start(RUN, MAKE["train"](), tmp_path / "run")
+    signals_at_first_row(monkeypatch, number)
+    assert status_of_command("train", "--resume", tmp_path / "run", "--episodes", 2) == status
+    assert load_results(tmp_path / "run")["interrupted"]
+    assert load_checkpoint(tmp_path / "run")["trainee"]["learner"]["frames"] < FRAMES["frames"]
+    assert (tmp_path / "run" / "learning_curve.png").exists()
+    assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+@pytest.mark.parametrize("command", ["train", "self-play"])
+def test_a_run_that_was_interrupted_has_the_rows_of_one_that_was_not(
+    command: str, tmp_path: Path
+) -> None:
+    def interrupted(run: Any, row: dict[str, float]) -> None:
+        if not row and run.trainee.frames == 1024:  # evaluations are due every 512
+            signal.raise_signal(signal.SIGINT)
+
+    kind, settings = KIND[command], MAKE[command]()
+    settings = replace(settings, frames=10240)
+    whole = start(kind, settings, tmp_path / "whole")
+    whole.train()
+    run = start(kind, settings, tmp_path / "run")
+    run.train(interrupted)
+    assert run.stopped and run.metrics.rows[-1]["frames"] % 512 != 0
+    run.lock.release()
+    run = open_run(tmp_path / "run")
+    run.train()
+    frames = [[row["frames"] for row in read_metrics(f)] for f in (whole.folder, run.folder)]
+    assert frames[0] == frames[1] and set(np.diff(frames[0])) == {512.0}
+
+
+def test_a_run_without_readable_metrics_does_not_go_on(
+    finished: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_of(finished[1], tmp_path / "run")
+    (folder / "results.json").unlink()
+    (folder / "metrics.csv").unlink()
+    assert "metrics.csv: cannot be read" in error_of(capsys, finished[0], "--resume", folder)
+    (folder / "metrics.csv").symlink_to("metrics.csv")
+    assert "metrics.csv: cannot be read" in error_of(capsys, finished[0], "--resume", folder)
+
+
+def test_a_second_signal_ends_it_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    start(RUN, MAKE["train"](), tmp_path / "run")
+    signals_at_first_row(monkeypatch, signal.SIGINT, signal.SIGTERM)
+    assert status_of_command("train", "--resume", tmp_path / "run", "--episodes", 2) == 143
+    assert not (tmp_path / "run" / "results.json").exists()
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c", "dqn"])
+def test_training_that_diverges_says_when_and_how(
+    algorithm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sizes = {"maze": "2x2", "num_games": 16, "width": 8, "frames": 200_000, "threads": 1}
+    more = {"learning_starts": 64, "batch_size": 32} if algorithm == "dqn" else {}
+    if algorithm == "ppo":
+        more = {"minibatch_size": 64}
+    settings = settings_of(algorithm=algorithm, learning_rate=1e30, **sizes, **more)
+    start(RUN, settings, tmp_path / "run")
+    told = error_of(capsys, "train", "--resume", tmp_path / "run", status=1)
+    assert "training diverged in frame" in told and "learning_rate" in told
+    assert not (tmp_path / "run" / "results.json").exists()
+    if (tmp_path / "run" / "checkpoint.pt").exists():
+        assert "is kept" in told
+        open_run(tmp_path / "run")
+
+
+def test_the_last_checkpoint_before_a_divergence_is_kept(
+    finished: tuple[str, Path], tmp_path: Path
+) -> None:
+    folder = copy_of(finished[1], tmp_path / "run")
+    before = (folder / "checkpoint.pt").read_bytes()
+    run = open_run(folder)
+    learner = run.trainee.learner if finished[0] == "train" else run.trainee.sides["chaser"].learner
+    next(learner.network.parameters()).data.fill_(float("nan"))
+    with pytest.raises(ArithmeticError, match=r"1,0\d\d frames is kept.*learning_rate"):
+        run._check_learned()
+    assert (folder / "checkpoint.pt").read_bytes() == before
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["maze", "--help"], ["maze", "9x9"]])
+def test_whoever_reads_only_the_first_line_gets_no_traceback(arguments: list[str]) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    process = subprocess.run(
+        [sys.executable, "-m", "train.commands.main", *arguments],
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    os.close(writer)
+    assert process.returncode == 141
+    assert "Traceback" not in process.stderr and "Exception" not in process.stderr
+
+
+def test_results_are_numbers_of_json(finished: tuple[str, Path]) -> None:
+    json.loads((finished[1] / "results.json").read_text(), parse_constant=pytest.fail)
+
+
+def test_seconds_of_the_processor_pass_only_while_it_computes() -> None:
+    ours, wall = Budget(1.0, None, clock="processor"), Budget(1.0, None)
+    began = ours.now(), wall.now()
+    time.sleep(0.3)
+    slept = ours.now() - began[0], wall.now() - began[1]
+    assert slept[0] < 0.2 <= slept[1]
+    while time.process_time() < began[0] + 0.1:
+        pass
+    assert ours.now() - began[0] >= 0.1
+    assert (ours.first_threads, wall.first_threads) == (1, 0) and wall.free_threads
+    assert not ours.free_threads and Budget(None, 9).first_threads == 0
+
+
+def test_a_run_counts_by_the_clock_of_its_settings(tmp_path: Path) -> None:
+    flat = {**SMALL, "seconds": 0.2, "clock": "processor"}
+    run = start(RUN, settings_of(**flat), tmp_path / "run")
+    began = time.process_time()
+    run.train()
+    assert 0.2 <= run.seconds <= time.process_time() - began
+    assert run.results(2)["clock"] == "processor"
+    with pytest.raises(ValueError, match="unknown clock 'sundial'; one of wall, processor"):
+        settings_of(**{**flat, "clock": "sundial"})
+
+
+def test_the_clock_of_a_sweeps_runs_counts() -> None:
+    one = {"task": "maze", "maze": "5x5", "algorithm": "ppo", "curriculum": "none", "threads": 1}
+
+    def digest(**more: Any) -> str:
+        return fingerprint("run", settings_of(**one, **more), 1000, {})
+
+    assert digest(seconds=10.0, clock="processor") != digest(seconds=10.0)

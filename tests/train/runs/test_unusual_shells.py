@@ -1,0 +1,106 @@
+"""The command in unusual shells: closed streams, a deleted folder, other encodings and names."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from train.commands.main import main
+from train.experiments.kinds import start
+from train.files import read_json
+from train.runs.folder import RUN
+from train.runs.parts import settings_of
+from train.runs.provenance import allow_options
+
+ROOT = Path(__file__).parents[3]
+TINY = "--maze 2x2 --num-games 16 --rollout-steps 8 --minibatch-size 64 --width 8 --threads 1"
+
+
+def shell(text: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+    """A line of a shell, in which `pursuit` is the command."""
+    command = f"{sys.executable} -m train.commands.main"
+    return subprocess.run(
+        ["sh", "-c", text.replace("pursuit", command)],
+        capture_output=True,
+        text=True,
+        errors="replace",
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT), **variables},
+        timeout=120,
+    )
+
+
+def test_a_closed_standard_output_is_written_to_in_vain(tmp_path: Path) -> None:
+    done = shell(f"pursuit train {TINY} --frames 512 --episodes 2 --out run >&-", tmp_path)
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+    assert "Traceback" not in done.stderr and (tmp_path / "run" / "report.html").exists()
+    assert shell("pursuit maze 2x2 >&- 2>&- <&-", tmp_path).returncode == 0
+
+
+def test_a_current_folder_that_is_deleted_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "gone").mkdir()
+    done = shell('rmdir "$PWD"; pursuit maze 2x2', tmp_path / "gone")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "the current folder cannot be read" in done.stderr
+
+
+def test_what_a_terminal_cannot_show_is_escaped(tmp_path: Path) -> None:
+    maze = tmp_path / "mäze.txt"
+    maze.write_text("+-+-+\n|S G|\n+-+-+", encoding="utf-8")
+    command = "pursuit baseline --task maze --num-goals 1 --episodes 2 --maze mäze.txt"
+    done = shell(command, tmp_path, PYTHONIOENCODING="ascii", PYTHONUTF8="1")
+    assert done.returncode == 0 and "m\\xe4ze" in done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("columns", [1, 5, 12])
+def test_help_ends_in_a_narrow_terminal(columns: int, tmp_path: Path) -> None:
+    done = shell("pursuit maze --help", tmp_path, COLUMNS=str(columns))
+    assert done.returncode == 0 and "--generate" in done.stdout, done.stderr
+
+
+def test_names_that_are_not_utf_8_are_refused(tmp_path: Path) -> None:
+    for text, variables in (
+        ("printf '%b' 'r\\0377' | xargs -I NAME pursuit train --maze 2x2 --out NAME", {}),
+        (
+            "pursuit train --maze 2x2 --out rün",
+            {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+        ),
+    ):
+        done = shell(text, tmp_path, **variables)
+        assert "not UTF-8; rename it" in done.stderr and done.stderr.count("\n") == 1
+    with pytest.raises(ValueError, match="not UTF-8"):
+        start(RUN, settings_of(maze="2x2", frames=512), tmp_path / os.fsdecode(b"r\xff"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_half_characters_in_json_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_text(r'["\ud83d\ude00", "\\ud800 is text"]')
+    assert read_json(path) == ["\U0001f600", "\\ud800 is text"]
+    path.write_text(r'{"task": {"maze": "\ud800"}}')
+    with pytest.raises(ValueError, match="damaged, not JSON"):
+        read_json(path)
+
+
+@pytest.mark.parametrize("name", ["os:system", "os:getcwd"])
+def test_a_function_of_other_arguments_is_no_reward(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as refused:
+        main(["train", "--maze", "2x2", "--rewards", name, "--out", str(tmp_path / "run")])
+    said = capsys.readouterr().err
+    assert refused.value.code == 2 and "must be a function (before, actions, after)" in said
+
+
+@pytest.mark.parametrize("parts", [{"rewards": {}}, {"rewards": {"name": None, "sha256": ""}}])
+def test_parts_of_another_form_are_damage(parts: Any, tmp_path: Path) -> None:
+    config = tmp_path / "config.json"
+    config.write_text(json.dumps({"parts": parts}))
+    with pytest.raises(ValueError, match=r"config\.json, parts: .*restore it from a copy"):
+        allow_options(config)

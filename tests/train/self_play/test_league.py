@@ -1,0 +1,268 @@
+"""Self-play, sweeps of it and leagues from the command line."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from self_play_runs import go_on, make_run, make_settings
+
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import make_task
+from scripted_agents import (
+    AStarEvader,
+    OptimalEvader,
+    RandomAgent,
+)
+from train.commands.main import main
+from train.experiments.kinds import resume
+from train.runs.folder import RESULTS, RUN
+from train.runs.opponents import opponents_of
+from train.runs.parts import contest_of, parts_of, settings_of
+from train.self_play.league import LeagueTable, rate
+from train.self_play.parts import self_play_parts, self_play_settings_of
+from train.settings.task import TaskSettings
+
+# -- the commands ----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_commands_from_self_play_to_league(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = ["self-play", "--maze", "3x3", "--frames", "20000", "--num-games", "64"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        main([*run, "--minibatch-size", "512", "--out", "a"])
+        main(
+            [*run, "--minibatch-size", "512", "--seed", "1", "--sampling", "uniform", "--out", "b"]
+        )
+    printed = capsys.readouterr().out
+    assert "NashConv" in printed and "chasers down, evaders across" in printed
+    results = json.loads((tmp_path / "a" / "results.json").read_text())
+    assert results["evaluation"]["nash_conv"] > 0
+    steps = {(row["chaser"], row["evader"]): row["steps"] for row in results["matches"]}
+    assert len(steps) == 16 and steps["learned", "learned"] == results["evaluation"]["steps"]
+    assert (tmp_path / "a" / "learning_curve.png").stat().st_size > 10_000
+    main(["league", "a", "b", "a/chaser", "astar", "random", "--games", "50", "--out", "l"])
+    printed = capsys.readouterr().out
+    assert "Elo" in printed and "Nash share" in printed
+    content = json.loads((tmp_path / "l" / "league.json").read_text())
+    assert content["chasers"] == ["a", "b", "a/chaser", "astar", "random"]
+    assert content["evaders"] == ["a", "b", "astar", "random"]
+    assert content["payoff"][0] == content["payoff"][2]  # one and the same chaser
+    elo = {row["name"]: row["elo"] for row in content["chaser_ratings"]}
+    assert elo["astar"] > elo["random"]
+    main(["evaluate", "a/evader", "--episodes", "20"])
+    assert "optimal" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_sampling_schemes_are_compared_by_a_sweep(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "schemes.toml"
+    file.write_text(SCHEMES)
+    command = ["sweep", str(file), "--out", str(tmp_path / "out"), "--workers", "2"]
+    main(command)
+    assert "4 complete" in capsys.readouterr().out
+    report = (tmp_path / "out" / "report" / "report.md").read_text()
+    assert "NashConv (discounted steps) [95 %]" in report and "| double-oracle |" in report
+    assert (tmp_path / "out" / "report" / "learning_curves_frames.png").stat().st_size > 10_000
+    done = {path: path.stat().st_mtime_ns for path in tmp_path.glob(f"out/runs/*/{RESULTS}")}
+    main(command)
+    assert len(done) == 4 and all(path.stat().st_mtime_ns == then for path, then in done.items())
+    some = next(iter(done)).parent
+    with pytest.raises(ValueError, match="go on with it by `pursuit self-play --resume"):
+        resume(some, RUN)
+    with pytest.raises(ValueError, match="one side of self-play"):
+        go_on(some / "chaser")
+
+
+SCHEMES = """
+title = "Who is drawn"
+kind = "self-play"
+seeds = [0, 1]
+settings = {maze = "3x3", frames = 6000, num_games = 64, minibatch_size = 512, snapshots = 5}
+grid = {sampling = ["latest", "double-oracle"]}
+"""
+
+
+ONE_AXIS = """
+kind = "self-play"
+seeds = [0]
+episodes = 10
+[settings]
+task = "chase"
+maze = "2x2-tree"
+frames = 512
+num_games = 16
+minibatch_size = 64
+snapshots = 2
+[grid]
+max_steps = [5, 10]
+[report]
+x = "max_steps"
+"""
+
+
+def test_a_sweep_of_self_play_with_one_axis_has_its_report(tmp_path: Path) -> None:
+    file = tmp_path / "axis.toml"
+    file.write_text(ONE_AXIS)
+    main(["sweep", str(file), "--out", str(tmp_path / "out"), "--workers", "1"])
+    report = (tmp_path / "out" / "report" / "report.md").read_text()
+    assert "| 5 | self-play | 1 |" in report and "| 10 | self-play | 1 |" in report
+    assert "pursuit ablate" not in report  # it refuses self-play
+    frames, seconds = (report.index(f"![learning_curves_{u}.png]") for u in ("frames", "seconds"))
+    assert frames < seconds  # the budget is in frames
+    assert "Mean curves end where the shortest of their runs ends." in report
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["league"], "nobody to play"),
+        (["league", "astar", "astar"], "two entries are called 'astar'"),
+        (["league", "nowhere"], "nowhere: no folder of a run"),
+        (["league", "astar", "--games", "1"], "games=1"),
+        (["solve", "--maze", "5x6"], "unknown maze '5x6'"),
+        (["solve", "--discount", "1.5"], "discount 1.5"),
+        (["solve", "--evader-cell", "99"], "evader_cell=99"),
+        (["self-play", "--resume", "nowhere"], "no such folder"),
+        (["self-play", "--window", "0"], "window=0"),
+    ],
+)
+def test_wrong_command_lines_are_one_line(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert message in said and said.count("\n") == 1
+
+
+def test_runs_of_another_game_do_not_enter_a_league(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folders = {}
+    for name, changes in {
+        "three": {},
+        "four": {"task": {"maze": "4x4"}},
+        "stay": {"task": {"stay_action": True}},
+    }.items():
+        run = make_run(tmp_path / name, frames=2000, **changes)  # type: ignore[arg-type]
+        run.train()
+        folders[name] = str(tmp_path / name)
+    for other, message in (("four", "learned in maze 4x4"), ("stay", "stay_action=True")):
+        with pytest.raises(SystemExit):
+            main(["league", folders["three"], folders[other]])
+        assert message in capsys.readouterr().err
+
+
+def test_results_in_a_circle_are_called_so() -> None:
+    rock = np.array([[10, 5, 15], [15, 10, 5], [5, 15, 10]])
+    lengths = np.repeat(rock[:, :, None], 20, axis=2)
+    table = LeagueTable(["a", "b", "c"], ["x", "y", "z"], rock.astype(float), 0.0 * rock, lengths)
+    content = rate(table)
+    assert len(content["cycle"]) == 6
+    assert content["nash"]["chaser_mixture"] == pytest.approx([1 / 3] * 3, abs=1e-3)
+    settled = np.array([[10, 12], [20, 22]])
+    table = LeagueTable(
+        ["a", "b"], ["x", "y"], settled.astype(float), 0.0 * settled,
+        np.repeat(settled[:, :, None], 20, axis=2),
+    )  # fmt: skip
+    assert rate(table)["cycle"] == []
+
+
+def test_solve_prints_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["solve", "--maze", "5x5-tree", "--out", str(tmp_path / "s.png")])
+    printed = capsys.readouterr().out
+    assert "cop number (in turns)           1" in printed and "saddle point" in printed
+    assert (tmp_path / "s.png").stat().st_size > 10_000
+
+
+def test_every_learned_opponent_plays_by_one_rule(tmp_path: Path) -> None:
+    """As it was learned, unless `opponent_policy` says greedy; in training and in self-play."""
+    run = make_run(tmp_path / "pair", frames=2000)
+    run.train()
+    folder = tmp_path / "pair" / "evader"
+    for chosen, greedy in (({}, False), ({"opponent_policy": "greedy"}, True)):
+        settings = settings_of(maze="3x3", opponent=str(folder), frames=1, **chosen)
+        trained = parts_of(settings).world.opponents["evader"]
+        game = {"maze": "3x3", "rewards": "zero_sum", **chosen}
+        frozen = make_settings(evader=str(folder), task=game)
+        played = self_play_parts(frozen).frozen["evader"]
+        evaluated = contest_of(settings.task, 2).opponents["evader"]
+        assert [p.greedy for p in (trained, played, evaluated)] == [greedy] * 3  # type: ignore
+    with pytest.raises(ValueError, match="unknown opponent_policy 'best'; one of sampled, greedy"):
+        settings_of(opponent=str(folder), frames=1, opponent_policy="best")
+
+
+def test_what_is_reported_is_never_played_from_a_training_seed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    seeds: list[int] = []
+
+    class Spied(Simulator):
+        def seed(self, seed: int, games: Any = None) -> None:
+            seeds.append(seed)
+            super().seed(seed, games)
+
+    for module in ("maze_contest", "matchups"):
+        monkeypatch.setattr(f"train.evaluation.{module}.Simulator", Spied)
+    monkeypatch.chdir(tmp_path)
+    main(["league", "astar", "random", "--maze", "3x3", "--games", "2", "--seed", "5"])
+    main(["baseline", "--task", "maze", "--maze", "3x3", "--episodes", "2", "--seed", "5"])
+    assert set(seeds) == {2**62 + 5}
+    seeds.clear()
+    main(["baseline", "--task", "maze", "--maze", "3x3", "--episodes", "2"])
+    contest_of(TaskSettings(task="maze", maze="3x3"), 2).starts()
+    assert set(seeds) == {2**62}
+    for make in (settings_of, self_play_settings_of):
+        with pytest.raises(ValueError, match=r"seed=4611686018427387904; 0 to 2\*\*62-1"):
+            make(frames=1, seed=2**62)
+
+
+def test_opponents_by_name_in_training() -> None:
+    for name in ("random", "optimal", "astar"):
+        opponents = opponents_of(make_task("chase"), "chaser", name, 0.1)
+        form = {"random": RandomAgent, "optimal": OptimalEvader, "astar": AStarEvader}[name]
+        assert type(opponents["evader"]) is form
+
+
+def test_survival_for_ever_is_called_so(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """On 5x5 one chaser never catches the optimal evader: ranks of chasers say nothing of that."""
+    entries = ["league", "astar", "random", "optimal", "--games", "30", "--out"]
+    main([*entries, str(tmp_path / "open")])
+    told = capsys.readouterr()
+    assert "never caught by any chaser here: optimal; the steps until capture are" in told.err
+    assert "every chaser is as good as any other" in told.err and "never" in told.out
+    content = json.loads((tmp_path / "open" / "league.json").read_text())
+    assert content["never_caught"] == ["optimal"] and content["never_catches"] == []
+    assert content["ranks_mean_nothing"] == ["chaser"]
+    assert [row[2] for row in content["out_of_time"]] == [1.0, 1.0, 1.0]
+    main([*entries, str(tmp_path / "tree"), "--maze", "5x5-tree"])
+    assert "never caught" not in capsys.readouterr().err
+
+
+def test_optimal_is_refused_where_it_is_not_known(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, message in (
+        (["self-play", "--maze", "15x15", "--num-chasers", "2", "--evader", "optimal"], "bytes"),
+        (["self-play", "--num-evaders", "2", "--members", "optimal"], "2 evader(s)"),
+        (["train", "--task", "heist", "--opponent", "optimal"], "3 goal(s)"),
+        (
+            ["render", "--task", "maze", "--maze", "9x9", "--num-goals", "19", "--optimal"],
+            "19 goals",
+        ),
+        (["solve", "--maze", "15x15", "--num-chasers", "2"], "bytes"),
+    ):
+        with pytest.raises(SystemExit):
+            main(arguments)
+        error = capsys.readouterr().err
+        assert message in error and error.count("\n") == 1

@@ -1,0 +1,141 @@
+"""Settings: rules beside their fields, and one way to them from every mapping."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, replace
+from typing import Annotated, Any
+
+import pytest
+
+from train.runs.parts import settings_of
+from train.runs.saved import from_plain
+from train.self_play.parts import self_play_from_plain, self_play_settings_of
+from train.settings.algorithms import HYPERPARAMETERS
+from train.settings.checks import Count, Settings, Share, at_least, one_of, passes, rules_of
+from train.settings.curricula import CURRICULA
+from train.settings.reading import names_of
+from train.settings.run import TrainSettings
+from train.settings.self_play import SelfPlaySettings
+from train.settings.task import ReacherSettings, TaskSettings
+
+SMALL: dict[str, Any] = {"maze": "3x3", "frames": 64}
+
+
+def no_lines(text: str) -> None:
+    if "\n" in text:
+        raise ValueError("one line, please")
+
+
+@dataclass(frozen=True)
+class Example(Settings):
+    """One field of each kind."""
+
+    count: Count = 3
+    share: Share = 0.5
+    least: Annotated[int | None, at_least(2)] = None
+    order: Annotated[str, one_of("first", "last")] = "first"
+    text: Annotated[str, passes(no_lines)] = ""
+    free: int = -1
+
+
+@dataclass(frozen=True)
+class Derived(Example):
+    """A default of its own."""
+
+    share: Share = 0.25
+
+
+@pytest.mark.parametrize("form", [Example, Derived])
+def test_rules_beside_fields_are_checked_when_settings_are_made(form: type[Example]) -> None:
+    form(count=1, share=1.0, least=2, order="last", text="a", free=-5)
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"count": 0}, "count=0; it is at least 1, and below 2**63"),
+        ({"share": 1.5}, "share=1.5; it lies in [0, 1]"),
+        ({"share": float("nan")}, "share=nan; it lies in [0, 1]"),
+        ({"least": 1}, "least=1; at least 2"),
+        ({"order": "middle"}, "unknown order 'middle'; one of first, last"),
+        ({"text": "a\nb"}, "one line, please"),
+    ]
+    for given, said in wrong:
+        with pytest.raises(ValueError) as caught:
+            form(**given)
+        assert str(caught.value) == said
+        with pytest.raises(ValueError):
+            replace(form(), **given)
+
+
+def test_every_number_of_a_learner_has_a_rule() -> None:
+    """But for what is compared with other settings, or may be any number."""
+    free = {"burn_in", "gamma_end"}
+    for form in HYPERPARAMETERS.values():
+        for name, value in vars(form()).items():
+            if type(value) in (int, float) and name not in free:
+                assert rules_of(form, name), (form, name)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"frames": "many"}, "frames='many'; a whole number is needed"),
+        ({"frames": 1.5}, "frames=1.5; a whole number is needed"),
+        ({"learning_rate": "x"}, "learning_rate='x'; a number is needed"),
+        ({"anneal": 1}, "anneal=1; true or false is needed"),
+        ({"maze": 5}, "maze=5; a text is needed"),
+        ({"width": True}, "width=True; a whole number is needed"),
+        ({"gamma": 2}, "gamma=2.0; it lies in [0, 1]"),
+        ({"frame": 3}, "unknown setting 'frame'"),
+        ({"rewards": {"step": "x"}}, "give a number"),
+        ({"view_radius": "far"}, "view_radius='far'"),
+    ],
+)
+def test_names_and_files_are_read_with_the_same_messages(given: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        settings_of(**{**SMALL, **given})
+    assert said in str(caught.value)
+    plain = json.loads(json.dumps(asdict(settings_of(**SMALL))))
+    name = next(iter(given))
+    for part in (plain["task"], plain["hyper"], plain):
+        if name in part or part is plain:
+            part.update(given)
+            break
+    with pytest.raises(ValueError) as caught:
+        from_plain(plain, "a/config.json")
+    told = str(caught.value)
+    assert told.startswith("a/config.json: ") and said in told and told.endswith("from a copy")
+
+
+@pytest.mark.filterwarnings("ignore:.*it ends before anything is learned")
+def test_what_is_saved_is_read_back() -> None:
+    lessons = {"curriculum": "level-replay", "level_score": "learnability", "solved_within": 0.0}
+    for flat in ({}, {"algorithm": "dqn"}, {"task": "reacher", "algorithm": "td3"}, lessons):
+        given = dict(flat) if "task" in flat else {"maze": "3x3", **flat}
+        settings = settings_of(**given, frames=64)
+        plain = json.loads(json.dumps(asdict(settings)))
+        assert from_plain(plain, "here") == settings
+        for part, name in (("", "seed"), ("hyper", "num_games"), ("task", "max_steps")):
+            hurt = json.loads(json.dumps(plain))
+            del (hurt[part] if part else hurt)[name]
+            with pytest.raises(ValueError, match=f"setting {name!r}.* is missing"):
+                from_plain(hurt, "here")
+    pair = self_play_settings_of(maze="3x3", frames=64, chaser_algorithm="dqn", members=["astar"])
+    assert self_play_from_plain(json.loads(json.dumps(asdict(pair))), "here") == pair
+
+
+def test_other_types_that_mean_the_same_are_kept_as_one_text() -> None:
+    table = settings_of(**SMALL, rewards={"step": -1, "capture": 2}, view_radius=2)
+    text = settings_of(**SMALL, rewards="step=-1,capture=2", view_radius="2")
+    assert table == text and table.task.rewards == "step=-1,capture=2"
+    by_role = settings_of(**SMALL, view_radius={"chaser": 2}, unknown_maze=["chaser"])
+    assert by_role.task.view_radius == "chaser=2" and by_role.task.unknown_maze == "chaser"
+
+
+def test_no_name_is_in_two_places_of_a_run() -> None:
+    """So that all of them are options, and names in a sweep file, without a prefix."""
+    for task in (TaskSettings, ReacherSettings):
+        for hyper in HYPERPARAMETERS.values():
+            for lessons in CURRICULA.values():
+                names = names_of(task, hyper, lessons, TrainSettings)
+                assert len(names) == len(set(names))
+    names = names_of(TaskSettings, HYPERPARAMETERS["ppo"], SelfPlaySettings)
+    assert len(names) == len(set(names))

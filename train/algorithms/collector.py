@@ -1,0 +1,155 @@
+"""The rollout loop of all learners, for any games and networks.
+
+A feed-forward policy is a recurrent one whose state has no numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+
+from pursuit.observations.masks import ACTION_MASK
+from train.algorithms.learner import Games
+from train.environments.lockstep import LockstepEnv
+
+Columns = dict[str, torch.Tensor]
+Act = Callable[[Columns, torch.Tensor], tuple[Columns, torch.Tensor]]
+"""(what is observed, states) -> ("action" and whatever is kept for learning, states after)."""
+
+SEEN = ("observation", ACTION_MASK, "idle")
+AFTER = ("reward", "terminated", "truncated", "done")
+NEXT_MASK = f"next_{ACTION_MASK}"
+
+
+class Collector:
+    """Plays rollouts, each from where the last one ended.
+
+    Args:
+        env: the games.
+        act: chooses the actions.
+        steps: of every game in a rollout.
+        state_size: numbers of a state.
+        device: where the network lives, and where rollouts are kept.
+        value: (observations, states) -> [n], the values of the observations that an episode that
+            is truncated, or the rollout, ends with; None where they are not needed.
+        keep_next: keep the next observations.
+        ended: called after every step with the games whose episode is over, [games] bool.
+
+    Attributes:
+        state: [games, state_size] float32, the recurrent state of every game now.
+        episode_start: [games] bool, where an episode begins now: its state counts as 0.
+        states: [games, state_size] each, before every step of the last rollout.
+    """
+
+    def __init__(
+        self,
+        env: Games,
+        act: Act,
+        steps: int,
+        state_size: int = 0,
+        device: str = "cpu",
+        value: Callable[[torch.Tensor, torch.Tensor], torch.Tensor] | None = None,
+        keep_next: bool = False,
+        ended: Callable[[torch.Tensor], object] | None = None,
+    ) -> None:
+        self.env, self.act, self.steps, self.device = env, act, steps, device
+        self.value, self.keep_next, self.ended = value, keep_next, ended
+        games = env.action_spec.shape[0]
+        self.state = torch.zeros(games, state_size, device=device)
+        self.episode_start = torch.ones(games, dtype=torch.bool, device=device)
+        self.states: list[torch.Tensor] = []
+        self._now: Any = None
+
+    @torch.no_grad()
+    def rollout(self) -> Columns:
+        """The next rollout, columns [games, steps, ...].
+
+        Returns:
+            What was observed, what `act` gave, "episode_start", "reward" and the flags after the
+            step; with `value` "value_after", the value of what follows a step that is not followed
+            by its next observation (0 elsewhere); with `keep_next` "next_observation", the last one
+            of an episode that ended, and where there are masks "next_action_mask".
+        """
+        if self._now is None:
+            self._now = self.env.reset()
+        self.states = []
+        rows: list[Columns] = []
+        cuts: list[tuple[int, torch.Tensor, torch.Tensor, torch.Tensor]] = []
+        for step in range(self.steps):
+            row, after = self._step()
+            rows.append(row)
+            if self.value is not None:
+                cut = ~row["terminated"]
+                if step < self.steps - 1:
+                    cut = cut & row["truncated"]
+                games = cut.nonzero().squeeze(-1)
+                if len(games):
+                    observation = after["observation"][games.cpu()].to(self.device)
+                    cuts.append((step, games, observation, self.state[games]))
+        columns = {name: torch.stack([row[name] for row in rows], dim=1) for name in rows[0]}
+        if self.value is not None:
+            columns["value_after"] = self._values_after(columns["reward"], cuts)
+        return columns
+
+    def _step(self) -> tuple[Columns, Any]:
+        """What is kept of a step, and everything after it."""
+        now = self._now
+        row = {name: now[name].to(self.device) for name in SEEN if name in now.keys()}  # noqa: SIM118 (of a TensorDict)
+        row["episode_start"] = self.episode_start
+        self.states.append(self.state)
+        state = self.state.masked_fill(self.episode_start[:, None], 0.0)
+        chosen, self.state = self.act(row, state)
+        after, self._now = step_games(self.env, now, chosen["action"].cpu())
+        row |= chosen
+        row |= {name: after[name].squeeze(-1).to(self.device) for name in AFTER}
+        self.episode_start = row["done"]
+        if self.keep_next:
+            row["next_observation"] = after["observation"].to(self.device)
+            if ACTION_MASK in row:
+                row[NEXT_MASK] = after[ACTION_MASK].to(self.device)
+        if self.ended is not None:
+            self.ended(row["done"])
+        return row, after
+
+    def _values_after(self, like: torch.Tensor, cuts: list[Any]) -> torch.Tensor:
+        """[games, steps]: the values of what was observed after the steps in `cuts`, 0 elsewhere.
+
+        Args:
+            like: [games, steps].
+            cuts: (step, games [n], observations [n, ...], states [n, numbers]) each.
+        """
+        assert self.value is not None
+        found = torch.zeros_like(like)
+        if cuts:
+            _, _, observations, states = zip(*cuts, strict=True)
+            values = self.value(torch.cat(observations), torch.cat(states))
+            parts: Any = torch.split(values, [len(cut[1]) for cut in cuts])
+            for (step, games, *_), part in zip(cuts, parts, strict=True):
+                found[games, step] = part
+        return found
+
+    def state_dict(self) -> Columns:
+        """The recurrent states, and where episodes begin."""
+        return {"state": self.state.cpu(), "fresh": self.episode_start.cpu()}
+
+    def load_state_dict(self, state: Columns) -> None:
+        """Take it back, before the first rollout."""
+        self.state = state["state"].to(self.device)
+        self.episode_start = state["fresh"].to(self.device)
+
+
+def step_games(env: Any, now: Any, action: torch.Tensor) -> tuple[Any, Any]:
+    """What stands after a step, and what is observed by whoever plays on: where an episode ended
+    the first observation of the next one.
+
+    Args:
+        env: the games; those of a `LockstepEnv` are stepped without TensorDicts.
+        now: what was observed before.
+        action: [games, ...].
+    """
+    if isinstance(env, LockstepEnv):
+        return env.step_tensors(action)
+    stepped, following = env.step_and_maybe_reset(now.set("action", action))
+    return stepped["next"], following

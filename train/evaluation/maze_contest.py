@@ -1,0 +1,173 @@
+"""What the contests in mazes have in common: the agent, its opponents, and episodes played out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pursuit.environments.parallel import scene_of
+from pursuit.environments.single_agent import fill_seats
+from pursuit.rendering.rendering import Scene
+from pursuit.simulator.policy import Policy
+from pursuit.simulator.simulator import Simulator
+from pursuit.tasks.task import ROLES, Task
+from scripted_agents import tour_lengths
+from scripted_agents.hidden.references import limited_references
+from scripted_agents.tours.tour import MAX_EXACT_GOALS
+from train.evaluation.games import other_role, play_out, won_by
+from train.evaluation.scores import (
+    BY_GOALS,
+    Contest,
+    Measure,
+    Reference,
+    Score,
+    measure_of,
+    reference_of,
+    told,
+)
+from train.settings.checks import EVALUATION_SEED
+
+SCRIPTED = {"chaser": "A* chaser", "evader": "A* evader", "runner": "nearest goal"}
+"""What the scripted agent of a role is called."""
+
+
+@dataclass(frozen=True)
+class MazeContest(Contest):
+    """One agent of a task, with fixed policies in all other seats, played from seeded starts that
+    are the same for all policies; the base of the contests in one maze and in many."""
+
+    task: Task
+    agent: str
+    opponents: dict[str, Policy]
+    episodes: int = 1000
+    seed: int = EVALUATION_SEED
+
+    @property
+    def seat(self) -> int:
+        """The seat of the agent."""
+        return self.task.seat(self.agent)
+
+    @property
+    def role(self) -> str:
+        """The role of the agent."""
+        return self.task.seat_roles[self.seat]
+
+    @property
+    def measure(self) -> Measure:
+        """As `Contest`: steps in a chase, and of a runner alone; goals of a runner among rivals;
+        the return of chasers and evaders where evaders collect goals, as a capture ends that game
+        as the last goal does, and steps say little."""
+        return measure_of(self.task, self.role)
+
+    @property
+    def opponent(self) -> Policy | None:
+        """Whoever plays the other side of a duel; None where there is none."""
+        other = other_role(self.role)
+        return self.opponents.get(f"{other}_0", self.opponents.get(other))
+
+    @cached_property
+    def is_limited(self) -> bool:
+        """Whether anything is hidden from the agent: then a best response is not its optimum."""
+        return self.task.hides_from(self.agent)
+
+    @property
+    def limited(self) -> dict[str, Policy]:
+        """The scripted agents that see no more than this one, of limited sight."""
+        return limited_references(self.task, self.agent, self.opponents)
+
+    def describe(self) -> dict[str, Any]:
+        """The names of the task, the role and the (first) maze."""
+        return {"task": self.task.name, "role": self.role, "maze": self.task.mazes[0].name}
+
+    def line(self) -> str:
+        """One line that says what is evaluated."""
+        task, maze = self.task, self.task.mazes[0]
+        counts = {role: task.count(role) for role in ROLES} | {"goal": task.num_goals}
+        parts = [f"{n} {name}{'s' if n > 1 else ''}" for name, n in counts.items() if n]
+        others = sorted(
+            {
+                told(policy)
+                for role, policy in self.opponents.items()
+                if role in task.seat_roles and (role != self.role or task.count(role) > 1)
+            }
+        )
+        against = f", with {', '.join(others)}" if others else ""
+        return (
+            f"{task.name}: {self.agent} on maze {maze.name} ({maze.num_cells} cells; "
+            f"{', '.join(parts)}){against}, at most {task.max_steps} steps"
+        )
+
+    def starts(self) -> Simulator:
+        """The games of the evaluation at their starts."""
+        return Simulator(self.task, self.episodes, self.seed, auto_restart=False)
+
+    def start(self, number: int) -> Simulator:
+        """One of these games at its start."""
+        return Simulator(self.task, 1, self.seed, first_game=number, auto_restart=False)
+
+    def play(self, policy: Policy) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Play every start to its end: episode lengths [episodes], and who won [episodes]."""
+        return self.play_from(self.starts(), policy)
+
+    def play_from(
+        self, simulator: Simulator, policy: Policy
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """The same of given starts."""
+        seat, policies = fill_seats(self.task, self.agent, self.opponents)
+        policies[seat] = policy
+        return play_out(
+            simulator,
+            policies,
+            lambda games: games.terminated | games.truncated | (games.active[:, seat] == 0),
+            lambda games: won_by(games, seat),
+        )
+
+    @cached_property
+    def tours(self) -> NDArray[np.int64] | None:
+        """[starts], the shortest tour of each; None where it is not known."""
+        task = self.task
+        if (task.num_agents, task.num_runners) != (1, 1) or task.num_goals > MAX_EXACT_GOALS:
+            return None
+        simulator = self.starts()
+        lengths = np.zeros(simulator.num_games, dtype=np.int64)
+        for number in np.unique(simulator.maze_index).tolist():
+            here = simulator.maze_index == number
+            starts, goals = simulator.positions[here, 0], simulator.goals[here]
+            lengths[here] = tour_lengths(task.mazes[number], starts, goals)
+        return lengths
+
+    def values(self, policy: Policy) -> NDArray[np.float64]:
+        """[episodes], the goals or the return from every start, whichever is the measure."""
+        simulator = self.starts()
+        self.play_from(simulator, policy)
+        found = simulator.collected if self.measure == BY_GOALS else simulator.returns
+        return found[:, self.seat].copy()
+
+    def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
+        """As `Contest`."""
+        fair = (*self.limited, "random") if self.is_limited else None
+        return reference_of(scores, learned, self.measure, fair)
+
+    def scene(self, simulator: Simulator, caption: str) -> Scene:
+        """As `Contest`."""
+        return scene_of(simulator, caption=caption)
+
+    def game(self, policy: Policy, number: int) -> tuple[Simulator, Iterator[None]]:
+        """As `Contest`."""
+        seat, policies = fill_seats(self.task, self.agent, self.opponents)
+        policies[seat] = policy
+        simulator = self.start(number)
+
+        def play() -> Iterator[None]:
+            actions = np.zeros((1, self.task.num_agents), dtype=np.int32)
+            while not simulator.ended.any():
+                simulator.act(policies, actions)
+                simulator.step(actions)
+                yield
+
+        return simulator, play()

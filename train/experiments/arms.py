@@ -1,0 +1,130 @@
+"""The runs of an ablation, arm by arm, as learning curves to the exact optimum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from train.experiments.forms import HINTS
+from train.experiments.tables import FinishedStudy
+from train.reports.figures import time_scale
+from train.reports.tables import Row
+from train.settings.checks import check
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One run, evaluated at the final difficulty throughout.
+
+    Attributes:
+        seconds, frames: [evaluations] of training.
+        shortfall: [evaluations] per cent by which it is worse than the exact optimum: more steps,
+            or for an evader fewer.
+        optimality: [evaluations] in [0, 1]: optimum / steps, or for an evader steps / optimum.
+        lesson: [evaluations] mean of what was trained on since the evaluation before; NaN without a
+            curriculum.
+        final: per cent short of the optimum in the final evaluation.
+        greedy, sampled: the same of the policy that takes the most probable action, and of the one
+            that draws; NaN where an algorithm has no such policy.
+        seed, task: whose.
+        on_hardest: [evaluations] of the frames of the episodes that ended since the evaluation
+            before, the share in the hardest lesson; NaN as `lesson`.
+    """
+
+    seconds: NDArray[np.float64]
+    frames: NDArray[np.float64]
+    shortfall: NDArray[np.float64]
+    optimality: NDArray[np.float64]
+    lesson: NDArray[np.float64]
+    on_hardest: NDArray[np.float64]
+    final: float
+    greedy: float
+    sampled: float
+    seed: int
+    task: str
+
+    @property
+    def settled_at(self) -> int:
+        """Which evaluation was the first on whose lesson training stayed; -1 without lessons."""
+        last = self.lesson[-1]
+        if np.isnan(last):
+            return -1
+        other = np.flatnonzero(~np.isclose(self.lesson, last))
+        return int(other[-1]) + 1 if len(other) else 0
+
+    @property
+    def settled(self) -> float:
+        """The share of the frames that were spent on the hardest lesson; NaN without lessons."""
+        spent, known = np.diff(self.frames, prepend=0.0), np.isfinite(self.on_hardest)
+        if not known.any():
+            return NAN
+        return float(np.average(self.on_hardest[known], weights=spent[known]))
+
+    def time(self, unit: str) -> NDArray[np.float64]:
+        """[evaluations]: frames in millions, or seconds, as axes have them."""
+        return time_scale(unit) * (self.frames if unit == "frames" else self.seconds)
+
+
+Arms = dict[str, list[Curve]]
+
+
+def curve_of(row: Row, evaluations: list[Row], x: str | None) -> Curve:
+    """The curve of a complete run; ValueError where the optimum of its task is not known."""
+    check(
+        row["objective"] == "mean_steps",
+        f"{row['run']}: it is judged by {row['objective']}, and an ablation is measured by the gap "
+        "in steps; take a runner alone, or a chase",
+    )
+    check(
+        row.get("optimality_gap") is not None,
+        f"{row['run']}: the exact optimum of its task is not known, and an ablation is measured "
+        "against it; take a task with one (a runner alone, or one chaser against one evader)",
+    )
+    evader = str(row["role"]).startswith("evader") and row["num_goals"] in (None, 0)
+    sign = -1.0 if evader else 1.0
+
+    def column(name: str) -> NDArray[np.float64]:
+        return np.array([e.get(name) for e in evaluations], dtype=np.float64)  # None becomes NaN
+
+    def short(kind: str) -> float:
+        steps = float(row.get(f"{kind}_steps") or NAN)
+        return 100.0 * sign * (steps / float(row["optimal_steps"]) - 1.0)
+
+    gap = column("optimality_gap")
+    return Curve(
+        column("seconds"),
+        column("frames"),
+        100.0 * sign * gap,
+        1.0 + gap if evader else 1.0 / (1.0 + gap),
+        column("lesson"),
+        column("on_hardest"),
+        100.0 * sign * float(row["optimality_gap"]),
+        short("greedy"),
+        short("sampled"),
+        int(row["seed"]),
+        str(row[x] if x else ""),
+    )
+
+
+def arms_of(study: FinishedStudy) -> Arms:
+    """The curves of every arm that has some, in the order of the file."""
+    hints = study.hints
+    known = hints.x is None or hints.x in study.columns
+    check(known, f"{HINTS}: not that of this ablation; run `pursuit ablate` again")
+    arms: Arms = {name: [] for name in hints.arms}
+    for row in study.rows:
+        curve = curve_of(row, study.by_run[row["run"]], hints.x)
+        arms.setdefault(row["variant"], []).append(curve)
+    return {name: curves for name, curves in arms.items() if curves}
+
+
+def strata(curves: Sequence[Curve], tasks: set[str] | None = None) -> list[list[Curve]]:
+    """The curves of each task, in the order of the tasks' names; by default of the tasks that the
+    curves have."""
+    tasks = {curve.task for curve in curves} if tasks is None else tasks
+    return [[curve for curve in curves if curve.task == task] for task in sorted(tasks)]

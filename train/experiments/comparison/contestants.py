@@ -1,0 +1,305 @@
+"""Who races: learners of several libraries, each over the environment that it wants.
+
+All take the same form of settings, start from what their own library sets by default, and observe
+the same: their own cell, the others' and the goals, one-hot. What is a library's own stays so: ours
+sums the rows of its first layer, shares it between policy and value, multiplies in bfloat16 where
+the processor can, and begins large mazes with a curriculum; others do not. Every one anneals its
+learning rate to 0 over the budget, and has two hidden layers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import torch
+from torch import nn
+
+import pursuit
+from pursuit.environments.single_agent import SingleAgentVectorEnv, fill_seats
+from pursuit.simulator.policy import Policy
+from pursuit.simulator.simulator import Simulator
+from train.environments.simulator_env import SimulatorEnv
+from train.evaluation.contest import GameContest
+from train.experiments.comparison.plain_ppo import PlainPPO
+from train.experiments.comparison.torchrl_ppo import TorchRLPPO
+from train.networks.policy import Seat
+from train.runs.parts import parts_of
+from train.runs.single import SingleAgent
+from train.runs.tasks import setting_of
+from train.runs.third_party import StableBaselinesNetwork
+from train.runs.threads import prepare_torch
+from train.runs.worlds import GridWorld
+from train.settings.algorithms import PPOSettings
+from train.settings.checks import check, check_choice
+from train.settings.presets import lessons_for, tuned
+from train.settings.run import TrainSettings
+
+OBSERVATION = "one_hot"
+OBEYED = (
+    *("num_games", "rollout_steps", "minibatch_size", "epochs", "learning_rate", "gamma"),
+    *("gae_lambda", "clip", "entropy_coef", "value_coef", "max_grad_norm", "width", "activation"),
+)
+"""The settings that every contestant obeys: what a search may draw."""
+
+
+class Racer:
+    """One contestant at the start: games and weights are made.
+
+    Attributes:
+        world: the games.
+        learner: with `frames`, environment steps so far, all games counted, and `iterate`.
+        network: what it learns, as policies of ours want it; it follows the learner.
+    """
+
+    world: GridWorld
+    learner: Any
+    network: Any
+
+    @property
+    def frames(self) -> int:
+        """Environment steps so far, all games counted."""
+        return int(self.learner.frames)
+
+    def iterate(self, progress: float) -> None:
+        """A rollout, and what is learned from it; `progress` in [0, 1] through the budget."""
+        self.learner.iterate(progress)
+
+    def policy(self, greedy: bool) -> Policy:
+        """What was learned so far; it follows the learner as it goes on."""
+        made: Policy = seat_of(self.world).policy(self.network, greedy)
+        return made
+
+    def close(self) -> None:
+        """Let go of whatever is held open."""
+
+
+def seat_of(world: GridWorld) -> Seat:
+    """Who learns, with what the others observe."""
+    return Seat(world.task, world.agent, OBSERVATION)
+
+
+class Logits(nn.Module):
+    """A network whose output is the logits, as policies of ours want it."""
+
+    def __init__(self, network: nn.Module) -> None:
+        super().__init__()
+        self.network = network
+
+    def logits(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., actions]."""
+        found: torch.Tensor = self.network(observation)
+        return found
+
+
+# -- ours ------------------------------------------------------------------------------------------
+
+
+class Clock:
+    """How far a run is, as `train.runs.loop.Clock`."""
+
+    progress = seconds = 0.0
+
+
+class Ours(Racer):
+    """Our PPO as `pursuit train` makes it, with its curriculum where the preset has one."""
+
+    def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
+        prepare_torch(1, seed)
+        name, lessons = lessons_for("ppo", setting_of(world.settings))
+        # The budget is the comparison's: frames only say here that threads are not chosen by the
+        # clock.
+        whole = TrainSettings(
+            world.settings, settings, lessons, "ppo", name, frames=10**12, seed=seed, threads=1
+        )
+        self.learner, self.clock = SingleAgent(parts_of(whole), "greedy"), Clock()
+
+    def iterate(self, progress: float) -> None:
+        """As `Racer`."""
+        self.clock.progress = progress
+        self.learner.iterate(self.clock)
+        forget_episodes(self.learner.env)
+
+    def policy(self, greedy: bool) -> Policy:
+        """As `Racer`."""
+        made: Policy = self.learner.learner.policy(greedy=greedy)
+        return made
+
+    def close(self) -> None:
+        """As `Racer`."""
+        self.learner.close()
+
+
+def forget_episodes(env: Any) -> None:
+    """Nobody asks here for returns and lengths of the training games."""
+    env.finished_returns.clear()
+    env.finished_lengths.clear()
+
+
+def our_defaults(world: GridWorld) -> PPOSettings:
+    """Our preset of a task."""
+    found = tuned("ppo", setting_of(world.settings))
+    assert isinstance(found, PPOSettings)
+    return found
+
+
+# -- the others ------------------------------------------------------------------------------------
+
+
+def vector_env(
+    world: GridWorld | GameContest, games: int, observation: str = OBSERVATION
+) -> SingleAgentVectorEnv:
+    """Games as a Gymnasium vector environment; episodes begin in the step that ends the last."""
+    seats = (world.task, world.agent, world.opponents)
+    return SingleAgentVectorEnv(*seats, games, observation, autoreset_mode="SAME_STEP")
+
+
+class StableBaselines(Racer):
+    """Stable-Baselines3's PPO with an MlpPolicy."""
+
+    def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
+        from stable_baselines3 import PPO
+        from stable_baselines3.common.logger import Logger
+
+        from pursuit.environments.stable_baselines import StableBaselinesVecEnv
+
+        self.world, self.progress = world, 0.0
+        self.batch = settings.num_games * settings.rollout_steps
+        between = nn.Tanh if settings.activation == "tanh" else nn.ReLU
+        self.learner: Any = PPO(
+            "MlpPolicy",
+            StableBaselinesVecEnv(vector_env(world, settings.num_games)),
+            n_steps=settings.rollout_steps,
+            batch_size=settings.minibatch_size,
+            n_epochs=settings.epochs,
+            learning_rate=lambda _: settings.learning_rate * (1.0 - self.progress),
+            gamma=settings.gamma,
+            gae_lambda=settings.gae_lambda,
+            clip_range=settings.clip,
+            ent_coef=settings.entropy_coef,
+            vf_coef=settings.value_coef,
+            max_grad_norm=settings.max_grad_norm,
+            policy_kwargs={"net_arch": [settings.width] * 2, "activation_fn": between},
+            seed=seed,
+            device="cpu",
+        )
+        # Else each rollout makes a folder for logs.
+        self.learner.set_logger(Logger(folder=None, output_formats=[]))
+
+        self.network = StableBaselinesNetwork(self.learner.policy)
+
+    @property
+    def frames(self) -> int:
+        """As `Racer`."""
+        return int(self.learner.num_timesteps)
+
+    def iterate(self, progress: float) -> None:
+        """As `Racer`."""
+        self.progress = progress
+        self.learner.learn(self.batch, reset_num_timesteps=False)
+
+
+class CleanRL(Racer):
+    """`PlainPPO`: CleanRL's, written anew."""
+
+    def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
+        self.world = world
+        self.learner = PlainPPO(settings, vector_env(world, settings.num_games), seed)
+        self.network = self.learner.network
+
+
+class TorchRL(Racer):
+    """`TorchRLPPO`: the form of TorchRL's scripts."""
+
+    def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
+        self.world = world
+        simulator = Simulator(world.task, settings.num_games, seed, auto_restart=False)
+        _, policies = fill_seats(world.task, world.agent, world.opponents)
+        self.env = SimulatorEnv(simulator, seat_of(world), policies)
+        self.learner = TorchRLPPO(settings, self.env, seed)
+        self.network = Logits(self.learner.network)
+
+    def iterate(self, progress: float) -> None:
+        """As `Racer`."""
+        self.learner.iterate(progress)
+        forget_episodes(self.env)
+
+    def close(self) -> None:
+        """As `Racer`."""
+        self.learner.close()
+
+
+# -- the list --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """One of those who race.
+
+    Attributes:
+        title: in reports.
+        package: whose version is told, and that must be installed.
+        extra: of `pip install 'pursuit[...]'` that brings it.
+        build: of a world, settings and a seed, a `Racer` at the start.
+        defaults: the settings that a search starts from, of a world.
+    """
+
+    title: str
+    package: str
+    extra: str
+    build: Callable[[GridWorld, PPOSettings, int], Racer]
+    defaults: Callable[[GridWorld], PPOSettings]
+
+    @property
+    def version(self) -> str:
+        """Of its package; ImportError with the remedy where it is not installed."""
+        if self.package == "pursuit":
+            return str(pursuit.__version__)
+        try:
+            return version(self.package)
+        except PackageNotFoundError:
+            raise ImportError(
+                f"{self.package} is not installed; pip install 'pursuit[{self.extra}]', or leave "
+                f"{self.title} out of contestants"
+            ) from None
+
+
+def library_defaults(world: GridWorld) -> PPOSettings:
+    """What libraries set where a search does not: clipping, gradients, activation."""
+    plain = PPOSettings(shared=False, activation="tanh", clip=0.2, max_grad_norm=0.5)
+    return replace(plain, value_coef=0.5)
+
+
+CONTESTANTS = {
+    "ours": Contestant("ours", "pursuit", "", Ours, our_defaults),
+    "stable-baselines3": Contestant(
+        "Stable-Baselines3", "stable_baselines3", "sb3", StableBaselines, library_defaults
+    ),
+    "cleanrl": Contestant("CleanRL, rewritten", "torch", "", CleanRL, library_defaults),
+    "torchrl": Contestant("TorchRL's script form", "torchrl", "", TorchRL, library_defaults),
+}
+"""By the names that race files give them."""
+
+
+def contestant(name: str) -> Contestant:
+    """One by its name; ValueError for no such, ImportError where its library is missing."""
+    check_choice("contestant", name, CONTESTANTS)
+    found = CONTESTANTS[name]
+    check(bool(found.version), f"{name} has no version")
+    return found
+
+
+def settings_of(name: str, world: GridWorld, drawn: dict[str, Any]) -> PPOSettings:
+    """The settings of a contestant: its defaults, with what was drawn laid over.
+
+    A minibatch is at most the rollout that it is drawn from; a discount that was drawn stays.
+    """
+    given = dict(drawn)
+    if "gamma" in given:
+        given["gamma_end"] = None
+    base = contestant(name).defaults(world)
+    frames = given.get("num_games", base.num_games) * given.get("rollout_steps", base.rollout_steps)
+    given["minibatch_size"] = min(given.get("minibatch_size", base.minibatch_size), frames)
+    return replace(base, **given)

@@ -1,0 +1,164 @@
+"""The claims of a replication with their decisions, and the tables of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from train.experiments.replication.exact import states_table, tours_table
+from train.experiments.replication.plan import Claim, Replication, Study
+from train.experiments.replication.rules import (
+    THRESHOLDS,
+    Cell,
+    Decision,
+    Ran,
+    correct,
+    decide,
+    value_of,
+)
+from train.experiments.replication.run import changed_rules, complete_runs, folder_of, planned_sweep
+
+
+@dataclass(frozen=True)
+class Decided:
+    """A claim with what came of it.
+
+    Attributes:
+        claim: see `Claim`.
+        cells: of a claim about runs, the decision of each cell.
+        exact: of a claim that needs no runs, its verdict.
+        note: the reason where that is undecided.
+        table: what the verdict rests on as Markdown, where that is not runs.
+    """
+
+    claim: Claim
+    cells: tuple[Decision, ...] = ()
+    exact: str = ""
+    note: str = ""
+    table: str = ""
+
+    @property
+    def verdicts(self) -> list[str]:
+        """Of every cell."""
+        return [cell.verdict for cell in self.cells] or [self.exact]
+
+
+@dataclass(frozen=True)
+class DecidedStudy:
+    """A study with what came of it."""
+
+    study: Study
+    claims: list[Decided]
+    runs: list[Ran] = field(default_factory=list)
+    planned: int = 0
+    warning: str = ""
+
+
+def decided(study: Study, plan: Replication, out: Path) -> DecidedStudy:
+    """One study; the p of its cells are not corrected yet."""
+    if study.exact:
+        tables = [
+            states_table() if c.rule == "states" else tours_table(plan.mazes) for c in study.claims
+        ]
+        exact = [
+            Decided(claim, (), verdict, note, table)
+            for claim, (verdict, note, table) in zip(study.claims, tables, strict=True)
+        ]
+        return DecidedStudy(study, exact)
+    runs = complete_runs(folder_of(study, out), plan.mazes)
+    claims = [Decided(c, tuple(decide(c, runs, study.least_frames))) for c in study.claims]
+    planned = len(planned_sweep(study, plan, out).runs)
+    return DecidedStudy(study, claims, runs, planned, changed_rules(study, out))
+
+
+def corrected(studies: Sequence[DecidedStudy]) -> list[DecidedStudy]:
+    """The same with the p of all cells of all studies corrected together."""
+    found = iter(correct(cells_of_page(studies)))
+    return [
+        replace(
+            each,
+            claims=[replace(c, cells=tuple(next(found) for _ in c.cells)) for c in each.claims],
+        )
+        for each in studies
+    ]
+
+
+def cells_of_page(studies: Sequence[DecidedStudy]) -> list[Decision]:
+    """Every cell of every claim, in the order of the page."""
+    return [cell for each in studies for claim in each.claims for cell in claim.cells]
+
+
+def claim_rows(studies: Sequence[DecidedStudy]) -> list[dict[str, object]]:
+    """A row for each cell of each claim."""
+    return [
+        {
+            "study": each.study.id,
+            "claim": found.claim.text,
+            "rule": found.claim.rule,
+            **dict.fromkeys(("cell", "supports", "p", "p_holm", "least_p", "runs"), ""),
+            **row,
+        }
+        for each in studies
+        for found in each.claims
+        for row in [cell_row(cell) for cell in found.cells]
+        or [{"verdict": found.exact, "note": found.note}]
+    ]
+
+
+def cell_row(cell: Decision) -> dict[str, object]:
+    """What was decided of a cell."""
+    return {
+        "cell": named(cell.groups[0].cell) if cell.groups else "",
+        "supports": "" if math.isnan(cell.test.p) else cell.test.supports,
+        "p": _number(cell.test.p),
+        "p_holm": _number(cell.corrected),
+        "least_p": _number(cell.test.least),
+        "runs": " against ".join(str(len(group.runs)) for group in cell.groups),
+        "verdict": cell.verdict,
+        "note": cell.note,
+    }
+
+
+def _number(value: float) -> object:
+    return "" if math.isnan(value) else value
+
+
+def value_rows(studies: Sequence[DecidedStudy]) -> list[dict[str, object]]:
+    """A row for each run of each cell of each claim: all that the tests are made of."""
+    return [
+        {
+            "study": each.study.id,
+            "claim": found.claim.text,
+            "cell": number,
+            "setting": named(group.cell),
+            "rival": rival,
+            "maze": run.row.get("maze"),
+            "seed": run.seed,
+            "value": value_of(run, found.claim),
+            "meets": THRESHOLDS[found.claim.rule](run, found.claim)
+            if found.claim.rule in THRESHOLDS
+            else "",
+            "frames": run.row["frames"],
+        }
+        for each in studies
+        for found in each.claims
+        for number, cell in enumerate(found.cells)
+        for rival, group in enumerate(cell.groups)
+        for run in group.runs
+    ]
+
+
+def named(cell: Cell) -> str:
+    """A cell in words."""
+    counts = {"joints": "joint", "num_goals": "goal"}
+    words = []
+    for name, value in cell.items():
+        values = value if isinstance(value, list) else [value]
+        shown = " and ".join(map(str, values))
+        if name in counts:
+            words.append(f"{shown} {counts[name]}{'s' * (values != [1])}")
+        else:
+            words.append(shown if isinstance(values[0], str) else f"{name} {shown}")
+    return ", ".join(words)

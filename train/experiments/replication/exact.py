@@ -1,0 +1,67 @@
+"""Table 3.1 of the thesis, which needs no runs: numbers against numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import comb
+
+from pursuit.mazes.maze import load_maze
+from scripted_agents.tours.tour import expected_tour_length, num_states
+from train.experiments.replication.rules import CONFIRMED, REFUTED, UNDECIDED
+from train.reports.tables import Row, plain_table
+
+GOALS = 3
+STATES = {3: 855, 4: 9304, 5: 58375, 6: 258894, 7: 906255, 8: 2672480, 9: 6920559}
+"""By the maze's side, 3 goals: unique states as the thesis' table 3.1 has them."""
+TOURS = {3: 4.97, 4: 6.91, 5: 8.99, 6: 13.6, 7: 14.07, 8: 19.91, 9: 23.42}
+"""The same of the mean baselines, in steps."""
+NEAR = 0.05
+"""Of the optimum: means over 1000 episodes lie within it nearly always."""
+
+
+def swapped_states(num_cells: int) -> int:
+    """Formula 3.2 for 3 goals with the factors of one and of two goals swapped.
+
+    The formula is the sum of C(n, i) (n - i) over i = 1, 2, 3 goals. This has n - 2 with one goal
+    and n - 1 with two.
+    """
+    return sum(comb(num_cells, i) * (num_cells - k) for i, k in ((1, 2), (2, 1), (3, 3)))
+
+
+def states_table() -> tuple[str, str, str]:
+    """Whether the table's unique states are those of formula 3.2, a note, and a table of both."""
+    found = {side: num_states(side * side, GOALS) for side in STATES}
+    rows: list[Row] = [
+        {
+            "maze": f"{n}x{n}",
+            "formula 3.2": f"{found[n]:,}",
+            "formula 3.2, two factors swapped": f"{swapped_states(n * n):,}",
+            "table 3.1": f"{printed:,}",
+        }
+        for n, printed in STATES.items()
+    ]
+    return CONFIRMED if found == STATES else REFUTED, "", plain_table(rows).markdown()
+
+
+def tours_table(mazes: Mapping[str, str]) -> tuple[str, str, str]:
+    """Whether the table's mean tours are the optimal ones of a user's mazes, a note, and a table.
+
+    Args:
+        mazes: files by their size; without any, those of ours stand in the table and decide
+            nothing.
+    """
+    rows: list[Row] = []
+    off = []
+    for side, told in TOURS.items():
+        name = f"{side}x{side}"
+        if mazes and name not in mazes:
+            continue
+        exact = float(expected_tour_length(load_maze(mazes.get(name, name)), GOALS))
+        off.append(told / exact - 1.0)
+        row: Row = {"maze": name, "optimal mean tour, exact": f"{exact:.3f}"}
+        row |= {"table 3.1": f"{told:.2f}", "difference": f"{100 * off[-1]:+.1f} %"}
+        rows.append(row)
+    table = plain_table(rows).markdown()
+    if not mazes:
+        return UNDECIDED, "these are our mazes; give the thesis' with --mazes FOLDER", table
+    return CONFIRMED if max(map(abs, off)) <= NEAR else REFUTED, "", table

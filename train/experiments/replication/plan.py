@@ -1,0 +1,328 @@
+"""What is to be reproduced: a file of studies, their claims and the rules that decide them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from pursuit.mazes.maze import Maze
+from train.experiments.ablation import load_ablation
+from train.experiments.forms import REMEDY, VERSIONS, SweepFile, Table
+from train.experiments.replication.rules import PARTS, RULES, TO, cells_of
+from train.experiments.search import draw_samples
+from train.experiments.study import Study as Runs
+from train.experiments.sweep import (
+    flat_settings,
+    load_sweep,
+    multiply_out,
+    read_file,
+)
+from train.schemas import read_as
+from train.settings.checks import check, check_choice
+
+FILES = Path(__file__).with_name("files")
+EXACT_RULES = ("states", "tours")
+"""Of studies that need no runs."""
+SHIPPED = "as shipped"
+FIRST_TRIAL_SEED = 10**6
+"""Of the trials: no study is run with it."""
+BY_SIZE = re.compile(r"(\d+)x(\d+)")
+
+
+class Claim(msgspec.Struct, forbid_unknown_fields=True):
+    """One claim and how it is decided.
+
+    Attributes:
+        text: what is claimed.
+        rule: one of `RULES`, or of `EXACT_RULES` where no runs are needed.
+        of: the cells that it is about: columns of the table of runs and their values, or lists.
+        than: whom those are compared with, seed by seed.
+        to, percent: a reference of `TO`, and how much worse than it counts as reaching it.
+        part: of a gap, one of `PARTS`; `percent` is its share then.
+        cause: our reading, by the verdict that it explains.
+    """
+
+    text: str
+    rule: str
+    of: Table = {}
+    than: list[Table] = []
+    to: str = "optimal"
+    percent: float = 0.0
+    part: str = "floor"
+    cause: dict[str, str] = {}
+
+    def __post_init__(self) -> None:
+        check_choice("rule", self.rule, (*RULES, *EXACT_RULES))
+        check_choice("to", self.to, tuple(TO))
+        check_choice("part", self.part, PARTS)
+        check(
+            (self.rule in ("lower", "higher")) == bool(self.than),
+            f"rule={self.rule!r} and than={self.than}; lower and higher need others, the rest none",
+        )
+
+
+class Study(msgspec.Struct, forbid_unknown_fields=True):
+    """A figure or table: its claims, and the experiment that decides them.
+
+    Attributes:
+        id: on the command line.
+        title: what it is about.
+        thesis, differs: under which conditions it was claimed, and what is different here.
+        claims: see `Claim`.
+        sweep, ablation: the name of the shipped file whose runs it needs; or neither and `exact`.
+        tuned: whether every algorithm plays with the settings that the search found for it.
+        versions: that it is part of.
+        least_frames: of a run, for it to say anything.
+    """
+
+    id: str
+    title: str
+    thesis: str
+    differs: str
+    claims: list[Claim]
+    sweep: str | None = None
+    ablation: str | None = None
+    exact: bool = False
+    tuned: bool = False
+    versions: tuple[str, ...] = VERSIONS
+    least_frames: int = 0
+
+    def __post_init__(self) -> None:
+        given = [bool(self.sweep), bool(self.ablation), self.exact]
+        check(sum(given) == 1, f"study {self.id!r}: give one of sweep, ablation and exact")
+        check(bool(self.claims), f"study {self.id!r}: it has no claims; give [[studies.claims]]")
+        for claim in self.claims:
+            check(
+                (claim.rule in EXACT_RULES) == self.exact,
+                f"study {self.id!r}: rule {claim.rule!r}; {' and '.join(EXACT_RULES)} are for "
+                "studies with exact = true, the others for those with runs",
+            )
+
+
+class Trials(msgspec.Struct, forbid_unknown_fields=True):
+    """[tuning.short] or [tuning.full]: how many settings of each algorithm, and how long each."""
+
+    samples: int
+    seconds: float
+
+
+class Tuning(msgspec.Struct, forbid_unknown_fields=True):
+    """[tuning]: the search of settings, as long for every algorithm, on mazes of its own.
+
+    Attributes:
+        mazes: that no study is run on.
+        settings: of all trials.
+        space: what is searched, by algorithm, as [search] of a sweep says it.
+    """
+
+    mazes: list[str]
+    settings: Table
+    space: dict[str, Table]
+    short: Trials
+    full: Trials
+
+
+class ReplicationFile(msgspec.Struct, forbid_unknown_fields=True):
+    """A file of studies as it is written."""
+
+    title: str
+    studies: list[Study]
+    tuning: Tuning | None = None
+
+    def __post_init__(self) -> None:
+        tuned = [study.id for study in self.studies if study.tuned]
+        check(
+            not tuned or self.tuning is not None,
+            f"tuned studies ({', '.join(tuned)}) need [tuning]; give it, or leave tuned out",
+        )
+
+
+@dataclass(frozen=True)
+class Replication:
+    """A file of studies, checked, with what a user wants of it.
+
+    Attributes:
+        name: of the file.
+        title: of the page.
+        version: "short" or "full".
+        studies: that are to be done, in the order of the file.
+        left_out: the ids of those that are part of the other version alone.
+        tuning: the search, where a study needs one.
+        mazes: a user's own by the names of ours that they stand for.
+    """
+
+    name: str
+    title: str
+    version: str
+    studies: tuple[Study, ...]
+    left_out: tuple[str, ...]
+    tuning: Tuning | None
+    mazes: Mapping[str, str]
+
+
+def load_replication(
+    wanted: Sequence[str] = ("all",),
+    version: str = "short",
+    mazes: Path | None = None,
+    file: str = "thesis",
+) -> Replication:
+    """Read the file of studies and check it.
+
+    Args:
+        wanted: the ids of studies, or "all".
+        version: "short" or "full".
+        mazes: a folder of maze files that stand for ours of the same size.
+        file: of the studies: a path, or the name of a shipped one.
+
+    Raises:
+        ValueError: no such file, study or version, a study that the version has not, or no maze
+            or several of a size in the folder.
+    """
+    path, content = read_file(file, FILES, "replication")
+    found = read_as(ReplicationFile, content, path, REMEDY)
+    check_choice("version", version, VERSIONS)
+    ids = [study.id for study in found.studies]
+    for name in set(wanted) - {"all"}:
+        check(name in ids, f"unknown study {name!r}; all, or some of {', '.join(ids)}")
+    chosen = [s for s in found.studies if ("all" in wanted or s.id in wanted)]
+    for study in chosen if "all" not in wanted else ():
+        check(
+            version in study.versions,
+            f"study {study.id!r} is part of {', '.join(study.versions)} only; give --version "
+            f"{study.versions[0]}",
+        )
+    left_out = tuple(study.id for study in chosen if version not in study.versions)
+    chosen = [study for study in chosen if version in study.versions]
+    own = {} if mazes is None else mazes_by_size(mazes)
+    tuning = found.tuning if any(study.tuned for study in chosen) else None
+    return Replication(path.stem, found.title, version, tuple(chosen), left_out, tuning, own)
+
+
+def mazes_by_size(folder: Path) -> dict[str, str]:
+    """The maze files of a folder by the names of ours of the same size: "5x5" and so on.
+
+    Files that are no mazes are left out.
+
+    Raises:
+        ValueError: no folder, no maze in it, or two of a size.
+    """
+    check(folder.is_dir(), f"{folder}: no such folder; give one with maze files")
+    found: dict[str, str] = {}
+    for path in sorted(folder.iterdir()):
+        if not path.is_file():
+            continue
+        try:
+            maze = Maze.from_text(path.read_text(encoding="utf-8"))
+        except (ValueError, UnicodeDecodeError):
+            continue
+        name = f"{maze.height}x{maze.width}"
+        check(
+            name not in found,
+            f"{folder}: {found.get(name)} and {path} are both {name}; leave one of each size there",
+        )
+        found[name] = str(path.resolve())
+    check(bool(found), f"{folder}: no maze file in it")
+    return found
+
+
+# -- sweeps ----------------------------------------------------------------------------------------
+
+
+def tuning_sweep(plan: Replication) -> Runs:
+    """The trials: as shipped, and drawn settings, for every algorithm."""
+    tuning = plan.tuning
+    assert tuning is not None  # only tuned studies ask for it, and they need one
+    trials: Trials = getattr(tuning, plan.version)
+    variants = []
+    for algorithm, space in tuning.space.items():
+        drawn = draw_samples({**space, "samples": trials.samples - 1}, 1000)
+        settings: dict[str, Table] = {SHIPPED: {}}
+        settings |= {f"draw {n}": found for n, found in enumerate(drawn, 1)}
+        variants += [
+            {"name": f"{algorithm}, {name}", "algorithm": algorithm, **found}
+            for name, found in settings.items()
+        ]
+    return multiply_out(
+        SweepFile(
+            title="Settings for everybody, found with as many trials on other mazes",
+            settings={**tuning.settings, "seconds": trials.seconds},
+            grid={"maze": tuning.mazes},
+            variants=variants,
+            seeds=[FIRST_TRIAL_SEED],
+        ),
+        "tuning",
+    )
+
+
+def sweep_of(study: Study, plan: Replication, tuned: Mapping[str, Table]) -> Runs:
+    """The runs of a study.
+
+    Args:
+        study: with a sweep or an ablation.
+        plan: that it is part of.
+        tuned: the settings that were found for every algorithm.
+
+    Raises:
+        ValueError: runs that cannot be, or a claim about runs that there are not.
+    """
+
+    def change(file: SweepFile) -> SweepFile:
+        file = with_mazes(file, plan.mazes)
+        return with_settings(file, tuned) if study.tuned else file
+
+    load, name = (load_ablation, study.ablation) if study.ablation else (load_sweep, study.sweep)
+    sweep = load(str(name), plan.version, change)
+    check_cells(study, sweep, {path: name for name, path in plan.mazes.items()})
+    return sweep
+
+
+def check_cells(study: Study, sweep: Runs, names: Mapping[str, str]) -> None:
+    """ValueError for a claim about runs that the sweep has not; `names` of mazes by their files."""
+    rows = []
+    for run in sweep.runs:
+        row = {**flat_settings(run.settings), **run.given, **run.label}
+        rows.append(row | {"maze": names.get(str(row.get("maze")), row.get("maze"))})
+    for claim in study.claims:
+        for cell in [cell for table in (claim.of, *claim.than) for cell in cells_of(table)]:
+            check(
+                any(all(row.get(n) == value for n, value in cell.items()) for row in rows),
+                f"study {study.id!r}: the claim {claim.text!r} is about {cell}, and no run of "
+                f"{study.sweep or study.ablation} is; mend the claim or the experiment",
+            )
+
+
+def with_mazes(file: SweepFile, mazes: Mapping[str, str]) -> SweepFile:
+    """The same on a user's mazes, wherever it names one of ours that is there by its size."""
+
+    def other(table: Table | None) -> Table | None:
+        if table is None or "maze" not in table:
+            return table
+        given = table["maze"]
+        names = given if isinstance(given, list) else [given]
+        if mazes:
+            lacking = [n for n in names if BY_SIZE.fullmatch(n) and n not in mazes]
+            check(
+                not lacking,
+                f"--mazes has no maze of {', '.join(lacking)}; it has {', '.join(mazes)}",
+            )
+        found = [mazes.get(name, name) for name in names]
+        return {**table, "maze": found if isinstance(given, list) else found[0]}
+
+    return msgspec.structs.replace(file, settings=other(file.settings), grid=other(file.grid))
+
+
+def with_settings(file: SweepFile, tuned: Mapping[str, Table]) -> SweepFile:
+    """The same with the settings that were found, instead of [grid] algorithm."""
+    grid, settings = dict(file.grid or {}), dict(file.settings or {})
+    names = grid.pop("algorithm", None) or [settings.pop("algorithm", None)]
+    variants = [{"name": name, "algorithm": name, **tuned.get(str(name), {})} for name in names]
+    report = file.report
+    if report is not None:
+        report = msgspec.structs.replace(report, group=None)
+    return msgspec.structs.replace(
+        file, grid=grid, settings=settings, variants=variants, report=report
+    )

@@ -1,0 +1,195 @@
+"""Carrying studies out: settings first, then every study's runs; what is done is not done again."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from train.experiments.executors import run_locally
+from train.experiments.forms import Table, read_label
+from train.experiments.replication.plan import (
+    SHIPPED,
+    Claim,
+    Replication,
+    Study,
+    sweep_of,
+    tuning_sweep,
+)
+from train.experiments.replication.rules import Ran
+from train.experiments.report import report
+from train.experiments.search import log_gap
+from train.experiments.study import Study as Runs
+from train.experiments.study import statuses_of
+from train.experiments.tables import collect
+from train.files import read_json, write_json
+from train.settings.checks import check
+
+TUNING, STUDIES, RULES_KEPT = "tuning", "studies", "rules.json"
+SETTINGS = "settings"
+"""What the search is called."""
+Tell = Callable[[str], None]
+Watched = Callable[[Runs], Callable[[dict[str, str], dict[str, float]], None]]
+"""Makes what is told how far the runs of a sweep are."""
+
+
+def folder_of(study: Study, out: Path) -> Path:
+    """Where the runs of a study are."""
+    return out / STUDIES / study.id
+
+
+def keep_rules(plan: Replication, out: Path) -> None:
+    """Write down, before the first run, by which rules the claims are to be decided."""
+    path = out / RULES_KEPT
+    kept = read_json(path) if path.exists() else {}
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    for study in plan.studies:
+        if study.id not in kept and not study.exact:
+            kept[study.id] = {"written": now, "claims": rules_of(study.claims)}
+    write_json(path, kept)
+
+
+def rules_of(claims: Sequence[Claim]) -> list[Table]:
+    """Claims as they are decided: all but our reading of the outcome."""
+    plain: list[Table] = msgspec.to_builtins(claims)
+    return [{name: value for name, value in claim.items() if name != "cause"} for claim in plain]
+
+
+def changed_rules(study: Study, out: Path) -> str:
+    """What is to be said of a study whose rules are not those that its runs began with."""
+    path = out / RULES_KEPT
+    kept = read_json(path).get(study.id) if path.exists() else None
+    if kept is None:
+        return ""
+    with contextlib.suppress(msgspec.ValidationError):  # of a form that claims no longer have
+        before = msgspec.convert(kept["claims"], list[Claim])
+        if rules_of(before) == rules_of(study.claims):
+            return ""
+    return f"The rules of this study were changed after its runs had begun ({kept['written']})."
+
+
+def carry_out(plan: Replication, out: Path, workers: int, tell: Tell, watched: Watched) -> bool:
+    """Do all that is not done yet; whether everything ended well.
+
+    Args:
+        plan: what is to be done.
+        out: the folder of the replication.
+        workers: runs at a time, each on a core of its own.
+        tell: is told what comes next.
+        watched: makes the watch of a sweep.
+
+    Raises:
+        ValueError: a folder that holds something else.
+        KeyboardInterrupt: once the runs have saved.
+    """
+    check(not out.is_file(), f"{out}: a file; give a folder")
+    out.mkdir(parents=True, exist_ok=True)
+    keep_rules(plan, out)
+    well = tuned = True
+    for stage in stages(plan, out):
+        tell(f"{stage.name}: {stage.title}")
+        if stage.tuned and not tuned:
+            tell("left out: trials of the settings that it needs have failed")
+            continue
+        done = do_runs(stage.runs, stage.folder, workers, watched)
+        tuned = done if stage.name == SETTINGS else tuned
+        well = well and done
+    return well
+
+
+class Stage(NamedTuple):
+    """A study of a replication: its name and title, whether it needs the settings that the search
+    found, its runs and their folder."""
+
+    name: str
+    title: str
+    tuned: bool
+    runs: Runs
+    folder: Path
+
+
+def stages(plan: Replication, out: Path) -> Iterator[Stage]:
+    """What there is to do, one after the other: the search, then every study with the settings that
+    were found by then."""
+    if plan.tuning is not None:
+        title = "as many trials for every algorithm"
+        yield Stage(SETTINGS, title, False, tuning_sweep(plan), out / TUNING)
+    for study in plan.studies:
+        if not study.exact:
+            runs = planned_sweep(study, plan, out)
+            yield Stage(study.id, study.title, study.tuned, runs, folder_of(study, out))
+
+
+def planned_sweep(study: Study, plan: Replication, out: Path) -> Runs:
+    """The runs of a study with the settings that the search has found so far."""
+    return sweep_of(study, plan, tuned_settings(plan, out))
+
+
+def do_runs(runs: Runs, folder: Path, workers: int, watched: Watched) -> bool:
+    """Do the runs that are not done, and write their report; whether all are complete."""
+    written = (folder / "report" / "report.md").exists()
+    if written and {"complete"} == set(statuses_of(runs, folder).values()):
+        return True
+    statuses = set(run_locally(runs, folder, workers, watched(runs)).values())
+    if "complete" in statuses:
+        report(folder)
+    return statuses == {"complete"}
+
+
+# -- what came of it -------------------------------------------------------------------------------
+
+
+def complete_runs(folder: Path, mazes: Mapping[str, str]) -> list[Ran]:
+    """The complete runs of a sweep's folder; a user's mazes under the names that they stand for."""
+    if not (folder / "runs").is_dir():
+        return []
+    names = {path: name for name, path in mazes.items()}
+    runs, curves = collect(folder)
+    lengths: dict[str, list[float]] = {}
+    for row in curves.to_dicts() if "mean_steps" in curves.columns else ():  # of one that learns
+        lengths.setdefault(row["run"], []).append(row["mean_steps"])
+    found = []
+    for row in runs.to_dicts():
+        if row["status"] == "complete":
+            row["maze"] = names.get(str(row.get("maze")), row.get("maze"))
+            label = read_label(folder / "runs" / row["run"])
+            label |= {name: row[name] for name in ("maze",) if name in label}
+            found.append(Ran(row, tuple(lengths.get(row["run"], ())), label))
+    return found
+
+
+def trial_scores(plan: Replication, out: Path) -> dict[str, dict[str, float]]:
+    """For every algorithm the mean logarithm of the gap of each of its settings, where complete."""
+    if plan.tuning is None:
+        return {}
+    found: dict[str, dict[str, list[float]]] = {}
+    for run in complete_runs(out / TUNING, {}):
+        algorithm, _, name = str(run.row["variant"]).partition(", ")
+        score = log_gap(run.distance / 100.0)  # without its sign: an evader's is negative
+        found.setdefault(algorithm, {}).setdefault(name, []).append(score)
+    wanted = len(plan.tuning.mazes)
+    return {
+        algorithm: {n: sum(g) / len(g) for n, g in trials.items() if len(g) == wanted}
+        for algorithm, trials in found.items()
+    }
+
+
+def tuned_settings(plan: Replication, out: Path) -> dict[str, Table]:
+    """The settings of the least mean logarithm of the gap, for every algorithm."""
+    best = {
+        algorithm: min(scores, key=lambda name: scores[name])
+        for algorithm, scores in trial_scores(plan, out).items()
+        if scores
+    }
+    trials = tuning_sweep(plan).runs if best else ()
+    labels: dict[str, Table] = {str(run.label["variant"]): run.label for run in trials}
+    own = {"variant", "algorithm", "maze"}
+    return {
+        algorithm: {n: v for n, v in labels[f"{algorithm}, {name}"].items() if n not in own}
+        for algorithm, name in best.items()
+        if name != SHIPPED
+    }

@@ -1,0 +1,123 @@
+"""The hidden layers on "index" as one operation, with its gradient written out; on the CPU.
+
+A small network spends as long on casts, copies and the bookkeeping of a dozen small operations as
+on its matrix products. Here a kernel sums the rows of the first layer, which a product with
+one-hots would, and does all else that is done there. The same function as `Trunk.forward`, whose
+sums are taken in another order; where products are in bfloat16, the first layer is not.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import torch
+from torch import nn
+
+from train.networks.fused_kernels import first_layer, first_layer_gradient
+from train.networks.layers import IndexLayer, Trunk
+
+
+class FusedLayers(NamedTuple):
+    """The layers of a trunk that can be fused, found once: a module takes long to look one up."""
+
+    first: IndexLayer
+    second: nn.Linear
+    bfloat16: bool
+
+
+def fused_layers(trunk: Trunk) -> FusedLayers | None:
+    """The layers of a trunk of the form that is written out here: rows without pairs, and ReLUs.
+
+    None for any other, and for subclasses, which may do something else.
+    """
+    first, rest = trunk.first, [*trunk.rest]
+    if type(first) is not IndexLayer or first.pairs is not None or type(trunk) is not Trunk:
+        return None
+    if [type(layer) for layer in rest] != [nn.ReLU, nn.Linear, nn.ReLU]:
+        return None
+    return FusedLayers(first, rest[1], trunk.autocast_bfloat16)
+
+
+def fused_hidden(layers: FusedLayers, observation: torch.Tensor) -> torch.Tensor:
+    """[batch, width] float32 of observations [batch, numbers]; on the CPU."""
+    if torch.is_grad_enabled():
+        first, second, _ = layers
+        weights = (first.weight, first.bias, second.weight, second.bias)
+        hidden: torch.Tensor = HiddenLayers.apply(  # type: ignore[no-untyped-call]
+            layers, observation.contiguous(), *weights
+        )
+        return hidden
+    return hidden_layers(layers, observation).second.float()
+
+
+class Passed(NamedTuple):
+    """What a pass gave, [batch, width] each; all but the first in what products are in.
+
+    Attributes:
+        first: float32, the first hidden layer.
+        given: the same, as the second layer took it.
+        second: the second hidden layer.
+    """
+
+    first: torch.Tensor
+    given: torch.Tensor
+    second: torch.Tensor
+
+
+def hidden_layers(layers: FusedLayers, observation: torch.Tensor) -> Passed:
+    """Both hidden layers of observations [batch, numbers], without their history."""
+    layer, second, bfloat16 = layers
+    first = torch.empty(len(observation), len(layer.bias))
+    given = (observation, layer.rows, layer.weight.detach(), layer.bias.detach(), first)
+    first_layer(*(tensor.numpy() for tensor in given))
+    form = torch.bfloat16 if bfloat16 else torch.float32
+    rounded, bias, weight = (one.to(form) for one in (first, second.bias, second.weight.T))
+    return Passed(first, rounded, torch.addmm(bias.detach(), rounded, weight.detach()).relu_())
+
+
+def gradients_of(
+    layers: FusedLayers, observation: torch.Tensor, passed: Passed, behind: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """The gradients of both layers' weights and biases: table, bias, second weight, second bias.
+
+    Args:
+        layers: the hidden layers.
+        observation: [batch, numbers].
+        passed: what `hidden_layers` gave.
+        behind: [batch, width], the gradient before the second ReLU, in what products are in.
+    """
+    layer, second, _ = layers
+    of_weight = (behind.T @ passed.given).float()
+    ahead = (behind @ second.weight.detach().to(behind.dtype)).float()
+    of_table, of_bias = torch.zeros_like(layer.weight), torch.zeros_like(layer.bias)
+    given = (observation, layer.rows, passed.first, ahead, of_table, of_bias)
+    first_layer_gradient(*(tensor.detach().numpy() for tensor in given))
+    return of_table, of_bias, of_weight, behind.sum(0, dtype=torch.float32)
+
+
+class HiddenLayers(torch.autograd.Function):
+    """`hidden_layers` with its gradient, for all weights."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, layers: FusedLayers, observation: torch.Tensor, *_: torch.Tensor
+    ) -> torch.Tensor:
+        """[batch, width] float32.
+
+        Args:
+            ctx: keeps what the gradient needs.
+            layers: whose weights the rest are, for autograd to know of them.
+            observation: [batch, numbers].
+        """
+        passed = hidden_layers(layers, observation)
+        ctx.save_for_backward(observation, *passed)
+        ctx.layers = layers
+        return passed.second.float()
+
+    @staticmethod
+    def backward(ctx: Any, grad: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+        """The gradients of the four weights, from that of the result [batch, width]."""
+        observation, *kept = ctx.saved_tensors
+        passed = Passed(*kept)
+        behind = torch.ops.aten.threshold_backward(grad.to(passed.second.dtype), passed.second, 0)
+        return None, None, *gradients_of(ctx.layers, observation, passed, behind)

@@ -1,0 +1,159 @@
+"""A policy and a value on fused hidden layers, with draws and gradients written out; on the CPU.
+
+What PPO and A2C do most: they ask a small network about all games, and descend on minibatches. Of
+that time half went into dozens of small operations and into products with four columns, which
+kernels do at once (`fused_kernels`). The same functions as `ActorCritic`, `ppo_loss` and
+`a2c_loss`, up to the last bits; where products are in bfloat16, the first layer is not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import torch
+
+from train.networks.actor_critic import ActorCritic
+from train.networks.distributions import Categorical
+from train.networks.fused import FusedLayers, fused_layers, gradients_of, hidden_layers
+from train.networks.fused_kernels import below_heads, clipped_loss, draw_actions
+
+
+class Drawn(NamedTuple):
+    """What was drawn for every observation.
+
+    Attributes:
+        action: [batch] int64.
+        log_prob: [batch] float32, of the action.
+        value: [batch] float32.
+    """
+
+    action: torch.Tensor
+    log_prob: torch.Tensor
+    value: torch.Tensor
+
+
+class LossCoefficients(NamedTuple):
+    """How the parts of the losses of PPO and A2C are weighed.
+
+    Attributes:
+        clip: of the probability ratio; infinity for none.
+        value_coef: of squared errors of the value; None where no value is learned.
+        entropy_coef: of the entropy bonus.
+        standardize: whether advantages are scaled to mean 0 and standard deviation 1 first.
+        kl_coef: of KL(collecting policy, policy), in the torch form alone; 0 for none.
+    """
+
+    clip: float
+    value_coef: float | None
+    entropy_coef: float
+    standardize: bool = True
+    kl_coef: float = 0.0
+
+
+class FusedActorCritic:
+    """The network of an `ActorCritic`, which keeps the weights.
+
+    Args:
+        network: one that `fused_actor_critic` takes.
+        layers: its hidden ones.
+    """
+
+    def __init__(self, network: ActorCritic, layers: FusedLayers) -> None:
+        self.layers, self.policy, self.value_head = layers, network.policy_head, network.value_head
+        self._scratch = torch.empty(self.policy.out_features)
+
+    def _heads(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """[actions + 1, width] and [actions + 1]: the two heads in one."""
+        heads = (self.policy, self.value_head)
+        weight = torch.cat([head.weight.detach() for head in heads])
+        return weight, torch.cat([head.bias.detach() for head in heads])
+
+    @torch.no_grad()
+    def draw(self, observation: torch.Tensor) -> Drawn:
+        """Actions by torch's generator, of observations [batch, numbers]."""
+        hidden = hidden_layers(self.layers, observation).second.float()
+        weight, bias = self._heads()
+        batch = len(observation)
+        outputs = torch.empty(batch, len(bias))
+        action, log_prob = torch.empty(batch, dtype=torch.int64), torch.empty(batch)
+        uniform = torch.rand(batch)
+        given = (hidden, weight, bias, uniform, outputs, action, log_prob, self._scratch)
+        draw_actions(*_arrays(given))
+        return Drawn(action, log_prob, outputs[:, -1])
+
+    @torch.no_grad()
+    def value(self, observation: torch.Tensor) -> torch.Tensor:
+        """[batch] of observations [batch, numbers]."""
+        hidden = hidden_layers(self.layers, observation).second.float()
+        return torch.addmv(
+            self.value_head.bias.expand(len(hidden)), hidden, self.value_head.weight[0]
+        )
+
+    @torch.no_grad()
+    def set_gradients(
+        self, frames: Mapping[str, torch.Tensor], coefficients: LossCoefficients
+    ) -> dict[str, torch.Tensor]:
+        """The gradients of the loss, into `grad` of all parameters.
+
+        Args:
+            frames: [batch] "observation", "action", "action_log_prob", "advantage", "value_target".
+            coefficients: of the loss; without clipping it is that of A2C, whose policy is the one
+                that played: ratios are 1, and PPO's gradient is A2C's.
+
+        Returns:
+            Means over the frames for the log: those of `ppo_loss`, or of `a2c_loss`.
+        """
+        value_coef, observation = coefficients.value_coef, frames["observation"]
+        assert value_coef is not None
+        passed = hidden_layers(self.layers, observation)
+        hidden = passed.second.float()
+        weight, bias = self._heads()
+        slopes, sums = torch.empty(len(hidden), len(bias)), torch.zeros(6, dtype=torch.float64)
+        weighed = torch.tensor(coefficients[:4], dtype=torch.float64)
+        names = ("action", "action_log_prob", "advantage", "value_target")
+        columns = [frames[name] for name in names]
+        given = (hidden, weight, bias, *columns, weighed, slopes, sums, self._scratch)
+        clipped_loss(*_arrays(given))
+        behind = torch.empty_like(hidden)
+        below_heads(*_arrays((hidden, weight, slopes, behind)))
+        of_weight, of_bias = slopes.T @ hidden, slopes.sum(0)
+        behind = behind.to(passed.second.dtype)
+        found = gradients_of(self.layers, observation, passed, behind)
+        layer, below, _ = self.layers
+        gradients = {
+            self.policy.weight: of_weight[:-1],
+            self.policy.bias: of_bias[:-1],
+            self.value_head.weight: of_weight[-1:],
+            self.value_head.bias: of_bias[-1:],
+        }
+        weights = (layer.weight, layer.bias, below.weight, below.bias)
+        gradients |= zip(weights, found, strict=True)
+        for one, gradient in gradients.items():
+            one.grad = gradient if one.requires_grad else None
+        objective, error, entropy, clipped, change, gain = (sums / len(hidden)).float().unbind()
+        return {
+            "loss_objective": -gain if math.isinf(coefficients.clip) else objective,
+            "loss_critic": value_coef * error,
+            "entropy": entropy,
+            "clip_fraction": clipped,
+            "kl_approx": -change,
+        }
+
+
+def _arrays(tensors: tuple[torch.Tensor, ...]) -> list[Any]:
+    return [tensor.numpy() for tensor in tensors]
+
+
+def fused_actor_critic(network: ActorCritic, device: str) -> FusedActorCritic | None:
+    """The fused form of a network; None where there is none.
+
+    It is there for choices of actions, with one trunk for policy and value that has `fused_layers`,
+    nothing remembered, on the CPU; and not for subclasses, which may do something else.
+    """
+    plain = network.form is Categorical and network.policy_memory is None
+    if device != "cpu" or not plain or type(network) is not ActorCritic:
+        return None
+    layers = fused_layers(network.policy_trunk) if network.shared else None
+    return None if layers is None else FusedActorCritic(network, layers)

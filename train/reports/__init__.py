@@ -1,0 +1,1 @@
+"""All tables, figures and pages, made from plain data."""

@@ -1,0 +1,196 @@
+"""Figures of curves over training time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from train.reports.figures import (
+    BLUE,
+    PLAIN,
+    Look,
+    gap_axis,
+    log_axis,
+    pyplot,
+    save,
+    tidy,
+    time_head,
+)
+
+Curve = tuple[NDArray[Any], NDArray[Any]]
+"""The places of the values on the axis, and the values."""
+
+GRID = 60
+"""Points of a mean of curves."""
+
+BAND_FROM = 10
+"""So many runs are drawn as a band: fewer are drawn one by one."""
+
+
+class Level(NamedTuple):
+    """A line across a panel, such as a reference."""
+
+    value: float
+    label: str | None = None
+    color: str = "#333333"
+    style: Any = ":"
+
+
+@dataclass(frozen=True)
+class Series:
+    """Curves of one colour: runs that differ in their seeds alone, or a single one.
+
+    Attributes:
+        curves: of the runs.
+        label: in the legend; none if left out.
+        color, style, width: of the line.
+        interval: of the mean of some values, for the band of many runs; thin lines if left out.
+        middle: how several curves become the thick one.
+    """
+
+    curves: Sequence[Curve]
+    label: str | None = None
+    color: str = BLUE
+    style: Any = "-"
+    width: float = 1.7
+    interval: Callable[[Sequence[float]], tuple[float, float]] | None = None
+    middle: Callable[..., Any] = np.mean
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes with curves over training time.
+
+    Attributes:
+        series: what is drawn.
+        ylabel, title: its texts.
+        scale: "linear"; "from 0"; "log"; or "gap", in per cent: linear near 0, where the optimum
+            is, and logarithmic beyond.
+        levels: lines across.
+        marks: lines down, as (place, colour).
+        note: text in the middle, where there is nothing to draw.
+        height: relative to other panels in the same column.
+    """
+
+    series: Sequence[Series] = ()
+    ylabel: str = ""
+    title: str = ""
+    scale: str = "linear"
+    levels: Sequence[Level] = ()
+    marks: Sequence[tuple[float, str]] = ()
+    note: str = ""
+    height: float = 3.0
+
+
+def on_one_axis(curves: Sequence[Curve], log: bool = False) -> Curve:
+    """Curves over a common axis: its points, and [curves, points] values.
+
+    The axis ends where the first curve ends; between evaluations a curve is a straight line. The
+    points lie evenly on the axis, which is logarithmic if `log`; that has no place for 0.
+    """
+    if log:
+        kept = [(points > 0, points, values) for points, values in curves]
+        curves = [(points[above], values[above]) for above, points, values in kept if above.any()]
+    start = max(float(points[0]) for points, _ in curves)
+    end = min(float(points[-1]) for points, _ in curves)
+    points = (np.geomspace if log else np.linspace)(start, max(end, start), GRID)
+    return points, np.stack([np.interp(points, *curve) for curve in curves])
+
+
+def draw_panels(
+    path: Path,
+    grid: Sequence[Sequence[Panel]],
+    unit: str,
+    look: Look = PLAIN,
+    title: str = "",
+    beside: bool = False,
+) -> None:
+    """Curves over training time.
+
+    Args:
+        path: of the figure.
+        grid: the panels, line by line; a last line may be shorter.
+        unit: of the times in the curves: frames (which come in millions) or seconds.
+        look: how the figure is drawn.
+        title: of the whole figure.
+        beside: one legend beside all panels, instead of one in each.
+    """
+    lines, columns = len(grid), max(map(len, grid))
+    heights = [line[0].height for line in grid]
+    figure, axes = pyplot().subplots(
+        lines,
+        columns,
+        figsize=(7.0 if columns == 1 else 3.4 * columns + 1.2, 0.7 + 1.1 * sum(heights)),
+        sharex="col" if len(grid[-1]) == columns else False,
+        squeeze=False,
+        height_ratios=heights,
+        layout="constrained",
+    )
+    gaps = [y for line in grid for panel in line if panel.scale == "gap"
+            for series in panel.series for _, y in series.curves]  # fmt: skip
+    for line, below in zip(grid, axes, strict=True):
+        for place, axis in enumerate(below):
+            if place >= len(line):
+                axis.set_visible(False)
+                continue
+            _draw_panel(axis, line[place], look, gaps)
+            if not beside and axis.get_legend_handles_labels()[1]:
+                axis.legend(frameon=False, fontsize=9)
+    for axis in axes[-1]:
+        axis.set_xlabel(time_head(unit))
+    figure.suptitle(title, fontsize=11, wrap=True)
+    if beside:
+        labels: dict[str, Any] = {}
+        for axis in axes.flat:
+            for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+                labels.setdefault(label, handle)
+        where = "outside right upper"
+        figure.legend(labels.values(), labels.keys(), loc=where, frameon=False, fontsize=9)
+    save(figure, path, formats=look.formats)
+
+
+def _draw_panel(axis: Any, panel: Panel, look: Look, gaps: Sequence[NDArray[Any]]) -> None:
+    """One panel; `gaps` are those of all panels of the figure, which share their limits."""
+    for series in panel.series:
+        _draw_series(axis, series, look.log)
+    for value, label, color, style in panel.levels:
+        axis.axhline(value, color=color, lw=1.3, ls=style, label=label)
+    for place, color in panel.marks:
+        axis.axvline(place, color=color, lw=0.8, ls=":", alpha=0.6)
+    if panel.note:
+        axis.text(0.5, 0.5, panel.note, transform=axis.transAxes, ha="center", va="center")
+        axis.set_yticks([])
+    elif panel.scale == "gap":
+        gap_axis(axis, "y", np.concatenate(gaps))
+    elif panel.scale == "log":
+        log_axis(axis, "y")
+    elif panel.scale == "from 0":
+        axis.set_ylim(bottom=min(0.0, -0.03 * axis.get_ylim()[1]))  # so that 0 can be seen
+    axis.set_ylabel(panel.ylabel)
+    axis.set_title(panel.title, fontsize=10)
+    if look.log:
+        log_axis(axis, "x")
+    tidy(axis)
+
+
+def _draw_series(axis: Any, series: Series, log: bool) -> None:
+    """The middle of the runs, and every run, or from `BAND_FROM` runs on a band."""
+    style: dict[str, Any] = {"ls": series.style, "color": series.color}
+    thick = {**style, "lw": series.width, "label": series.label}
+    if len(series.curves) == 1:
+        few = len(series.curves[0][0]) <= GRID
+        axis.plot(*series.curves[0], marker="o" if few else None, ms=3, **thick)
+    elif series.curves:
+        points, values = on_one_axis(series.curves, log)
+        axis.plot(points, series.middle(values, axis=0), **thick)
+        if series.interval is None or len(values) < BAND_FROM:
+            for curve in series.curves:
+                axis.plot(*curve, lw=0.7, alpha=0.45, **style)
+        else:
+            ends = np.array([series.interval(column) for column in values.T])
+            axis.fill_between(points, *ends.T, color=series.color, alpha=0.18, lw=0)

@@ -1,0 +1,289 @@
+"""Figures: their style, intervals, heat maps, the walls of mazes, and how all are saved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from textwrap import fill
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pursuit.mazes.maze import Maze
+from pursuit.validation import one_of
+from train.files import write_beside
+
+FORMATS = ("pdf", "svg", "png")
+""".png is what pages show; the other two hold lines and letters, as journals ask for."""
+UNITS = ("frames", "seconds")
+"""What training time is counted in."""
+
+# Okabe and Ito's palette: distinct for colour-blind readers, and in print.
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#000000")
+BLUE, ORANGE, GREEN, PINK, _, _, GREY, BLACK = PALETTE
+KINK = 0.1
+"""Per cent below which axes of gaps are linear: far below what is read from them."""
+LABEL_WIDTH = 24
+"""Letters in a line of a label."""
+
+
+def pyplot() -> Any:
+    """Matplotlib's pyplot, drawing to files; imported here, as it takes half a second."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot
+
+
+def tidy(axis: Any) -> None:
+    """No frame above and on the right, and a faint grid."""
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.grid(alpha=0.25, lw=0.6)
+
+
+def log_axis(axis: Any, which: str) -> None:
+    """Make x or y logarithmic, with plain numbers."""
+    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+
+    getattr(axis, f"set_{which}scale")("log")
+    one = getattr(axis, f"{which}axis")
+    low, high = getattr(axis, f"get_{which}lim")()
+    if high < 1e4 * low:  # else a tick for each power of ten is enough
+        one.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=8))
+    one.set_major_formatter(FormatStrFormatter("%g"))
+    one.set_minor_formatter(NullFormatter())
+
+
+def gap_axis(axis: Any, which: str, values: ArrayLike) -> None:
+    """Make x or y the axis of these gaps in per cent: linear near 0, logarithmic beyond."""
+    from matplotlib.ticker import FormatStrFormatter
+
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    getattr(axis, f"set_{which}scale")("symlog", linthresh=KINK)
+    getattr(axis, f"set_{which}lim")(1.5 * min(low, 0.0) - KINK / 5, 1.6 * max(high, 0.0) + 0.2)
+    getattr(axis, f"{which}axis").set_major_formatter(FormatStrFormatter("%g"))
+    line = axis.axhline if which == "y" else axis.axvline
+    line(0, color="#333333", lw=1.0, ls=":")
+
+
+def draw_walls(axis: Any, maze: Maze) -> None:
+    """The walls of a maze as lines; cell (row, column) has its middle at x = column, y = row."""
+    steps = {0: (0, -0.5), 1: (0, 0.5), 2: (0.5, 0), 3: (-0.5, 0)}
+    for cell in range(maze.num_cells):
+        x, y = maze.columns[cell], maze.rows[cell]
+        for action, (dx, dy) in steps.items():
+            if maze.neighbors[cell, action] == cell:
+                ends = (
+                    ([x - 0.5, x + 0.5], [y + dy] * 2) if dy else ([x + dx] * 2, [y - 0.5, y + 0.5])
+                )
+                axis.plot(*ends, color="#222222", lw=2.2, solid_capstyle="round")
+
+
+def draw_cells(axis: Any, maze: Maze, values: NDArray[np.float64], title: str, **style: Any) -> Any:
+    """The cells of a maze in the colours of their values, and its walls; the image of the colours.
+
+    Args:
+        axis: to draw on.
+        maze: whose cells.
+        values: [cells]; a cell of NaN stays white.
+        title: of the axis.
+        **style: as `imshow` takes it.
+    """
+    grid = np.full((maze.height, maze.width), np.nan)
+    grid[maze.rows, maze.columns] = values
+    image = axis.imshow(grid, **style)
+    draw_walls(axis, maze)
+    axis.set_title(title, fontsize=10)
+    axis.set_aspect("equal")
+    axis.axis("off")
+    return image
+
+
+@dataclass(frozen=True)
+class Look:
+    """How figures are to be drawn, where a command lets one choose.
+
+    Attributes:
+        formats: in which they are saved beside their own.
+        x: what training time is counted in, frames or seconds; None is each figure's own choice.
+        log: whether the axis of training time is logarithmic.
+
+    Raises:
+        ValueError: an unknown format or unit.
+    """
+
+    formats: tuple[str, ...] = ()
+    x: str | None = None
+    log: bool = False
+
+    def __post_init__(self) -> None:
+        for name in self.formats:
+            one_of("format", name, FORMATS)
+        if self.x is not None:
+            one_of("x", self.x, UNITS)
+
+
+PLAIN = Look()
+
+
+def names_of(name: str, look: Look) -> list[str]:
+    """The names of all the files of a figure of this name: its own, and those in other formats."""
+    path = Path(name)
+    others = [path.with_suffix(f".{form}").name for form in look.formats]
+    return list(dict.fromkeys([path.name, *others]))
+
+
+def time_scale(unit: str) -> float:
+    """What seconds or frames are multiplied by on an axis."""
+    return 1e-6 if unit == "frames" else 1.0
+
+
+def time_head(unit: str) -> str:
+    """What that axis is called."""
+    return "frames (millions)" if unit == "frames" else "training time (s)"
+
+
+def save(figure: Any, path: Path, dpi: int = 130, formats: Sequence[str] = ()) -> None:
+    """Write a figure atomically, in the format of its suffix and in `formats` beside it; close it.
+
+    The same figure makes the same bytes: without a date, and its letters embedded as they are (in
+    .pdf as TrueType, in .svg as text that can be searched).
+
+    Raises:
+        ValueError: a suffix that is none of `FORMATS`.
+    """
+    import matplotlib
+
+    one_of("format of a figure", path.suffix.lstrip("."), FORMATS)
+    dates: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+    fonts = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "pursuit"}
+    for form in dict.fromkeys([path.suffix.lstrip("."), *formats]):
+        write = partial(figure.savefig, dpi=dpi, format=form, metadata=dates.get(form))
+        with matplotlib.rc_context(fonts):
+            write_beside(path.with_suffix(f".{form}"), write)
+    pyplot().close(figure)
+
+
+# -- intervals -------------------------------------------------------------------------------------
+
+
+class Estimate(NamedTuple):
+    """A value with its interval (NaN where none is known), on a line of an interval plot.
+
+    Attributes:
+        line: which one, by its name.
+        value, low, high: what is drawn.
+        points: of the single runs.
+        color: of all of it.
+        group: in the legend; groups lie side by side on a line.
+    """
+
+    line: str
+    value: float
+    low: float
+    high: float
+    points: Sequence[float] = ()
+    color: str = BLUE
+    group: str | None = None
+
+
+def draw_intervals(
+    path: Path,
+    panels: Mapping[str, tuple[str, Sequence[Estimate]]],
+    title: str,
+    look: Look = PLAIN,
+    ylabel: str = "",
+) -> None:
+    """Values with their intervals, a line each.
+
+    Args:
+        path: of the figure.
+        panels: what is on the axis: its scale ("linear", "gap" or "share", from 0 to 1), and what
+            is drawn.
+        title: of the figure.
+        look: how the figure is drawn.
+        ylabel: what the lines are.
+    """
+    everything = [each for _, estimates in panels.values() for each in estimates]
+    lines = list(dict.fromkeys(each.line for each in everything))
+    groups = list(dict.fromkeys(each.group for each in everything))
+    height = 1.3 + (0.3 + 0.12 * len(groups)) * len(lines)
+    figure, axes = pyplot().subplots(
+        1,
+        len(panels),
+        figsize=(2.8 + 3.6 * len(panels), max(height, 2.6)),
+        sharey=True,
+        squeeze=False,
+        layout="constrained",
+    )
+    for axis, (label, (scale, estimates)) in zip(axes[0], panels.items(), strict=True):
+        for each in estimates:
+            shift = 0.6 * ((groups.index(each.group) + 0.5) / len(groups) - 0.5)
+            at = lines.index(each.line) + shift
+            style = {"color": each.color}
+            axis.plot([each.low, each.high], [at, at], lw=5, alpha=0.35, **style)
+            axis.plot(each.points, [at] * len(each.points), "|", ms=9, **style)
+            axis.plot(each.value, at, "o", ms=6, label=each.group, **style)
+        if scale == "gap":
+            gap_axis(axis, "x", [point for each in estimates for point in each.points])
+        elif scale == "share":
+            axis.set_xlim(-0.03, 1.03)
+            axis.axvline(0.5, color="#333333", lw=1.0, ls=":")
+        axis.set_xlabel(label)
+        tidy(axis)
+    axes[0, 0].set_yticks(range(len(lines)), lines)
+    axes[0, 0].set_ylim(len(lines) - 0.5, -0.5)
+    axes[0, 0].set_ylabel(ylabel)
+    if len(groups) > 1:
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        once = dict(zip(labels, handles, strict=True))
+        where = "outside right upper"
+        figure.legend(once.values(), once.keys(), loc=where, frameon=False, fontsize=9)
+    figure.suptitle(title, fontsize=11)
+    save(figure, path, formats=look.formats)
+
+
+# -- matrices --------------------------------------------------------------------------------------
+
+
+def draw_matrix(
+    path: Path,
+    values: NDArray[np.float64],
+    rows: tuple[str, Sequence[str]],
+    columns: tuple[str, Sequence[str]],
+    label: str,
+    title: str,
+    look: Look = PLAIN,
+) -> None:
+    """A heat map with its numbers.
+
+    Args:
+        path: of the figure.
+        values: [rows, columns].
+        rows, columns: what they are, and the name of each.
+        label: what the values are.
+        title: of the figure.
+        look: how the figure is drawn.
+    """
+    down, across = values.shape
+    figure, axis = pyplot().subplots(
+        figsize=(3.6 + 0.85 * across, 1.8 + 0.55 * down), layout="constrained"
+    )
+    image = axis.imshow(values, cmap="viridis", aspect="auto")
+    middle = values.min() + 0.6 * (values.max() - values.min())
+    for (i, j), value in np.ndenumerate(values):
+        color = "white" if value < middle else "black"
+        axis.text(j, i, f"{value:.1f}", ha="center", va="center", fontsize=9, color=color)
+    names = [[fill(name, LABEL_WIDTH) for name in each] for _, each in (rows, columns)]
+    axis.set_yticks(range(down), names[0])
+    axis.set_xticks(range(across), names[1], rotation=30, ha="right")
+    axis.set_ylabel(rows[0])
+    axis.set_xlabel(columns[0])
+    figure.colorbar(image, label=label)
+    axis.set_title(title, fontsize=11)
+    save(figure, path, formats=look.formats)
