@@ -1,8 +1,7 @@
 """Frozen suites of mazes: to train on, to choose by, and to report on mazes that were never seen.
 
 `python -m pursuit.mazes.suites` writes the mazes of `pursuit/mazes/files/suites/` anew from their
-seeds; with `--check` it compares only. (`python -m scripted_agents.graphs.difficulty` does so for
-the measures.)
+seeds; with `--check` it compares only.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import Maze, load_maze
@@ -27,7 +25,6 @@ from pursuit.mazes.suite_files import (
     SUITES,
     SUMS,
     check_option,
-    difficulty_of,
     grids_of_row,
     is_suite,
     renew,
@@ -74,20 +71,6 @@ def load_mazes(given: str | Path | Maze | Sequence[str | Path | Maze]) -> tuple[
     if isinstance(given, (str, Path, Maze)):
         return (load_maze(given),)
     return tuple(maze for each in given for maze in load_mazes(each))
-
-
-def suite_difficulty(name: str) -> dict[str, NDArray[np.float64]]:
-    """How hard the mazes of a whole suite are, [mazes] float64 by measure, as frozen with it.
-
-    The measures are those of `scripted_agents.maze_difficulty`.
-
-    Raises:
-        ValueError: as `load_suite`.
-    """
-    suite = name.removeprefix("suite:")
-    if suite not in suite_names():
-        raise ValueError(f"unknown suite {name!r}; suites: {', '.join(suite_names())}")
-    return difficulty_of(suite)
 
 
 # -- how they are made -----------------------------------------------------------------------------
@@ -142,17 +125,13 @@ def suite_tables() -> dict[str, bytes]:
     return tables
 
 
-def freeze(made: dict[str, bytes], check: bool) -> int:
-    """Write these files and the sums of all, or compare only; the exit status, 1 if they differ."""
-    shipped = {path.name: path.read_bytes() for path in SUITES.glob("*.csv")}
-    made = {**made, SUMS: sums_text(shipped | made).encode()}
-    return renew(SUITES, made, [SUITES / name for name in made], check)
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Write the suites, or compare them (`--check`); the exit status, 1 if they differ."""
     parser = check_option("python -m pursuit.mazes.suites", "Make the frozen suites of mazes.")
-    return freeze(suite_tables(), parser.parse_args(arguments).check)
+    made = suite_tables()
+    made[SUMS] = sums_text(made).encode()
+    shipped = [SUITES / name for name in made]
+    return renew(SUITES, made, shipped, parser.parse_args(arguments).check)
 
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ class Evaluated(Settings):
     table: Path | None = None
     """Of a suite: write the figures of every maze to this new .csv file."""
     picture: Path | None = None
-    """Of a suite: draw the gap of every maze over its difficulty into this new .png file."""
+    """Of a suite: draw the gap of every maze over its mean path into this new .png file."""
     out: Path | None = None
     """Write the figures to this new .json file as well."""
     replays: Path | None = None

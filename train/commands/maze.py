@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 from PIL import Image
@@ -13,7 +13,6 @@ from PIL import Image
 from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.rendering.rendering import Scene, draw_scene
-from scripted_agents import fewest_searchers, fewest_steps_to_find
 from scripted_agents.tours.tour import expected_tour_length
 from train.commands.parse import Formats, parse
 from train.files import check_new_files, write_beside, write_text
@@ -43,17 +42,6 @@ class MazeCommand:
     """Open walls until no dead end is left."""
     seed: int = 0
     """Of the generator."""
-    search_number: bool = False
-    """Say how few searchers surely find an evader whom nobody sees before, and in how few steps."""
-    searchers: int | None = None
-    """With --search-number: this many searchers, instead of the fewest."""
-    view_radius: int | None = None
-    """With --search-number: path steps that every searcher sees; its own cell if left out."""
-    line_of_sight: bool = False
-    """With --search-number: searchers see along rows and columns until a wall."""
-    evader_speed: Literal["one", "unbounded"] = "one"
-    """With --search-number: cells that the evader moves in a step: one, or any number out of
-    view."""
     out: Path | None = None
     """Write the maze to this file."""
     picture: Path | None = None
@@ -71,9 +59,6 @@ def maze(arguments: Sequence[str]) -> None:
         (given.maze is None) != (given.generate is None),
         "give a maze (a name or a file), or --generate; not both",
     )
-    if not given.search_number:
-        of_search = ("searchers", "view_radius", "line_of_sight", "evader_speed")
-        check_default(given, MazeCommand, of_search, "it goes with --search-number")
     if given.generate is None:
         names = ("height", "width", "loops", "no_dead_ends", "seed")
         check_default(given, MazeCommand, names, "it is of --generate")
@@ -92,27 +77,10 @@ def maze(arguments: Sequence[str]) -> None:
     if max(made.height, made.width) <= 60:
         print(made.to_text(), end="")
     print(describe_maze(made))
-    if given.search_number:
-        print(describe_search(made, given))
     if given.out is not None:
         write_text(given.out, made.to_text())
     for form, path in pictures.items():
         draw_maze(made, path, form)
-
-
-def describe_search(maze: Maze, given: MazeCommand) -> str:
-    """The worst-case search of a maze, a line each, and where its searchers go."""
-    how = (given.view_radius, given.line_of_sight)
-    if given.searchers is None:
-        plan = fewest_searchers(maze, *how, given.evader_speed)
-    else:
-        plan = fewest_steps_to_find(maze, *how, given.searchers, None, given.evader_speed)
-    steps = "never" if plan.steps is None else str(plan.steps)
-    told = {"searchers": str(plan.searchers), "steps to find for certain": steps}
-    if plan.steps is not None:
-        for searcher, cells in enumerate(plan.cells.T.tolist()):
-            told[f"  cells of searcher {searcher}"] = " ".join(map(str, cells))
-    return in_lines(told)
 
 
 def in_lines(told: Mapping[str, str]) -> str:

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze, load_maze
-from pursuit.tasks.task import make_task
-from scripted_agents import ChaseSolution, cop_number, independent_team, solve_chase
+from scripted_agents import ChaseSolution, cop_number, solve_chase
 from train.commands.blindness import print_blindness, radii_of
 from train.commands.parse import Formats, parse
 from train.commands.progress import Alive
@@ -171,16 +170,6 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
         "optimal play must be random at": f"{mixed:,} of {places:,} places "
         f"({places - mixed:,} have a pure saddle point)",
     }
-    if chasers > 1 and horizon is None:
-        order: Any = {"stay_action": solution.stay_action, "move_order": solution.move_order}
-        team = make_task("chase", maze=maze, num_chasers=chasers, **order)
-        try:
-            alone = independent_team(team, discount)
-            wide = f"{100 * (alone.upper / alone.lower - 1):.3f} % wide"
-            bounds = f"{alone.lower:.6f} to {alone.upper:.6f}, proven ({wide})"
-        except ValueError as error:
-            bounds = f"not known ({error})"
-        told["chasers that draw on their own"] = bounds
     told["solved in"] = f"{seconds:.2f} s, {solution.sweeps} sweeps"
     return "\n".join(f"{name:<32}{text}" for name, text in told.items())
 

@@ -34,7 +34,7 @@ def judged(
         contest: in which they play.
         policies: by name, "learned" first.
         table: the .csv file, a row a maze; None for none.
-        picture: the figure of gaps over difficulty; None for none.
+        picture: the figure of gaps over the length of paths; None for none.
     """
     own = [contest.in_mazes(name, policy) for name, policy in policies.items()]
     found = [*contest.references(), *own]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze
-from pursuit.mazes.suite_files import difficulty_of, rows_of, suite_names
+from pursuit.mazes.suite_files import rows_of, suite_names
 from train.evaluation.suite_contest import InMazes, SuiteContest
 from train.reports.figures import (
     BLUE,
@@ -28,23 +28,21 @@ from train.reports.tables import ResultTable, numeric, words
 SOLVED = 1.0 - 1e-9
 """A maze whose share of successes is at least this is solved from everywhere."""
 
-EASE = {"runner": "mean_path", "chaser": "optimal_chase", "evader": "longest_path"}
+EASE = {"runner": "mean_path", "chaser": "optimal_steps", "evader": "longest_path"}
 """The measure that figures are drawn over, by role, where it is known."""
 
 LABELS = {
     "mean_path": "mean shortest path (steps)",
-    "optimal_chase": "optimal chase (steps, mean over starts)",
     "longest_path": "longest shortest path (steps)",
 }
 
 
 def measures_of(maze: Maze) -> dict[str, Any]:
-    """How a maze was made and how hard it is: frozen with its suite, else what is quickly known."""
+    """How a maze was made, where it is of a suite, its size and its paths."""
     suite, _, number = maze.name.partition("/")
-    if suite in suite_names() and number.isdigit():
-        kind, frozen = rows_of(f"{suite}/{number}")[0].kind, difficulty_of(suite)
-        return {"kind": kind} | {name: float(each[int(number)]) for name, each in frozen.items()}
-    known: dict[str, Any] = {"kind": "", "cells": maze.num_cells, "loops": maze.num_loops}
+    of_suite = suite in suite_names() and number.isdigit()
+    kind = rows_of(maze.name)[0].kind if of_suite else ""
+    known: dict[str, Any] = {"kind": kind, "cells": maze.num_cells, "loops": maze.num_loops}
     if maze.num_cells <= MAX_TABLE_CELLS:
         known["longest_path"] = maze.longest_distance
         known["mean_path"] = float(maze.distances[maze.distances > 0].mean())
@@ -148,7 +146,7 @@ def draw_gaps(
     names: Sequence[str] = ("learned",),
     look: Look = PLAIN,
 ) -> None:
-    """The gap of every maze over its difficulty, a dot a maze, for some of the policies.
+    """The gap of every maze over the length of its paths, a dot a maze, for some of the policies.
 
     Args:
         path: of the figure.

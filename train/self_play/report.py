@@ -153,12 +153,6 @@ def told_exploitability(results: Mapping[str, Any]) -> list[str]:
     if "game_value" in found and "value" in found:
         sight = " in full sight" if limited else ""
         told.append(f"Value {found['value']:.3f}; of the game{sight} {found['game_value']:.3f}.")
-    if results.get("independent_team"):
-        lower, upper = (results["independent_team"][end] for end in ("lower", "upper"))
-        told.append(
-            f"Chasers that draw on their own can hold {lower:.3f} to {upper:.3f} at best "
-            f"(proven, {100 * (upper / lower - 1):.2f} % wide)."
-        )
     for kind in ("exact", "approximate"):
         for name, steps in results.get(f"{kind}_best_response", {}).items():
             full = " of full sight" if kind == "exact" and limited else ""
