@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
+from bench_simulator import rate
 
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
@@ -24,7 +25,6 @@ from scripted_agents import (
     WaryEvader,
     fewest_searchers,
 )
-from train.commands.bench import rate
 
 GAMES = 4096
 

@@ -16,8 +16,6 @@ from train.reports.figures import (
     BLUE,
     GREEN,
     ORANGE,
-    PLAIN,
-    Look,
     gap_axis,
     pyplot,
     save,
@@ -146,7 +144,6 @@ def draw_gaps(
     role: str,
     title: str,
     names: Sequence[str] = ("learned",),
-    look: Look = PLAIN,
 ) -> None:
     """The gap of every maze over its difficulty, a dot a maze, for some of the policies.
 
@@ -156,7 +153,6 @@ def draw_gaps(
         role: of the policy.
         title: of the figure.
         names: of columns.
-        look: how it is drawn.
     """
     ease = EASE[role] if EASE[role] in rows[0] else "optimal_steps"
     figure, axis = pyplot().subplots(figsize=(7, 4.2), layout="constrained")
@@ -171,4 +167,4 @@ def draw_gaps(
     if len(names) > 1:
         axis.legend(frameon=False, fontsize=9)
     tidy(axis)
-    save(figure, path, 150, look.formats)
+    save(figure, path, dpi=150)

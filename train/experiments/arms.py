@@ -114,8 +114,7 @@ def curve_of(row: Row, evaluations: list[Row], x: str | None) -> Curve:
 def arms_of(study: FinishedStudy) -> Arms:
     """The curves of every arm that has some, in the order of the file."""
     hints = study.hints
-    known = hints.x is None or hints.x in study.columns
-    check(known, f"{HINTS}: not that of this ablation; run `pursuit ablate` again")
+    check(hints.x == study.x, f"{HINTS}: not that of this ablation; run `pursuit ablate` again")
     arms: Arms = {name: [] for name in hints.arms}
     for row in study.rows:
         curve = curve_of(row, study.by_run[row["run"]], hints.x)
