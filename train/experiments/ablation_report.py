@@ -36,16 +36,7 @@ ARM_COLORS = tuple(color for color in PALETTE if color != GREY)
 def ablation_report(
     study: FinishedStudy, folder: Path, unit: str | None, log: bool
 ) -> tuple[ResultTable, list[str], list[str]]:
-    """Draw the figures of an ablation.
-
-    Args:
-        study: the runs.
-        folder: of the figures.
-        unit: of training time, frames or seconds; that of the budget if None.
-        log: whether its axis is logarithmic.
-
-    Returns:
-        The table, sentences about it, and the names of the figures.
+    """Draw the figures of an ablation; arguments and results are those of `sweep_report`.
 
     Raises:
         ValueError: hints that are not those of an ablation.

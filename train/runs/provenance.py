@@ -23,8 +23,6 @@ from train.settings.self_play import SAMPLING_PARTS
 
 PARTS, COMMAND = "parts", "command"
 """Keys of `config.json` beside the settings."""
-SOURCES = "parts"
-"""The folder beside a run's files in which users' modules travel to other machines."""
 
 KINDS: dict[str, Registry[Any]] = {
     "rewards": REWARDS,
