@@ -155,7 +155,6 @@ class SweepWatch:
         self.began, self.told = time.monotonic(), 0.0
         self.before: dict[str, str] = {}
         self.done_before: set[str] | None = None
-        self.live = sys.stdout.isatty()
 
     def __call__(self, statuses: dict[str, str], progress: dict[str, float]) -> None:
         """Print what is new."""
@@ -167,10 +166,10 @@ class SweepWatch:
         for name, status in statuses.items():
             new = status != self.before.get(name) and name not in self.done_before
             if new and status in told:
-                print(("\r" if self.live else "") + f"{status:<12}{name}", flush=True)
+                print(f"{status:<12}{name}", flush=True)
         ended = sum(status in ENDED for status in statuses.values())
         now = time.monotonic()
-        if statuses != self.before or now - self.told > (1 if self.live else 30):
+        if statuses != self.before or now - self.told > 30:
             self.told, self.before = now, dict(statuses)
             left = self.seconds_left(statuses, progress)
             parts = [f"{ended} of {len(statuses)} done", f"{len(progress)} running"]
@@ -178,8 +177,7 @@ class SweepWatch:
                 parts.append(" ".join(f"{100 * share:.0f}%" for share in progress.values()))
             if left is not None:
                 parts.append(f"about {_span(left)} left")
-            line = ", ".join(parts)
-            print(f"\r{line:<78}" if self.live else line, end="" if self.live else "\n", flush=True)
+            print(", ".join(parts), flush=True)
 
     def seconds_left(self, statuses: dict[str, str], progress: dict[str, float]) -> float | None:
         """By how long it took what was done so far; None before there is enough of that."""

@@ -141,9 +141,6 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> Row:
 
     put("gap", mean(finals), distance_interval(finals))
     row |= {"best": min(map(min, finals)), "worst": max(map(max, finals))}
-    for kind in ("greedy", "sampled"):
-        each = [getattr(curve, kind) for curve in curves]
-        row |= {f"{kind}_best": min(each), f"{kind}_worst": max(each)}
     for threshold in THRESHOLDS:
         for unit in ("seconds", "frames"):
             times = [first_below(getattr(c, unit), c.shortfall, threshold) for c in curves]
@@ -217,11 +214,8 @@ def table_of(rows: list[Row], hints: Hints) -> ResultTable:
         Column("arm", lambda row: str(row["arm"]), left=True),
         Column("runs", lambda row: str(row["runs"])),
         Column("final gap, mean, % [95 %]", partial(_with_interval, "gap")),
-        *(
-            Column(head, partial(_range, which))
-            for head, which in (
-                ("best to worst", ""), ("greedy, %", "greedy_"), ("sampled, %", "sampled_"),
-            )
+        Column(
+            "best to worst", lambda row: " to ".join(map(_number, (row["best"], row["worst"])))
         ),
         *(
             Column(f"to {t:g} %: seconds, M frames (runs)", partial(_time, f"{t:g}"))
@@ -247,11 +241,6 @@ def _settled(share: float) -> str:
     if np.isnan(share):
         return ""
     return f"{100 * share:.0f} %" + ("" if share >= SPENT else f", below {100 * SPENT:.0f} %")
-
-
-def _range(which: str, row: Row) -> str:
-    ends = (row[f"{which}best"], row[f"{which}worst"])
-    return "" if np.isnan(ends[0]) else " to ".join(map(_number, ends))
 
 
 def _time(threshold: str, row: Row) -> str:
@@ -285,8 +274,7 @@ def sentences(study: FinishedStudy, hints: Hints) -> list[str]:
         "Every arm is evaluated on the same task at its final difficulty, throughout training. "
         f"Gap: per cent by which the {kinds} policy is worse than the exact optimum, the mean over "
         "runs with Student's interval; where some runs solve their task and some do not, count "
-        "those that reached a gap instead. Greedy takes the most probable action, sampled draws; "
-        "both from the best to the worst run. Times: first evaluation at or below the gap, medians "
+        "those that reached a gap instead. Times: first evaluation at or below the gap, medians "
         "over runs; a run that never got there counts as infinitely late, and is censored in the "
         "log-rank test (of frames, stratified by task). Optimality: optimum / steps (evaders: "
         "steps / optimum), averaged over the frames of training. P: the probability that a run of "

@@ -79,11 +79,6 @@ def provenance(settings: Any) -> Records:
     }
 
 
-def modules_of(settings: Any) -> list[str]:
-    """The modules of users' parts."""
-    return list(dict.fromkeys(module for _, _, module in own_parts(settings)))
-
-
 def command_line() -> str:
     """The command that runs, to be given to a shell again; "Python" where there is none."""
     if not sys.argv or sys.argv[0] in ("", "-c"):

@@ -123,9 +123,8 @@ def curve(shortfalls: list[float], seed: int, task: str = "") -> Curve:
     places = np.arange(1.0, len(shortfalls) + 1)
     values = np.array(shortfalls)
     optimality = 1 / (1 + values / 100)
-    ends = (values[-1], values[-1], values[-1] + 1.0)
     lessons = (values * 0, values * np.nan)
-    return Curve(places, 1e6 * places, values, optimality, *lessons, *ends, seed, task)
+    return Curve(places, 1e6 * places, values, optimality, *lessons, values[-1], seed, task)
 
 
 def test_what_was_never_reached_counts_as_late_not_as_missing() -> None:
