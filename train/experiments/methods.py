@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ from train.settings.task import who_learns
 
 METHODS = "methods.md"
 METHODS_LINE = f"How these runs were made: [{METHODS}]({METHODS})."
+OUR_PATH = re.compile(r"^\S*(bin/pursuit|commands/main\.py)(?= |$)")
+"""How a command begins, by where `pursuit` is installed."""
 SPANS = ("frames trained", "seconds trained")
 """Of these the least and the largest value are given, of other facts all that there are."""
 
@@ -66,7 +69,8 @@ def facts_of(folder: Path) -> dict[str, Any]:
         found["objective"] = f"{results['objective']['column']} ({results['objective']['unit']})"
         found["complete"] = not results["interrupted"]
         found |= where_they_ran(results)
-    return found | {"command": read_json(folder / CONFIG).get(COMMAND, "")}
+    command = str(read_json(folder / CONFIG).get(COMMAND, ""))
+    return found | {"command": OUR_PATH.sub("pursuit", command)}
 
 
 def league_methods(content: Mapping[str, Any], folders: Sequence[Path]) -> str:
