@@ -22,8 +22,9 @@ POLL = 0.2
 """Seconds between two looks at the running jobs."""
 SECONDS_TO_ANSWER = 5.0
 """How long the answer of a cluster is waited for."""
-SINGLE = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-"""One core a job: the libraries' own threads would get in each other's way."""
+OF_WORKERS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+"""Environment variables: one core a job; libraries' threads would get in each other's way."""
+OF_WORKERS["PYTHONSAFEPATH"] = "1"  # a train.py in the current folder does not stand in for ours
 
 
 class Job(Protocol):
@@ -141,7 +142,7 @@ def run_locally(study: Study, out: Path | str, workers: int, told: Told) -> dict
     """
     if not workers:
         return run_study(study, Path(out), 1, lambda folder, slot: JobHere(folder), told)
-    os.environ.update(SINGLE)  # for the processes: libraries of this one have read theirs
+    os.environ.update(OF_WORKERS)  # libraries of this process have read theirs
     cores = sorted(os.sched_getaffinity(0), reverse=True) if study.pinned else []
 
     def start(folder: Path, slot: int) -> LocalJob:

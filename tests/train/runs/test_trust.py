@@ -97,7 +97,7 @@ def test_no_code_that_a_strangers_file_names_is_run(
         for read in (load_settings, load_policy, open_run, lambda path: resume(path, RUN)):
             with pytest.raises(ValueError, match=r"config\.json: names 'stranger:pay'"):
                 read(tmp_path / "run")  # type: ignore[operator]
-    for command in ("evaluate run", "render run --out a.gif", "league run astar", "levels run",
+    for command in ("evaluate run", "render run --out a.gif", "league run astar",
                     "train --resume run", "baseline --opponent run"):  # fmt: skip
         with pytest.raises(SystemExit) as error:
             main(command.split())
