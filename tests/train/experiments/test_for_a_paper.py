@@ -92,7 +92,7 @@ def test_methods_say_what_the_files_say(paper: tuple[Path, dict[str, str]]) -> N
         "| seed | 0 |",
         "| maze | 3x3 |",
     ]
-    facts += ["| maze | 3x3 |", "| opponent_epsilon | 0.2 |", f"| {results['frames']:,} |"]
+    facts += ["| maze | 3x3 |", "| opponent_epsilon | 0.2 |", f"| {results['frames']} |"]
     facts += ["| evaluate | greedy |"]
     facts += [f"| num_games | {config['hyper']['num_games']} |", "| threads | 1 |"]
     for fact in facts:
