@@ -27,8 +27,6 @@ from scripted_agents.duel.best_response import PairValues as PairValues
 from scripted_agents.duel.best_response import best_response as best_response
 from scripted_agents.duel.best_response import evaluate_exactly as evaluate_exactly
 from scripted_agents.duel.best_response import mean_over_starts as mean_over_starts
-from scripted_agents.duel.regret import DuelRegret as DuelRegret
-from scripted_agents.duel.regret import duel_regret as duel_regret
 from scripted_agents.graphs.cops_and_robbers import TurnBasedSolution as TurnBasedSolution
 from scripted_agents.graphs.cops_and_robbers import cop_number as cop_number
 from scripted_agents.graphs.cops_and_robbers import solve_in_turns as solve_in_turns

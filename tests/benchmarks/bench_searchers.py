@@ -7,6 +7,7 @@ same run.
 from __future__ import annotations
 
 import numpy as np
+from bench_simulator import rate
 
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
@@ -21,7 +22,6 @@ from scripted_agents import (
     SweepingChaser,
     WaryEvader,
 )
-from train.commands.bench import rate
 
 GAMES = 4096
 

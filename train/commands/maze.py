@@ -14,9 +14,9 @@ from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.rendering.rendering import Scene, draw_scene
 from scripted_agents.tours.tour import expected_tour_length
-from train.commands.parse import Formats, parse
+from train.commands.parse import parse
 from train.files import check_new_files, write_beside, write_text
-from train.reports.figures import BLUE, FORMATS, GREEN, Look, draw_walls, pyplot, save
+from train.reports.figures import BLUE, FORMATS, GREEN, draw_walls, pyplot, save
 from train.settings.checks import check, check_default
 
 
@@ -45,9 +45,7 @@ class MazeCommand:
     out: Path | None = None
     """Write the maze to this file."""
     picture: Path | None = None
-    """Draw the maze into this .png file, or as lines into this .pdf or .svg file."""
-    format: Formats = ()
-    """pdf, svg or png: --picture is drawn so, too."""
+    """Draw the maze into this .png file, or as lines into this .svg file."""
     overwrite: bool = False
     """Replace --out and --picture where they exist."""
 
@@ -72,15 +70,16 @@ def maze(arguments: Sequence[str]) -> None:
             no_dead_ends=given.no_dead_ends,
             seed=given.seed,
         )
-    pictures = pictures_of(given.picture, given.format)
-    check_new_files([given.out, *pictures.values()], given.overwrite)
+    picture = given.picture
+    check(picture is None or picture.suffix[1:] in FORMATS, f"{picture}: give a .png or .svg file")
+    check_new_files([given.out, picture], given.overwrite)
     if max(made.height, made.width) <= 60:
         print(made.to_text(), end="")
     print(describe_maze(made))
     if given.out is not None:
         write_text(given.out, made.to_text())
-    for form, path in pictures.items():
-        draw_maze(made, path, form)
+    if picture is not None:
+        draw_maze(made, picture)
 
 
 def in_lines(told: Mapping[str, str]) -> str:
@@ -88,24 +87,9 @@ def in_lines(told: Mapping[str, str]) -> str:
     return "\n".join(f"{name:<26}{text}" for name, text in told.items())
 
 
-def pictures_of(picture: Path | None, formats: Formats) -> dict[str, Path]:
-    """The files in which a maze is drawn, by their formats.
-
-    Raises:
-        ValueError: a format that there is none of, or formats of no picture.
-    """
-    look = Look(formats)
-    check(picture is not None or not formats, "--format is of a picture; give --picture FILE too")
-    if picture is None:
-        return {}
-    check(picture.suffix[1:] in FORMATS, f"{picture}: give a .png, .pdf or .svg file")
-    names = dict.fromkeys([picture.suffix[1:], *look.formats])
-    return {name: picture.with_suffix(f".{name}") for name in names}
-
-
-def draw_maze(maze: Maze, path: Path, form: str) -> None:
-    """A maze as it is rendered (.png), or as lines (.pdf, .svg), with the marks S and G."""
-    if form == "png":
+def draw_maze(maze: Maze, path: Path) -> None:
+    """A maze as it is rendered (.png), or as lines (.svg), with the marks S and G."""
+    if path.suffix == ".png":
         picture = Image.fromarray(draw_scene(Scene(maze, (), maze.goal_marks, 0, 0)))
         write_beside(path, lambda beside: picture.save(beside, format="png"))
         return

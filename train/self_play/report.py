@@ -16,7 +16,7 @@ from train.evaluation.closeups import MOST_OVERLAY_CELLS, recorded, sides_of
 from train.evaluation.contest import GameContest
 from train.files import read_json
 from train.reports.curves import Panel, Series, draw_panels
-from train.reports.figures import BLACK, BLUE, ORANGE, PLAIN, Look, time_scale
+from train.reports.figures import BLACK, BLUE, ORANGE
 from train.reports.pages import PLAYER_ROOM, details, pairs, picture, section, write_page
 from train.reports.tables import in_markdown
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
@@ -44,13 +44,9 @@ EXPLOITABILITY = {
 SCRIPTED = {"astar": ("A*", "-"), "random": ("random", ":"), "optimal": ("optimal", "--")}
 
 
-def draw_self_play(
-    path: Path, rows: list[dict[str, float]], title: str, look: Look = PLAIN
-) -> None:
-    """Exploitability over time (seconds if `look` does not say), and both sides against the
-    scripted agents below."""
-    unit = look.x or "seconds"
-    times = np.array([row[unit] for row in rows]) * time_scale(unit)
+def draw_self_play(path: Path, rows: list[dict[str, float]], title: str) -> None:
+    """Exploitability over seconds, and both sides against the scripted agents below."""
+    times = np.array([row["seconds"] for row in rows])
 
     def curve(name: str, like: Series) -> list[Series]:
         if name not in rows[0]:
@@ -70,7 +66,7 @@ def draw_self_play(
         )
     ]
     panels.append(Panel(series, "steps until capture (log)", scale="log"))
-    draw_panels(path, [[panel] for panel in panels], unit, look, title)
+    draw_panels(path, [[panel] for panel in panels], "seconds", title)
 
 
 def write_self_play_report(
