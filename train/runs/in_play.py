@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from train.runs.folder import check_learned
 from train.runs.memories import memories_of, put_memories
 from train.runs.parts import Parts
 from train.settings.checks import check
@@ -19,6 +20,8 @@ def begin(parts: Parts, state: dict[str, Any] | None) -> tuple[Any, Teacher | No
     Raises:
         One of `MISFITS`: a state of other settings.
     """
+    if state is not None:
+        check_learned(parts.algorithm.name, state)
     env, teacher = parts.games()
     if state is not None:  # before there is a collector, which begins with what it finds
         put_games(env.simulator, state["simulator"])

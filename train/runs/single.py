@@ -177,6 +177,7 @@ class SingleAgent:
     def state_dict(self) -> dict[str, Any]:
         """Learner, teacher and games, with what is remembered of them; the partner's as well."""
         state = state_in_play(self.env, self.teacher, self.learner)
+        state["algorithm"] = self.parts.algorithm.name
         if self.partner is not None:
             state["partner"] = self.partner.state(self.learner)
         return state

@@ -16,6 +16,7 @@ from train.algorithms.registry import Algorithm, Build
 from train.environments.hooks import EpisodeHook
 from train.environments.team_env import TeamEnv
 from train.networks.policy import Seat
+from train.runs.folder import check_learned
 from train.runs.in_play import plain_games, put_games
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
@@ -118,7 +119,9 @@ class Side:
             getattr(parts.hyper, "rollout_steps", 1),
         )
         self.env = self._games()
-        if state is not None:  # before there is a collector, which begins with what it finds
+        if state is not None:
+            check_learned(parts.algorithm.name, state)
+            # before there is a collector, which begins with what it finds
             put_games(self.simulator, state["simulator"])
             self.opponents.policy.opponents[:] = state["opponents"].numpy()
             self.opponents.rng.bit_generator.state = state["rng"]
@@ -144,7 +147,8 @@ class Side:
         return self.learner.policy(greedy=self.greedy)
 
     def load(self, state: dict[str, Any]) -> Policy:
-        """The policy of a snapshot."""
+        """The policy of a snapshot; ValueError for weights that are not finite."""
+        check_learned(self.parts.algorithm.name, {"learner": state})
         return self.parts.algorithm.load(self.parts.hyper, self.parts.seat, state, self.greedy)
 
     def snapshot(self) -> dict[str, Any]:
@@ -155,6 +159,7 @@ class Side:
     def state_dict(self) -> dict[str, Any]:
         """Everything but the pool."""
         return {
+            "algorithm": self.parts.algorithm.name,
             "learner": self.learner.state_dict(),
             "simulator": plain_games(self.simulator),
             **self._own_state(),

@@ -349,7 +349,8 @@ class SelfPlay:
                 own.mkdir(exist_ok=True)
                 maze = self.task.mazes[0].to_text()
                 save_config(own, SIDE, side_settings(self.settings, role), maze)
-            save_checkpoint(own, {"trainee": {"learner": side.learner.state_dict()}})
+            learner, name = side.learner.state_dict(), side.parts.algorithm.name
+            save_checkpoint(own, {"trainee": {"algorithm": name, "learner": learner}})
         for pool in self.pools.values():
             pool.clean()
 
