@@ -22,7 +22,6 @@ from train.evaluation.contest import GameContest
 from train.evaluation.games import other_role
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
-from train.runs.effects import check_task_effects
 from train.settings.checks import Settings, at_least, check, rule
 from train.settings.task import AnyTask, TaskSettings
 
@@ -47,7 +46,6 @@ def baseline(arguments: Sequence[str]) -> None:
     """`pursuit baseline`."""
     default = BaselineCommand(default_task(options_in(arguments)))
     given = parse(BaselineCommand, arguments, "baseline", default)
-    check_task_effects(given.task)
     from train.runs.parts import contest_of  # torch is slow to import
 
     contest = contest_of(given.task, given.episodes, given.seed)

@@ -29,7 +29,6 @@ from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.files import check_folder, check_new_files, reserved, write_json
 from train.reports.figures import FORMATS
-from train.runs.effects import check_task_effects
 from train.runs.tasks import agent_of, task_of
 from train.settings.checks import Settings, at_least, check
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings, in_maze
@@ -185,7 +184,6 @@ def run_to_judge(given: EvaluateCommand) -> Judged:
         if isinstance(settings.task, ReacherSettings):
             raise ValueError(f"--opponent-epsilon, and {given.run} moves an arm; leave it out")
         task = replace(settings.task, opponent_epsilon=given.opponent_epsilon)
-        check_task_effects(task)
         settings = replace(settings, task=task)
     policies = {"learned": policy}
     if entry(settings.algorithm).learns_distribution:

@@ -50,11 +50,6 @@ class LeagueCommand(Settings):
     names: tuple[str, ...] = ()
     """What the entries are called in tables and figures, in their order; if left out, the shortest
     ends of their paths that tell them apart."""
-    model_roles: tuple[str, ...] = ()
-    """Of Stable-Baselines3 models without a description beside them (as model.save() writes):
-    chaser or evader; one for all, or one for each in their order."""
-    model_observations: tuple[str, ...] = ()
-    """Likewise, what they observe, such as one_hot."""
     out: Path = Path("league")
     """Folder for league.json, league.png, the tables (table, chasers and evaders, each as .csv and
     .tex) and methods.md."""
@@ -77,8 +72,7 @@ def league(arguments: Sequence[str]) -> None:
 
     with heard():
         how = (given.maze, given.opponent_epsilon, given.greedy)
-        models = (given.model_roles, given.model_observations)
-        task, entries = enter(given.entries, *how, given.names, *models)
+        task, entries = enter(given.entries, *how, given.names)
     lock = hold(out, "league")
     table = play_league(task, entries, given.games, given.seed)
     content = rate(table, given.seed) | {

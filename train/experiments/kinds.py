@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from train.files import hold, remove_leftovers
-from train.runs.effects import check_effects
 from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -102,14 +101,13 @@ def start(kind: str, settings: Any, path: Path | str, final: Final | None = None
         The run: `train()` learns, `results()` evaluates and writes `results.json`.
 
     Raises:
-        ValueError: settings that cannot run here or have no effect (no folder is made then), or a
-            folder that holds something, or that another process has begun to fill.
+        ValueError: settings that cannot run here (no folder is made then), or a folder that
+            holds something, or that another process has begun to fill.
     """
     path = Path(path)
     check_new(path)
     check_device(settings.device)
     KINDS[kind].check(settings)
-    check_effects(settings)
     settings = KINDS[kind].complete(settings)
     lock = hold(path, "run", shared=True)
     check_new(path)

@@ -7,14 +7,17 @@ The saved model fills an opponent's seat: pursuit train --role evader --maze 5x5
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 from pursuit.environments.stable_baselines import StableBaselinesVecEnv
+from train.commands.parse import fail, parse
 from train.commands.scores import print_scores
 from train.experiments.comparison.contestants import vector_env
-from train.recipes.common import LibraryRecipe, main_of
 from train.runs.parts import contest_of
 from train.runs.third_party import load_stable_baselines, save_stable_baselines
 from train.settings.checks import check, check_choice
@@ -44,9 +47,13 @@ SETTINGS: dict[str, dict[str, Any]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recipe(LibraryRecipe):
+class Recipe:
     """Train one agent by Stable-Baselines3, and compare it with the exact optimum."""
 
+    seconds: float = 60.0
+    """Budget of training time."""
+    frames: int | None = None
+    """Budget in frames instead, which repeats better than seconds."""
     task: TaskSettings = field(default_factory=TaskSettings)
     algorithm: str = "ppo"
     """ppo, a2c or dqn."""
@@ -58,7 +65,10 @@ class Recipe(LibraryRecipe):
     """A new .zip file for the model; its description goes beside it."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        check(self.seconds > 0, f"seconds={self.seconds}; it is above 0")
+        check(self.frames is None or self.frames > 0, f"frames={self.frames}; it is above 0")
+        check(self.out.suffix == ".zip", f"{self.out}: give a .zip file")
+        check(not self.out.exists(), f"{self.out}: exists already; give a new file")
         check_choice("algorithm", self.algorithm, SETTINGS)
         check(self.observation != "index", "observation='index'; MlpPolicy needs one_hot, say")
         check(
@@ -66,6 +76,24 @@ class Recipe(LibraryRecipe):
             "mask_bumps=True; these learners know no masks: leave it out, or train sb3-contrib's "
             "MaskablePPO over StableBaselinesVecEnv",
         )
+
+
+def learn(model: Any, recipe: Recipe) -> None:
+    """Have a model learn until the budget is spent."""
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    class Budget(BaseCallback):
+        """Ends the training when its time is over."""
+
+        began = 0.0
+
+        def _on_training_start(self) -> None:
+            self.began = perf_counter()
+
+        def _on_step(self) -> bool:
+            return bool(recipe.frames) or perf_counter() - self.began < recipe.seconds
+
+    model.learn(recipe.frames or 10**12, callback=Budget())
 
 
 def run(recipe: Recipe) -> None:
@@ -85,7 +113,7 @@ def run(recipe: Recipe) -> None:
         policy_kwargs={"net_arch": [128, 128]},
         **SETTINGS[recipe.algorithm],
     )
-    recipe.train(model)
+    learn(model, recipe)
     save_stable_baselines(model, recipe.out, recipe.algorithm, recipe.task, recipe.observation)
     policy = load_stable_baselines(recipe.out)
     print(contest.line())
@@ -94,7 +122,13 @@ def run(recipe: Recipe) -> None:
     print_scores(scores, measure=contest.measure)
 
 
-main = main_of(Recipe, run)
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command line: errors are one line and exit status 2."""
+    try:
+        run(parse(Recipe, sys.argv[1:] if arguments is None else arguments, "recipe"))
+    except (ValueError, OSError, ImportError) as error:
+        fail(str(error))
+
 
 if __name__ == "__main__":
     main()

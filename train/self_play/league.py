@@ -19,7 +19,6 @@ from train.runs.folder import CONFIG
 from train.runs.opponents import check_fits, is_self_play, load_opponent, role_of
 from train.runs.saved import load_settings
 from train.runs.tasks import task_of
-from train.runs.third_party import description_of
 from train.self_play.names import entry_names
 from train.self_play.ratings import (
     best_response_cycle,
@@ -67,20 +66,16 @@ def enter(
     opponent_epsilon: float = 0.0,
     greedy: bool = False,
     called: Sequence[str] = (),
-    model_roles: Sequence[str] = (),
-    model_observations: Sequence[str] = (),
 ) -> tuple[Task, list[Entry]]:
     """The task of the league, and whoever takes part.
 
     Args:
-        names: folders of runs, saved Stable-Baselines3 models (.zip), and names of scripted agents
-            and of users' own policies.
+        names: folders of runs, saved Stable-Baselines3 models (.zip, with their descriptions beside
+            them), and names of scripted agents and of users' own policies.
         maze: where scripted agents play if there is no run.
         opponent_epsilon: share of random moves of astar.
         greedy: learned policies take their most probable action instead of drawing.
         called: what they are called in tables, one for each; as `entry_names` says if left out.
-        model_roles, model_observations: of the models that have no description beside them: one
-            for all, or one for each in the order of `names`.
 
     Raises:
         ValueError: an entry that is no run, of another game, given twice, or a role without entry.
@@ -90,19 +85,10 @@ def enter(
     runs = [name for name in names if not is_agent(name) and name not in models]
     paths = [(name, path) for name in runs for path in _folders_of(name)]
     task = _task_of(paths, maze)
-    bare = [name for name in models if not description_of(name).is_file()]
-    roles = _one_each("model_roles", model_roles, bare)
-    observations = _one_each("model_observations", model_observations, bare)
-    given: dict[str, Any] = {
-        name: {"agent": role, "observation": observation}
-        for name, role, observation in zip(bare, roles, observations, strict=False)
-    }
-    for role in roles:
-        check(role in ROLES, f"model_roles: {role!r}; a league has chasers and evaders")
     entries = []
     for name, path in [*paths, *((name, Path(name)) for name in models)]:
         played = "greedy" if greedy else "sampled"
-        policy = load_opponent(path, played, task=task, **given.get(name, {}))
+        policy = load_opponent(path, played)
         role = role_of(policy)
         check(role in ROLES, f"{name}: learned to be {role!r}; a league has chasers and evaders")
         check_fits(policy, role, task, name)
@@ -147,16 +133,6 @@ def _task_of(runs: Sequence[tuple[str, Path]], maze: str) -> Task:
     )
     check(not task.num_runners, f"{name}: learned among runners; a league has none")
     return task
-
-
-def _one_each(what: str, given: Sequence[str], models: Sequence[str]) -> list[str]:
-    """One value for each model; a single one is for all."""
-    check(
-        len(given) in (0, 1, len(models)),
-        f"{what}: {len(given)} for {len(models)} models without a description; give one for all, "
-        "or one for each in the order of the entries",
-    )
-    return [*given] * len(models) if len(given) == 1 else [*given]
 
 
 def is_model(name: str) -> bool:

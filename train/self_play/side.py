@@ -14,7 +14,7 @@ from pursuit.simulator.simulator import Simulator
 from train.algorithms.learner import Learner
 from train.algorithms.registry import Algorithm, Build
 from train.environments.hooks import EpisodeHook
-from train.environments.team_env import TeamEnv
+from train.environments.simulator_env import SimulatorEnv
 from train.networks.policy import Seat
 from train.runs.folder import check_learned
 from train.runs.in_play import plain_games, put_games
@@ -78,7 +78,6 @@ class SideParts:
     Attributes:
         seat: whose policy is learned: the role, in the games.
         algorithm, hyper, build: what it learns by, the settings of that, and how it is built.
-        central: whether its critic sees what the whole team observes.
         discount: of the exact game.
         scale: of the rewards.
     """
@@ -87,7 +86,6 @@ class SideParts:
     algorithm: Algorithm
     hyper: Hyperparameters
     build: Build
-    central: bool
     discount: float
     scale: float
 
@@ -129,13 +127,13 @@ class Side:
             self.env.resume = True
         self.learner: Learner = parts.algorithm.build(parts.hyper, self.env, parts.build)
 
-    def _games(self) -> TeamEnv:
+    def _games(self) -> SimulatorEnv:
         """The training games."""
         parts, others = self.parts, self.opponents
         roles = parts.seat.task.seat_roles
         policies = [None if role == parts.seat.agent else others.policy for role in roles]
-        how: Any = {"central": parts.central, "scale": parts.scale}
-        return TeamEnv(self.simulator, parts.seat, policies, others, **how)
+        given = (parts.seat.members, parts.scale)
+        return SimulatorEnv(self.simulator, parts.seat, policies, others, *given)
 
     @property
     def greedy(self) -> bool:
@@ -172,14 +170,3 @@ class Side:
             "idle": torch.from_numpy(self.env.idle.copy()),
             "rng": self.opponents.rng.bit_generator.state,
         }
-
-
-def share_trunk(one: Side, two: Side) -> None:
-    """Give both roles one trunk, and tell the second learner."""
-    first: Any = one.learner
-    second: Any = two.learner
-    trunk = first.network.policy_trunk
-    if second.network.shared:
-        second.network.value_trunk = trunk
-    second.network.policy_trunk = trunk
-    second.network_changed()

@@ -11,18 +11,17 @@ import numpy as np
 import pytest
 
 pytest.importorskip("stable_baselines3")
-pytest.importorskip("supersuit")
 
 from pursuit import make_task
 from pursuit.environments.stable_baselines import StableBaselinesVecEnv
 from pursuit.simulator.simulator import Simulator
-from scripted_agents import NearestGoalRunner, RandomAgent
+from scripted_agents import RandomAgent
 from scripted_agents.environments import make_vector_env
 from train.commands.evaluate import evaluate
 from train.commands.league import league
 from train.experiments.kinds import start
 from train.networks.policy import LearnedPolicy
-from train.recipes import stable_baselines, stable_baselines_arm, supersuit_sharing
+from train.recipes import stable_baselines
 from train.runs.folder import RUN
 from train.runs.opponents import load_opponent
 from train.runs.parts import contest_of, settings_of
@@ -78,25 +77,6 @@ def test_a_saved_model_is_an_opponent(models: dict[str, Path], tmp_path: Path) -
         settings_of(maze="3x3", frames=1, opponent=str(models["ppo"]))
 
 
-@pytest.mark.slow
-def test_runners_share_their_network_through_supersuit(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "runners.zip"
-    arguments = ["--maze", "3x3", "--num-goals", "2", "--frames", "30000", "--out", str(out)]
-    supersuit_sharing.main(arguments)
-    steps = {
-        line[:26].strip(): float(line.split()[-2])
-        for line in capsys.readouterr().out.splitlines()
-        if line.endswith("steps")
-    }
-    assert steps["learned, shared, sampled"] < 0.6 * steps["random"]
-    assert steps["nearest goal"] < steps["random"]
-    task = TaskSettings("race", maze="3x3", num_runners=2, num_goals=2)
-    again = supersuit_sharing.mean_length(task, NearestGoalRunner())
-    assert abs(again - steps["nearest goal"]) < 0.01
-
-
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Models that Stable-Baselines3 saved by itself."""
@@ -130,7 +110,7 @@ def test_a_model_without_a_description_plays_as_it_does_in_its_library(
     assert (policy.probabilities(seen).argmax(axis=-1) == predicted).all()
 
 
-def test_a_model_without_a_description_is_evaluated_ranked_and_an_opponent(
+def test_a_model_without_a_description_is_evaluated_and_an_opponent(
     plain: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     ppo, out = str(plain["ppo"]), tmp_path / "evaluation.json"
@@ -138,10 +118,6 @@ def test_a_model_without_a_description_is_evaluated_ranked_and_an_opponent(
     evaluate([ppo, *own, "--out", str(out)])
     assert "learned, sampled" in capsys.readouterr().out
     assert json.loads(out.read_text())["evaluation"]["exact"]
-    models = ["--model-roles", "chaser", "evader", "--model-observations", "one_hot"]
-    entries = [ppo, str(plain["dqn"]), "astar"]
-    league([*entries, "--maze", "3x3", "--games", "4", *models, "--out", str(tmp_path / "league")])
-    assert json.loads((tmp_path / "league" / "league.json").read_text())["chasers"][0] == "ppo.zip"
     chosen = settings_of(
         role="evader", maze="3x3", frames=1, opponent=ppo, opponent_observation="one_hot"
     )
@@ -165,6 +141,14 @@ def test_models_of_other_games_are_refused(
             plain["ppo"], task=make_task("chase", maze=maze), **{**GIVEN, **changed}
         )
     assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_models_with_their_descriptions_play_in_a_league(
+    models: dict[str, Path], tmp_path: Path
+) -> None:
+    entries = [str(models["ppo"]), str(models["dqn"]), "astar", "--maze", "3x3", "--games", "4"]
+    league([*entries, "--out", str(tmp_path / "league")])
+    assert json.loads((tmp_path / "league" / "league.json").read_text())["chasers"][0] == "ppo.zip"
 
 
 def test_damaged_and_foreign_models_are_refused(models: dict[str, Path], tmp_path: Path) -> None:
@@ -248,18 +232,3 @@ def test_the_drawn_policy_follows_the_distribution(models: dict[str, Path]) -> N
     table = policy.action_probabilities(policy.task.mazes[0])
     np.testing.assert_allclose(table.sum(axis=-1), 1.0, atol=1e-6)
     assert ((table > 0) & (table < 1)).any()
-
-
-def test_td3_of_stable_baselines_moves_an_arm(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    own = ["--joints", "1", "--frames", "1280", "--episodes", "20", "--max-steps", "20"]
-    out = tmp_path / "td3.zip"
-    stable_baselines_arm.main([*own, "--algorithm", "td3", "--out", str(out)])
-    told = capsys.readouterr().out
-    assert "learned" in told and "exact from every start" in told and out.exists()
-    for wrong in (["--algorithm", "dqn"], ["--joints", "9"], ["--out", str(out)]):
-        with pytest.raises(SystemExit) as stop:
-            stable_baselines_arm.main([*own, *wrong])
-        assert stop.value.code == 2
-        assert "\n" not in capsys.readouterr().err.strip()

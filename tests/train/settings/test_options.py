@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from self_play_runs import QUICK, make_settings
 
 from train.commands.main import main
-from train.experiments.kinds import open_run, start, write_config
-from train.runs.effects import check_effects
-from train.runs.folder import RUN, SELF_PLAY, new_folder
-from train.runs.parts import settings_of
-from train.settings.self_play import self_play_ppo
 
 TINY = [
     *("--task", "maze", "--num-goals", "1", "--maze", "3x3", "--algorithm", "q_learning"),
@@ -35,25 +28,12 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        (
-            ["train", *TINY, "--frames", "64", "--opponent-epsilon", "0.5"],
-            "no other agent",
-        ),
-        (["train", "--frames", "64", "--rewards", "runner.goal=2"], "the runner has no effect"),
-        ([*PLAY, "--sampling", "latest", "--window", "9"], "window=9 has no effect"),
-        ([*PLAY, "--sampling", "uniform", "--pfsp-power", "3"], "pfsp_power=3.0 has no effect"),
-        ([*PLAY, "--central-critic"], "central_critic=True has no effect"),
         ([*DQN, "--clip", "0.3"], "Unrecognized options: --clip"),
-        (
-            ["baseline", *TINY[:4], "--opponent-epsilon", "0.5"],
-            "no other agent",
-        ),
         (
             ["baseline", "--maze", "suite:7x7-test/0-1", "--blindness", "1"],
             "blindness is for duels",
         ),
         (["baseline", "--task", "reacher", "--blindness", "1"], "blindness is for duels"),
-        (["evaluate", "RUN", "--opponent-epsilon", "0.5"], "no other agent"),
         (["render", "RUN", "--maze", "5x5", "--out", "OUT"], "--maze with"),
         (["render", "RUN", "--num_goals=1", "--out", "OUT"], "--num-goals with"),
         (["maze", "5x5", "--height", "7"], "height=7 has no effect: it is of --generate"),
@@ -88,36 +68,6 @@ def test_options_without_effect_are_one_line(
     said = capsys.readouterr().err
     assert ended.value.code == 2 and message in said and said.count("\n") == 1, said
     assert not list(tmp_path.iterdir())
-
-
-def test_settings_with_an_effect_or_at_their_defaults_are_taken() -> None:
-    for settings in (
-        make_settings(sampling="window", window=3, pool_size=9),
-        make_settings(sampling="pfsp", pfsp_power=1.0),
-        make_settings(
-            task={"num_chasers": 2}, hyper=replace(QUICK, central_critic=True), observation="index"
-        ),
-        make_settings(
-            hyper=replace(self_play_ppo(), gamma=0.9), chaser_algorithm="dqn", evader="astar"
-        ),
-        settings_of(task="race", maze="3x3", opponent_epsilon=0.7, frames=64),
-        settings_of(rewards="step=-1,chaser.capture=3", maze="3x3", frames=64),
-        settings_of(rewards="evader.step=1", maze="3x3", frames=64),
-    ):
-        check_effects(settings)
-
-
-def test_runs_that_were_saved_with_settings_without_effect_go_on(tmp_path: Path) -> None:
-    single = settings_of(task="maze", maze="3x3", opponent_epsilon=0.7, frames=64)
-    pair = make_settings(sampling="latest", window=9)
-    cases: list[tuple[str, Any]] = [(RUN, single), (SELF_PLAY, pair)]
-    for kind, settings in cases:
-        with pytest.raises(ValueError, match="has no effect"):
-            start(kind, settings, tmp_path / "new")
-        write_config(kind, settings, new_folder(tmp_path / kind))
-        run = open_run(tmp_path / kind)
-        assert run.trainee.frames == 0
-        run.lock.release()
 
 
 @pytest.mark.parametrize("command", ["train", "self-play"])
