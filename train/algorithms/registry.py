@@ -90,9 +90,14 @@ class Algorithm:
         ]
         turned = player.continuous and "discrete" in self.actions and not self.tabular
         check(
-            kind in self.actions and (in_maze or not self.tabular),
+            kind in self.actions,
             f"algorithm={self.name!r} cannot choose {kind} actions; take {' or '.join(able)}"
             + (", or discrete_actions=True" if turned else ""),
+        )
+        check(
+            in_maze or not self.tabular,
+            f"algorithm={self.name!r} has a table over the cells of a maze, and there is none "
+            f"here; take {' or '.join(able)}",
         )
 
     def check_memory(self, settings: Hyperparameters, player: Player) -> None:
