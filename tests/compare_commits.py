@@ -237,7 +237,7 @@ def solutions():
 TRAININGS = {
     **{
         f"chase_{a}": f"--task chase --role chaser --maze 5x5 --algorithm {a}"
-        for a in ("ppo", "a2c", "dqn", "reinforce", "q_learning", "cross_entropy")
+        for a in ("ppo", "a2c", "dqn", "reinforce", "q_learning")
     },
     "evader_ppo": "--task chase --role evader --maze 5x5",
     "maze_ppo": "--task maze --num-goals 3",
@@ -246,7 +246,6 @@ TRAININGS = {
     "race_ppo": "--task race --maze 3x3",
     "heist_ppo": "--task heist --maze 3x3 --role evader",
     "chase_ppo_gru": "--task chase --maze 5x5 --view-radius 2 --recurrent gru",
-    "chase_dqn_gru": "--task chase --maze 5x5 --view-radius 2 --recurrent gru --algorithm dqn",
     "chase_teams": "--task chase --num-chasers 2 --maze 3x3",
     "chase_curriculum": "--task chase --maze 5x5 --curriculum opponent-epsilon",
     "chase_gated": "--task chase --maze 5x5 --curriculum success-gated",
@@ -267,7 +266,6 @@ FRAMES = {
     "arm_ddpg": 6000,
     "arm_sac": 6000,
     "chase_dqn": 40000,
-    "chase_dqn_gru": 20000,
     "chase_ppo_gru": 60000,
     "pair_dqn": 40000,
     "maze_ppo_planes": 40000,

@@ -11,7 +11,6 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import make_task
 from scripted_agents.environments import default_policies
 from train.environments.simulator_env import SimulatorEnv
-from train.environments.team_env import TeamEnv
 from train.networks.policy import Seat
 
 
@@ -22,8 +21,7 @@ def torchrl_env(role: str, games: int = 16, mask_bumps: bool = True, **settings:
     seat = Seat(task, role, mask_bumps=mask_bumps)
     policies = default_policies(task, 0.2)
     others = [None if other == role else policies[other] for other in task.seat_roles]
-    form = TeamEnv if seat.members > 1 else SimulatorEnv
-    return form(simulator, seat, others)
+    return SimulatorEnv(simulator, seat, others, members=seat.members)
 
 
 def count_bumps(simulator: Simulator, seat: int) -> dict[str, int]:

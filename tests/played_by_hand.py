@@ -11,16 +11,14 @@ from typing import Any
 
 from train.play.seats import session_of
 from train.play.server import PlayServer
-from train.play.session import MazeSession
+from train.play.session import Session
 from train.settings.task import TaskSettings
 
 NORTH, SOUTH, EAST, WEST, STAY = range(5)
 
 
-def maze_session(seed: int = 0, beside: str = "astar", **settings: Any) -> MazeSession:
-    session = session_of(TaskSettings(**settings), beside, seed)
-    assert isinstance(session, MazeSession)
-    return session
+def maze_session(seed: int = 0, beside: str = "astar", **settings: Any) -> Session:
+    return session_of(TaskSettings(**settings), beside, seed)
 
 
 class Visitor:

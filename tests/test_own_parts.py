@@ -262,7 +262,7 @@ NETWORK_RUNS: dict[str, tuple[str, dict[str, Any]]] = {
     "ppo": ("my_parts:picture", {"observation": "planes", "minibatch_size": 64}),
     "dqn": ("my_parts:Words", {"learning_starts": 64, "batch_size": 64}),
     "a2c": ("my_parts:picture", {"observation": "window:2", "recurrent": "gru"}),
-    "cross_entropy": ("my_parts:picture", {"observation": "my_parts:Map", "population": 16}),
+    "reinforce": ("my_parts:picture", {"observation": "my_parts:Map"}),
     "sac": ("my_parts:straight", {"task": "reacher", "learning_starts": 64, "batch_size": 64}),
 }
 
@@ -308,7 +308,6 @@ def test_networks_that_are_none_are_refused() -> None:
 def test_the_network_called_recurrent_has_a_memory() -> None:
     flat: dict[str, Any] = {"maze": "3x3", "frames": 1000}
     assert settings_of(**flat, network="recurrent") == settings_of(**flat, recurrent="gru")
-    assert settings_of(**flat, network="recurrent", recurrent="lstm").hyper.recurrent == "lstm"
     assert self_play_settings_of(**flat, network="recurrent").hyper.recurrent == "gru"
 
 

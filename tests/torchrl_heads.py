@@ -14,7 +14,7 @@ from torchrl.modules import IndependentNormal
 
 from pursuit.observations.masks import ACTION_MASK
 from train.networks.actor_critic import ActorCritic
-from train.networks.masks import masked
+from train.networks.distributions import masked
 
 
 class MaskedHead(nn.Module):

@@ -85,13 +85,6 @@ def least_copy(maze: Maze) -> bytes:
     return min(repr(each.shape).encode() + np.packbits(each).tobytes() for each in turned)
 
 
-@lru_cache(maxsize=1)
-def held_out_copies() -> frozenset[bytes]:
-    """`least_copy` of every maze that is kept for judging: of all validation and test suites."""
-    held_out = [name for name in suite_names() if not name.endswith("train")]
-    return frozenset(least_copy(maze) for name in held_out for maze in load_suite(name))
-
-
 def suite_rows(size: int) -> Iterator[tuple[str, list[list[Any]]]]:
     """(split, its rows) of the suites of a size, made afresh: no maze twice, nor a copy of one."""
     taken: set[bytes] = set()

@@ -16,7 +16,6 @@ BASES = (
     f"train --task heist --num-goals 1 --role evader {TINY} {BATCH}",
     f"train --algorithm dqn {TINY}",
     f"train --algorithm q_learning {TINY}",
-    f"train --algorithm cross_entropy {TINY} --num-games 64",
     f"train --curriculum opponent-epsilon {TINY} {BATCH}",
     f"train --curriculum level-replay --task maze --num-goals 2 {TINY} {BATCH}",
     f"train --preset thesis-a2c {TINY}",

@@ -130,8 +130,7 @@ class Reinforce(NetworkLearner):
         settings = self.settings
         self.set_schedules(progress)
         frames = self.play(settings.gamma_at(progress))
-        played = frames.get("loss_mask")
-        self.frames += len(frames["value"]) if played is None else int(played.sum())
+        self.frames += len(frames["value"])
         frames["advantage"] = frames["value_target"]
         if settings.baseline:
             frames["advantage"] = frames["value_target"] - frames["value"]
@@ -151,8 +150,7 @@ class Reinforce(NetworkLearner):
 
     @torch.no_grad()
     def play(self, gamma: float) -> Frames:
-        """One episode in every game; the frames of all of them in a row, or of a network that
-        remembers a sequence for each.
+        """One episode in every game; the frames of all of them in a row.
 
         Args:
             gamma: discount of a step.
@@ -168,13 +166,12 @@ class Reinforce(NetworkLearner):
         steps: list[Frames] = []
         played: list[tuple[torch.Tensor, torch.Tensor]] = []
         returns = torch.zeros(env.num_games)
-        state = torch.zeros(env.num_games, sum(network.sizes), device=self.device)
         actions = env.action_spec.zero()
         while len(running):
             seen = {"observation": now["observation"][running].to(self.device)}
             if masks:
                 seen[ACTION_MASK] = now[ACTION_MASK][running].to(self.device)
-            output, value, state[running] = network.step(seen["observation"], state[running])
+            output, value = network(seen["observation"])
             distribution = network.distribution(output, seen.get(ACTION_MASK))
             drawn = distribution.draw()
             steps.append({**seen, network.form.DRAWN: drawn, "value": value.squeeze(-1)})
@@ -184,7 +181,7 @@ class Reinforce(NetworkLearner):
             cut = running[now["truncated"][running, 0] & ~now["terminated"][running, 0]]
             if len(cut) and self.settings.baseline:
                 observation = now["observation"][cut].to(self.device)
-                returns[cut] = network.step(observation, state[cut])[1].squeeze(-1).cpu()
+                returns[cut] = network(observation)[1].squeeze(-1).cpu()
             running = running[~now["done"][running, 0]]
         targets: list[torch.Tensor] = []
         for games, reward in reversed(played):
@@ -192,31 +189,7 @@ class Reinforce(NetworkLearner):
             targets.append(returns[games].to(self.device))
         frames = {name: torch.cat([step[name] for step in steps]) for name in steps[0]}
         frames["value_target"] = torch.cat(targets[::-1])
-        if network.policy_memory is None:
-            return frames
-        sequences = one_for_each(frames, [games for games, _ in played], env.num_games)
-        return {**sequences, "state": torch.zeros_like(state)}
-
-
-def one_for_each(columns: Frames, running: list[torch.Tensor], num_games: int) -> Frames:
-    """Frames of whole episodes as a sequence for each game, for `ActorCritic.through`.
-
-    Args:
-        columns: [frames, ...], step by step, of the games that were running in each.
-        running: of every step, their numbers.
-        num_games: rows.
-    """
-    steps = torch.cat([torch.full_like(games, step) for step, games in enumerate(running)])
-    place = (torch.cat(running), steps)
-    found = {}
-    for name, column in columns.items():
-        found[name] = column.new_zeros(num_games, len(running), *column.shape[1:])
-        found[name][place] = column
-    found["loss_mask"] = torch.zeros_like(found["value"], dtype=torch.bool)
-    found["loss_mask"][place] = True
-    found["episode_start"] = torch.zeros_like(found["loss_mask"])
-    found["episode_start"][:, 0] = True
-    return found
+        return frames
 
 
 def build_a2c(settings: A2CSettings, env: Games, how: Build) -> A2C:

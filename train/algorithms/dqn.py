@@ -11,9 +11,8 @@ from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import NEXT_MASK, Collector, Columns
 from train.algorithms.learner import Build, Games
 from train.algorithms.off_policy import OffPolicyLearner
-from train.algorithms.recurrent_dqn import Recording, sequence_loss
 from train.algorithms.replay import Batch, mean
-from train.networks.masks import masked
+from train.networks.distributions import masked
 from train.networks.policy import Player
 from train.networks.q_network import QNetwork
 from train.settings.off_policy import DQNSettings
@@ -21,8 +20,6 @@ from train.settings.off_policy import DQNSettings
 
 class DQN(OffPolicyLearner):
     """Mnih et al. (2015), with many games in step and several gradient steps for each rollout.
-
-    Of a network that remembers it learns from sequences: see `recurrent_dqn`.
 
     Args:
         settings: the hyperparameters.
@@ -47,10 +44,8 @@ class DQN(OffPolicyLearner):
         device: str,
         seed: int,
     ) -> None:
-        size, steps = network.sizes[0], settings.rollout_steps
-        collector = Collector(env, self.act, steps, size, device, keep_next=True)
-        self.recording = Recording(env, collector, settings) if size else None
-        super().__init__(settings, env, network, collector, device, seed, steps if size else 1)
+        collector = Collector(env, self.act, settings.rollout_steps, 0, device, keep_next=True)
+        super().__init__(settings, env, network, collector, device, seed)
         self.settings, self.target, self.epsilon = settings, target, 1.0
         self.target.load_state_dict(network.state_dict())
 
@@ -70,9 +65,8 @@ class DQN(OffPolicyLearner):
 
     def act(self, seen: Columns, state: torch.Tensor) -> tuple[Columns, torch.Tensor]:
         """Actions of the largest values, or with probability `epsilon` any; of those allowed."""
-        values, state = self.network.remember(seen["observation"], state)
         allowed = seen.get(ACTION_MASK, None)
-        values = masked(values, allowed)
+        values = masked(self.network.quick(seen["observation"]), allowed)
         greedy = values.argmax(dim=-1)
         explores = torch.rand(greedy.shape, device=greedy.device) < self.epsilon
         if allowed is None:
@@ -87,21 +81,10 @@ class DQN(OffPolicyLearner):
         if self.updates % settings.target_update_interval == 0:
             self.target.load_state_dict(self.network.state_dict())
         self.updates += 1
-        networks = (self.network, self.target, batch)
-        if self.recording is None:
-            loss, error = dqn_loss(*networks, settings.gamma, settings.double)
-        else:
-            loss, error = sequence_loss(*networks, settings)
+        networks = (self.network, self.target)
+        loss, error = dqn_loss(*networks, batch, settings.gamma, settings.double)
         self.descend(loss)
         return error, {"loss": loss.detach(), "td_error": error.mean()}
-
-    def remember(self, rollout: Columns) -> None:
-        """Put its transitions into the buffer, or with a memory a sequence for every game."""
-        if self.recording is None:
-            super().remember(rollout)
-            return
-        self.frames += rollout["reward"].numel()
-        self.replay.extend(self.recording.sequences(rollout))
 
     def policy(self, greedy: bool = True) -> Any:
         """The greedy policy; ValueError for another, as action values are no distribution."""
@@ -111,15 +94,12 @@ class DQN(OffPolicyLearner):
 
     def state_dict(self) -> dict[str, Any]:
         """Everything, the replay buffer and its priorities included."""
-        state = super().state_dict() | {"target": self.target.state_dict()}
-        return state | ({"memory": self.recording.state_dict()} if self.recording else {})
+        return super().state_dict() | {"target": self.target.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take it all back."""
         super().load_state_dict(state)
         self.target.load_state_dict(state["target"])
-        if self.recording:
-            self.recording.load_state_dict(state["memory"])
 
 
 def dqn_loss(

@@ -117,7 +117,7 @@ class Build:
         """The hidden layers that the settings ask for."""
         form: Any = None if self.first_layer == "auto" else self.first_layer
         rest = (settings.activation, settings.first_std, form, self.bfloat16, settings.recurrent)
-        return Hidden(settings.width, *rest, settings.pairs)
+        return Hidden(settings.width, *rest)
 
 
 def network_loader(
@@ -134,10 +134,6 @@ def network_loader(
         return player.policy(network, greedy)
 
     return load
-
-
-def no_allreduce(tensors: list[torch.Tensor]) -> None:
-    """`NetworkLearner.average` where one process learns: each tensor is its mean already."""
 
 
 def clip_gradients(parameters: list[torch.nn.Parameter], most: float) -> None:
@@ -189,10 +185,6 @@ class NetworkLearner:
         env: the games.
         network: what learns.
         device: where it lives.
-
-    Attributes:
-        average: makes tensors their means over all processes that learn these weights; whoever
-            starts several of them sets it.
     """
 
     def __init__(
@@ -200,22 +192,9 @@ class NetworkLearner:
     ) -> None:
         self.env, self.network, self.device = env, network, device
         self._descent = settings
-        self.average: Callable[[list[torch.Tensor]], None] = no_allreduce
         self.frames = 0
-        self.optimizer = self._new_optimizer()
-
-    def network_changed(self) -> None:
-        """Take a network that has other parts now, before anything was played."""
-        self.optimizer = self._new_optimizer()
-
-    def _new_optimizer(self) -> torch.optim.Adam:
-        """Adam on the parameters that the network has now, without moments."""
-        settings = self._descent
-        return torch.optim.Adam(
-            self.network.parameters(),
-            lr=settings.learning_rate,
-            eps=settings.adam_epsilon,
-            fused=True,
+        self.optimizer = torch.optim.Adam(
+            network.parameters(), lr=settings.learning_rate, eps=settings.adam_epsilon, fused=True
         )
 
     @property
@@ -239,7 +218,6 @@ class NetworkLearner:
     def descend_by_gradients(self) -> None:
         """One step of Adam with the gradients that all weights have, scaled down likewise."""
         weights = self.optimizer.param_groups[0]["params"]
-        self.average([weight.grad for weight in weights if weight.grad is not None])
         clip_gradients(weights, self._descent.max_grad_norm)
         step_adam(self.optimizer)
         # A fused step does not count as a change of the weights, which cached tables of a policy

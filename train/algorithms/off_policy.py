@@ -27,7 +27,6 @@ class OffPolicyLearner(NetworkLearner):
         collector: plays the games.
         device: where the networks live.
         seed: of the draws from the replay buffer.
-        per_row: transitions in a row of the buffer, where it holds sequences.
     """
 
     def __init__(
@@ -38,23 +37,19 @@ class OffPolicyLearner(NetworkLearner):
         collector: Collector,
         device: str,
         seed: int,
-        per_row: int = 1,
     ) -> None:
         super().__init__(settings, env, network, device)
-        self.rows, self.batch = (
-            size // per_row for size in (settings.buffer_size, settings.batch_size)
-        )
         self.replayed, self.updates = settings, 0
         self.masks, self.collector = has_masks(env), collector
         self.beta, exponent = settings.importance_exponent, settings.priority_exponent
-        priorities = Priorities(self.rows, exponent) if settings.prioritized else None
+        priorities = Priorities(settings.buffer_size, exponent) if settings.prioritized else None
         self.generator = torch.Generator().manual_seed(seed)
-        self.replay = Replay(self.rows, self.generator, priorities)
+        self.replay = Replay(settings.buffer_size, self.generator, priorities)
 
     @property
     def learning(self) -> bool:
         """Whether there is enough in the buffer to learn from."""
-        enough = len(self.replay) >= self.batch
+        enough = len(self.replay) >= self.replayed.batch_size
         return enough and self.frames >= self.replayed.learning_starts
 
     def explore(self, progress: float) -> dict[str, float]:
@@ -87,7 +82,7 @@ class OffPolicyLearner(NetworkLearner):
 
     def sample(self) -> Columns:
         """A minibatch from the buffer, where the networks live."""
-        batch = self.replay.draw(self.batch, self.beta)
+        batch = self.replay.draw(self.replayed.batch_size, self.beta)
         if self.device == "cpu":
             return batch
         return {name: column.to(self.device) for name, column in batch.items()}

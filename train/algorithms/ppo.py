@@ -11,12 +11,10 @@ from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.fused_rollouts import Frames, select
 from train.algorithms.learner import Build, Games, means
 from train.algorithms.rollouts import Figures, RolloutLearner, actor_critic_of
-from train.networks.actor_critic import ActorCritic, CentralActorCritic
+from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.fused_actor_critic import LossCoefficients
-from train.networks.policy import Player
 from train.settings.algorithms import PPOSettings
-from train.settings.checks import check
 
 
 class PPO(RolloutLearner):
@@ -97,7 +95,6 @@ class PPO(RolloutLearner):
 
     def _adapt_kl_coef(self, found: torch.Tensor) -> None:
         """Schulman et al. (2017), section 4, with the thresholds of RLlib."""
-        self.average([found])
         divergence = float(found)
         if divergence > 2.0 * self.settings.kl_target:
             self.kl_coef *= 1.5
@@ -161,25 +158,7 @@ def ppo_loss(
     return total, {name: value.detach() for name, value in parts.items()}
 
 
-def network_of(settings: PPOSettings, player: Player, build: Build) -> ActorCritic:
-    """Fresh, with a critic of its own kind where the settings want a central one.
-
-    Raises:
-        ValueError: a central critic of continuous actions, or of a user's network.
-    """
-    if not settings.central_critic:
-        return actor_critic_of(settings, player, build)
-    check(
-        not player.continuous,
-        "central_critic=True with continuous actions; it sees agents in a maze: leave it out",
-    )
-    own = player.features.network
-    check(not own, f"network={own!r} with central_critic=True; leave one of them out")
-    sizes = (player.features, player.num_actions, player.members)
-    return CentralActorCritic(*sizes, build.hidden(settings)).to(build.device)
-
-
 def build(settings: PPOSettings, env: Games, how: Build) -> PPO:
     """The learner over its games."""
-    network = network_of(settings, env.player, how)
+    network = actor_critic_of(settings, env.player, how)
     return PPO(settings, env, network, how.device, how.fused)

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from curricula import linear
 from pursuit.mazes.maze import Maze
 from pursuit.observations.masks import bump_masks
-from pursuit.rules import Games
+from pursuit.rules import Games, seed_streams
 from pursuit.simulator.policy import GameView, pairs_of_cells
 from pursuit.tasks.task import Task
-from train.algorithms.exploration import exploration_streams
 from train.algorithms.learner import Build
 from train.algorithms.q_learning_kernels import choose_actions, learn, number_states
 from train.environments.simulator_env import SimulatorEnv
@@ -27,6 +26,8 @@ MAX_STATES = 20_000_000
 """More make no table: with four actions these are 320 MB, and as much for the visits."""
 
 STEPS_PER_ITERATION = 64
+EXPLORATION_SEEDS = 2**63
+"""Seeds from here on are those of exploration; games have lower ones, whatever they are for."""
 
 
 class StateNumbers:
@@ -192,7 +193,9 @@ class QLearning:
         shape = (self.numbers.count, simulator.task.num_actions)
         self.q_values = initial_values(self.numbers, settings.optimism)
         self.visits = np.zeros(shape, dtype=np.uint32)
-        self._streams = exploration_streams(simulator, seed)
+        self._streams = np.zeros((simulator.num_games, 1), dtype=np.uint64)
+        own: Any = np.uint64(EXPLORATION_SEEDS + seed)
+        seed_streams(self._streams, own, simulator.first_game)
         self._actions = np.zeros((simulator.num_games, simulator.num_agents), dtype=np.int32)
         self._states = np.zeros(simulator.num_games, dtype=np.int64)
         self._done = np.zeros(simulator.num_games, dtype=bool)

@@ -12,27 +12,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pursuit.simulator.policy import Policy
-from train.algorithms import a2c, continuous, cross_entropy, dqn, ppo, q_learning
+from train.algorithms import a2c, continuous, dqn, ppo, q_learning
 from train.algorithms.learner import Build, Learner, network_loader
 from train.algorithms.rollouts import actor_critic_of
 from train.networks.policy import Player, Seat
-from train.settings.algorithms import (
-    HYPERPARAMETERS,
-    LEARNERS,
-    A2CSettings,
-    CrossEntropySettings,
-    DDPGSettings,
-    DQNSettings,
-    Hyperparameters,
-    PPOSettings,
-    QLearningSettings,
-    ReinforceSettings,
-    SACSettings,
-    TD3Settings,
-)
+from train.settings.algorithms import HYPERPARAMETERS, LEARNERS, Hyperparameters
 from train.settings.checks import check
 
-__all__ = ["ALGORITHMS", "Algorithm", "Build", "algorithm_of", "entry", "register"]
+__all__ = ["ALGORITHMS", "Algorithm", "Build", "entry", "register"]
 
 
 @dataclass(frozen=True)
@@ -46,14 +33,11 @@ class Algorithm:
         load: (settings, player, state, greedy) -> the policy in what the learner's `state_dict`
             gave, on the CPU; KeyError or RuntimeError for a state of other settings.
         learns_distribution: whether there is a policy other than the greedy one.
-        whole_episodes: it learns from episodes that are played to their end.
         has_advantages: it tells them to the hook of its games.
         self_play: it can learn against an opponent that learns.
         teams: it can learn for several agents of a role at once.
-        one_maze: it has a table for one maze.
-        cpu_only: it has nothing to put on a GPU.
+        tabular: it has a table over the states of one maze, and no network.
         recurrent: its network can remember (`recurrent` of its settings).
-        observations: the encodings that it can use; None for all.
         actions: the kinds of actions that it can learn: "discrete", "continuous".
         check_player: (settings, player) raises ValueError for a player that it cannot learn to be.
     """
@@ -63,35 +47,37 @@ class Algorithm:
     build: Callable[[Any, Any, Build], Learner]
     load: Callable[[Any, Any, dict[str, Any], bool], Policy]
     learns_distribution: bool = True
-    whole_episodes: bool = False
     has_advantages: bool = False
     self_play: bool = False
     teams: bool = False
-    one_maze: bool = False
-    cpu_only: bool = False
+    tabular: bool = False
     recurrent: bool = False
-    observations: tuple[str, ...] | None = None
     actions: frozenset[str] = frozenset({"discrete"})
     check_player: Callable[[Any, Any], object] = lambda settings, player: None
 
-    def check(self, *, observation: str, device: str = "cpu", greedy: bool = True) -> None:
-        """Raise ValueError for what it cannot do: an observation, a device, a sampled policy."""
+    def check(self, settings: Hyperparameters, player: Player, device: str, greedy: bool) -> None:
+        """Raise ValueError for what it cannot do.
+
+        Args:
+            settings: of its own.
+            player: who learns.
+            device: where its network is to be.
+            greedy: whether the greedy policy is evaluated.
+        """
+        self.check_actions(player)
         check(
             greedy or self.learns_distribution,
             f"evaluate='sampled'; {self.name} learns no distribution over actions",
         )
-        check(
-            device == "cpu" or not self.cpu_only,
-            f"device={device!r}; {self.name} runs on the cpu only",
-        )
-        check(
-            self.observations is None or observation in self.observations,
-            f"observation={observation!r}; {self.name} has a table over states, not over "
-            "observations; leave it out"
-            if self.one_maze
-            else f"observation={observation!r}; {self.name} can use "
-            f"{', '.join(self.observations or ())}",
-        )
+        if self.tabular and isinstance(player, Seat):
+            plain = (device, player.encoding, player.frame_stack, player.features.network)
+            check(
+                plain == ("cpu", "index", 1, ""),
+                f"{self.name} has a table over states, and no network; it runs on the cpu only: "
+                "leave out device, observation, frame_stack and network",
+            )
+        self.check_memory(settings, player)
+        self.check_player(settings, player)
 
     def check_actions(self, player: Player) -> None:
         """Raise ValueError where it cannot choose such actions as `player`'s."""
@@ -100,42 +86,30 @@ class Algorithm:
         able = [
             name
             for name, other in ALGORITHMS.items()
-            if kind in other.actions and (in_maze or not other.one_maze)
+            if kind in other.actions and (in_maze or not other.tabular)
         ]
-        turned = player.continuous and "discrete" in self.actions and not self.one_maze
+        turned = player.continuous and "discrete" in self.actions and not self.tabular
         check(
             kind in self.actions,
             f"algorithm={self.name!r} cannot choose {kind} actions; take {' or '.join(able)}"
             + (", or discrete_actions=True" if turned else ""),
         )
         check(
-            in_maze or not self.one_maze,
+            in_maze or not self.tabular,
             f"algorithm={self.name!r} has a table over the cells of a maze, and there is none "
             f"here; take {' or '.join(able)}",
         )
 
     def check_memory(self, settings: Hyperparameters, player: Player) -> None:
         """Raise ValueError where `settings` want a memory that it, or the player, cannot have."""
-        check(
-            not self.one_maze or not isinstance(player, Seat) or not player.features.network,
-            f"{self.name} has a table over states, and no network; leave network out",
-        )
-        check(
-            not self.one_maze or not isinstance(player, Seat) or player.frame_stack == 1,
-            f"{self.name} has a table over states, which has no place for what was observed before "
-            "(frame_stack); leave it out",
-        )
-        if settings.recurrent is None:
-            return
         able = [name for name, other in ALGORITHMS.items() if other.recurrent]
         check(
-            self.recurrent,
+            settings.recurrent is None or self.recurrent,
             f"recurrent={settings.recurrent!r}; {self.name} learns no memory: take "
-            f"{', '.join(able[:-1])} or {able[-1]}"
-            + ("" if self.one_maze else ", or frame_stack in its place"),
+            f"{' or '.join(able)}",
         )
         check(
-            isinstance(player, Seat),
+            settings.recurrent is None or isinstance(player, Seat),
             f"recurrent={settings.recurrent!r} on an arm, which sees all that there is; leave it "
             "out",
         )
@@ -184,115 +158,30 @@ def entry(name: str) -> Algorithm:
     return replace(found, name=name)
 
 
-def algorithm_of(settings: Hyperparameters) -> Algorithm:
-    """The algorithm that hyperparameters belong to; ValueError for none."""
-    for algorithm in ALGORITHMS.values():
-        if type(settings) is algorithm.settings:
-            return algorithm
-    raise ValueError(f"no algorithm has settings of {type(settings).__name__}")
-
-
 BOTH = frozenset({"discrete", "continuous"})
+CONTINUOUS = frozenset({"continuous"})
 _LOAD_ACTOR_CRITIC = network_loader(actor_critic_of)
+_LOAD_DETERMINISTIC = network_loader(continuous.deterministic_of)
 
-register(
-    Algorithm(
-        "ppo",
-        PPOSettings,
-        ppo.build,
-        network_loader(ppo.network_of),
-        has_advantages=True,
-        self_play=True,
-        teams=True,
-        actions=BOTH,
-        recurrent=True,
-    )
+
+def _ours(name: str, build: Any, load: Any, **abilities: Any) -> None:
+    register(Algorithm(name, HYPERPARAMETERS[name], build, load, **abilities))
+
+
+_ROLLOUTS: Any = {"has_advantages": True, "self_play": True, "teams": True}
+_ours("ppo", ppo.build, _LOAD_ACTOR_CRITIC, **_ROLLOUTS, actions=BOTH, recurrent=True)
+_ours("a2c", a2c.build_a2c, _LOAD_ACTOR_CRITIC, **_ROLLOUTS, actions=BOTH, recurrent=True)
+_ours("reinforce", a2c.build_reinforce, _LOAD_ACTOR_CRITIC, actions=BOTH)
+_GREEDY: Any = {"learns_distribution": False}
+_ours("dqn", dqn.build, network_loader(dqn.network_of), **_GREEDY, self_play=True)
+_ours(
+    "q_learning",
+    q_learning.build,
+    q_learning.load,
+    **_GREEDY,
+    tabular=True,
+    check_player=q_learning.check_player,
 )
-register(
-    Algorithm(
-        "a2c",
-        A2CSettings,
-        a2c.build_a2c,
-        _LOAD_ACTOR_CRITIC,
-        has_advantages=True,
-        self_play=True,
-        teams=True,
-        actions=BOTH,
-        recurrent=True,
-    )
-)
-register(
-    Algorithm(
-        "reinforce",
-        ReinforceSettings,
-        a2c.build_reinforce,
-        _LOAD_ACTOR_CRITIC,
-        whole_episodes=True,
-        actions=BOTH,
-        recurrent=True,
-    )
-)
-register(
-    Algorithm(
-        "dqn",
-        DQNSettings,
-        dqn.build,
-        network_loader(dqn.network_of),
-        learns_distribution=False,
-        self_play=True,
-        recurrent=True,
-    )
-)
-register(
-    Algorithm(
-        "cross_entropy",
-        CrossEntropySettings,
-        cross_entropy.build,
-        network_loader(cross_entropy.network_of),
-        whole_episodes=True,
-        cpu_only=True,
-        actions=BOTH,
-    )
-)
-register(
-    Algorithm(
-        "q_learning",
-        QLearningSettings,
-        q_learning.build,
-        q_learning.load,
-        learns_distribution=False,
-        one_maze=True,
-        cpu_only=True,
-        observations=("index",),
-        check_player=q_learning.check_player,
-    )
-)
-register(
-    Algorithm(
-        "ddpg",
-        DDPGSettings,
-        continuous.build_ddpg,
-        network_loader(continuous.deterministic_of),
-        learns_distribution=False,
-        actions=frozenset({"continuous"}),
-    )
-)
-register(
-    Algorithm(
-        "td3",
-        TD3Settings,
-        continuous.build_td3,
-        network_loader(continuous.deterministic_of),
-        learns_distribution=False,
-        actions=frozenset({"continuous"}),
-    )
-)
-register(
-    Algorithm(
-        "sac",
-        SACSettings,
-        continuous.build_sac,
-        network_loader(continuous.gaussian_of),
-        actions=frozenset({"continuous"}),
-    )
-)
+_ours("ddpg", continuous.build_ddpg, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
+_ours("td3", continuous.build_td3, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
+_ours("sac", continuous.build_sac, network_loader(continuous.gaussian_of), actions=CONTINUOUS)

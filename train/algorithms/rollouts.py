@@ -164,7 +164,7 @@ class RolloutLearner(NetworkLearner):
 
         That is: fused="auto" and `loss` and `collect` of our own (`__init__`), a critic and no
         target of the divergence, the CPU, games in lockstep without masks (`fused_update`), and an
-        actor-critic on `index` with one trunk of two layers and ReLUs, no pairs and no memory
+        actor-critic on `index` with one trunk of two layers and ReLUs, and no memory
         (`fused_actor_critic`).
         """
         sizes = (self.env, self.network, self.steps)
@@ -177,11 +177,6 @@ class RolloutLearner(NetworkLearner):
     ) -> tuple[torch.Tensor, Figures]:
         """The loss of some frames, to be minimised, and its parts for the log, detached."""
         raise NotImplementedError
-
-    def network_changed(self) -> None:
-        """Take a network that has other parts now, before anything was played."""
-        super().network_changed()
-        self.update = self._choose_update()
 
     @property
     def update_form(self) -> str:

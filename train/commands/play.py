@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
-from train.commands.parse import default_task, fail, heard, options_in, parse, taken_allowed
+from train.commands.parse import fail, heard, options_in, parse, taken_allowed
 from train.play.browser import open_page
 from train.play.kept import Keeper
 from train.play.outcome import total_line
@@ -18,20 +18,20 @@ from train.play.session import Session
 from train.runs.folder import CONFIG
 from train.runs.interruption import Stopped
 from train.settings.checks import Settings, check, evaluation_seed, rule
-from train.settings.task import AnyTask, ReacherSettings, TaskSettings
+from train.settings.task import TaskSettings
 
 PORT = rule(lambda value: 0 <= value < 2**16, "0 for any that is free, to 65535")
 
 
 @dataclass(frozen=True)
 class PlayCommand(Settings):
-    """Play a game by hand: any seat of any task, with the optimum from the same start after it.
+    """Play a game in mazes by hand: any seat, with the optimum from the same start after it.
 
     Opens a page that only this machine can reach. Ctrl-C ends it. Arrow keys or w, a, s, d move,
     space stays where there is a stay action, n begins the next game; --role names your seat.
     """
 
-    task: AnyTask = field(default_factory=TaskSettings)
+    task: TaskSettings = field(default_factory=TaskSettings)
     against: str | None = None
     """Who plays the other side: astar (by default), optimal, random, searching, sweeping,
     belief, package.module:Name, or the folder of a run, whose game is played then."""
@@ -54,12 +54,12 @@ def play(arguments: Sequence[str]) -> None:
     """`pursuit play`."""
     arguments = taken_allowed(arguments)  # before the run is read, which may name their modules
     options = options_in(arguments)
-    task, against, run = default_task(options), options.get("against"), None
-    if against and (Path(against) / CONFIG).exists() and isinstance(task, TaskSettings):
+    against, run = options.get("against"), None
+    if against and (Path(against) / CONFIG).exists():
         from train.play.seats import game_of_run  # torch is slow to import
 
         run = game_of_run(against)
-    given = parse(PlayCommand, arguments, "play", PlayCommand(run or task))
+    given = parse(PlayCommand, arguments, "play", PlayCommand(run or TaskSettings()))
     task = settings_of(given, "opponent_epsilon" in options)
     session = session_for(given, task)
     keeper = None if given.out is None else Keeper(given.out, given.name)
@@ -79,17 +79,15 @@ def play(arguments: Sequence[str]) -> None:
         )
 
 
-def settings_of(given: PlayCommand, epsilon_given: bool = False) -> AnyTask:
+def settings_of(given: PlayCommand, epsilon_given: bool = False) -> TaskSettings:
     """The game, and who plays the other side of it; optimal ones err only where that is asked for.
 
     Raises:
-        ValueError: two opponents for one side, or one of an arm.
+        ValueError: two opponents for one side.
     """
     task, against = given.task, given.against
     if against is None:
         return task
-    if isinstance(task, ReacherSettings):
-        raise ValueError(f"against={against!r}; an arm has no other seats, leave it out")
     check(
         task.opponent is None,
         f"against={against!r} and opponent={task.opponent!r}; both say who plays the other side, "
@@ -102,7 +100,7 @@ def settings_of(given: PlayCommand, epsilon_given: bool = False) -> AnyTask:
     return of_side(replace(task, opponent=against))
 
 
-def session_for(given: PlayCommand, task: AnyTask) -> Session:
+def session_for(given: PlayCommand, task: TaskSettings) -> Session:
     """The games that the command asks for."""
     from train.play.seats import session_of  # torch is slow to import
     from train.runs.opponents import is_self_play

@@ -34,7 +34,6 @@ class ArmEnv(LockstepEnv):
         self, simulator: ReacherSimulator, player: ArmSeat, hook: EpisodeHook | None = None
     ) -> None:
         super().__init__(simulator, hook)
-        self.carries_over = simulator.task.start == "kept"
         self.player, self.encoding, batch = player, player.encoding, simulator.num_games
         if player.continuous:
             shape = (batch, player.num_actions)
@@ -49,22 +48,15 @@ class ArmEnv(LockstepEnv):
     def _returns(self, games: NDArray[np.bool_]) -> NDArray[Any]:
         return self.simulator.returns[games]
 
-    def observe(self) -> NDArray[np.float32]:
-        """[num_games, numbers]: what is observed."""
-        return self.simulator.observe(self.encoding)
-
     def _seen(self) -> dict[str, torch.Tensor]:
-        return {"observation": torch.from_numpy(self.observe())}
-
-    def _move(self, actions: NDArray[Any]) -> NDArray[np.bool_]:
-        task = self.simulator.task
-        self.simulator.step(actions if self.player.continuous else task.actions_of(actions))
-        return self.simulator.ended
+        return {"observation": torch.from_numpy(self.simulator.observe(self.encoding))}
 
     def _play(
         self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
     ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
-        simulator, over = self.simulator, self._move(actions.numpy())
+        simulator, moves = self.simulator, actions.numpy()
+        simulator.step(moves if self.player.continuous else simulator.task.actions_of(moves))
+        over = simulator.ended
         ending = over if alive is None else over & alive
         if ending.any():
             self.finish(ending)

@@ -12,12 +12,9 @@ class EpisodeHook:
     """The base of teachers and of whoever draws opponents; every method does nothing here.
 
     Attributes:
-        copies: games i, i + n/copies, ... are to begin alike (for learners that compare candidates
-            on the same starts); a learner sets it.
         wants_advantages: whether `note_advantages` is to be called.
     """
 
-    copies: int = 1
     wants_advantages: bool = False
 
     def before_restart(self, games: NDArray[np.intp]) -> None:

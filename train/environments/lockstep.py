@@ -41,12 +41,10 @@ class LockstepEnv(EnvBase):
         finished_returns, finished_lengths: of the episodes that ended since they were last cleared.
         resume: set it to have the next full reset go on with the games as they stand.
         begun: whether `begin` was called.
-        carries_over: whether episodes begin where the last ones ended.
     """
 
     simulator: Any
     player: Any
-    carries_over = False
 
     def __init__(self, simulator: Any, hook: EpisodeHook | None = None, members: int = 1) -> None:
         if simulator.auto_restart:
@@ -88,18 +86,6 @@ class LockstepEnv(EnvBase):
 
     def _restarted(self, games: NDArray[np.intp]) -> None:
         """Called when new episodes have begun in `games` [n]."""
-
-    def observe(self) -> NDArray[Any]:
-        """[num_games, ...]: what the learner's first seat observes."""
-        raise NotImplementedError
-
-    def _move(self, actions: NDArray[Any]) -> NDArray[np.bool_]:
-        """`advance` all games by one step; [num_games], whose episode is over."""
-        raise NotImplementedError
-
-    def masks(self) -> NDArray[np.bool_]:
-        """[num_games, k, actions] bool: what the learner's agents may do; anything, as it is."""
-        return np.ones((self.num_games, self.members, self.player.num_actions), dtype=bool)
 
     # -- what follows ----------------------------------------------------------------------------
 
@@ -170,27 +156,6 @@ class LockstepEnv(EnvBase):
         alive = np.zeros(self.num_games, dtype=bool)
         alive[running.numpy()] = True
         return self._batch(self._play(actions, alive)[0])
-
-    def advance(self, actions: NDArray[Any], running: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """As `step_episodes`, without tensors: for learners that need no more than the returns.
-
-        Args:
-            actions: [num_games, ...] of the learner's one seat.
-            running: [num_games], whose episode is not over yet.
-
-        Returns:
-            [num_games]: those of them whose episode is over now. Their returns are the last in
-            `finished_returns`.
-        """
-        ending = self._move(actions) & running
-        if ending.any():
-            self.finish(ending)
-        return ending
-
-    def share_starts(self, each: int) -> None:
-        """Make every game a copy of that of its number modulo `each`, random streams and all."""
-        chosen = np.arange(self.num_games) % each
-        self.simulator.set_state(self.simulator.get_state(chosen))
 
     def step_and_maybe_reset(
         self, tensordict: TensorDictBase

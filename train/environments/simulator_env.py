@@ -23,7 +23,8 @@ from train.networks.policy import Seat
 class SimulatorEnv(LockstepEnv):
     """The learner's seats of every game; policies fill the others.
 
-    The learner has k seats of each game, one after the other: one here, all of a role in `TeamEnv`.
+    The learner has k seats of each game, one after the other: one, or all of a role, whose agents
+    then learn with shared parameters (independent PPO; de Witt et al., 2020).
     Keys are those of `LockstepEnv`; "action" is [batch] int64. An episode is over with its game, or
     when none of the learner's agents is left in it. Where k > 1, an agent that has been caught
     while others run on is "idle" ([batch, 1] bool): what it records counts for nothing.
@@ -38,19 +39,16 @@ class SimulatorEnv(LockstepEnv):
         policies: whoever fills each seat; None in the learner's.
         hook: changes the next episodes.
         members: k.
+        scale: rewards are multiplied by it.
 
     Attributes:
         seat, seats: the learner's first seat, and all of them.
-        central: whether each agent observes what all k would in full sight as well.
-        scale: rewards are multiplied by it.
         idle: [num_games, k] bool.
         frames: [batch, frame_stack, ...], the last observations of every agent of the learner's,
             where it is given more than one at once.
     """
 
     simulator: Simulator
-    central = False
-    scale = 1.0
 
     def __init__(
         self,
@@ -59,8 +57,10 @@ class SimulatorEnv(LockstepEnv):
         policies: Sequence[Policy | None],
         hook: EpisodeHook | None = None,
         members: int = 1,
+        scale: float = 1.0,
     ) -> None:
         super().__init__(simulator, hook, members)
+        self.scale = scale
         batch = self.batch_size[0]
         self.player, self.policies, self.encoding = player, list(policies), player.encoding
         self.seat = player.number
@@ -85,7 +85,7 @@ class SimulatorEnv(LockstepEnv):
         if self.stack is not None:
             one = np.concatenate([ends[0]] * self.stack.count)
             ends = [one, self.player.features.high]
-        shape = (batch, *([self.members + 1] if self.central else []), *ends[0].shape)
+        shape = (batch, *ends[0].shape)
         low, high = (torch.as_tensor(bound, dtype=dtype).expand(shape) for bound in ends)
         spec: Any = {"observation": Bounded(low, high, shape=shape, dtype=dtype)}
         if self.members > 1:
@@ -114,45 +114,18 @@ class SimulatorEnv(LockstepEnv):
 
     def _seen(self) -> dict[str, torch.Tensor]:
         """The observations [batch, ...] of the learner's seats, who is idle, and the masks."""
-        encoder = self.simulator.encoder(self.encoding)
-        seen = torch.from_numpy(self._stacked(encoder.encode(self.simulator.games, self.seats)))
-        if self.central:
-            team = self._whole()[:, None].expand(-1, self.members, *seen.shape[1:])
-            seen = torch.cat([seen[:, :, None], team], dim=2)
+        simulator = self.simulator
+        encoder = simulator.encoder(self.encoding)
+        seen = torch.from_numpy(self._stacked(encoder.encode(simulator.games, self.seats)))
         found = {"observation": seen.flatten(0, 1)}
         if self.members > 1:
             found["idle"] = torch.from_numpy(self.idle.reshape(-1, 1).copy())
         if self.player.mask_bumps:
-            found[ACTION_MASK] = torch.from_numpy(self.masks()).flatten(0, 1)
+            actions, over = self.player.num_actions, simulator.terminated
+            allowed = action_masks(simulator.games, self._world, actions, self.seats, over)
+            found[ACTION_MASK] = torch.from_numpy(allowed).flatten(0, 1)
             self.action_spec.update_mask(found[ACTION_MASK])
         return found
-
-    def _whole(self) -> torch.Tensor:
-        """[games, k, ...]: what the central critic is shown of the agents of the role."""
-        raise NotImplementedError
-
-    def masks(self) -> NDArray[np.bool_]:
-        """[num_games, k, actions] bool: what the learner's agents may do."""
-        if not self.player.mask_bumps:
-            return super().masks()
-        simulator, actions = self.simulator, self.player.num_actions
-        return action_masks(simulator.games, self._world, actions, self.seats, simulator.terminated)
-
-    def observe(self) -> NDArray[Any]:
-        """[num_games, ...]: what the learner's first seat observes."""
-        return self._stacked(self.simulator.observe(self.encoding, self.seat)[:, None])[:, 0]
-
-    def _move(self, actions: NDArray[Any]) -> NDArray[np.bool_]:
-        simulator = self.simulator
-        simulator.act(self.policies, self._actions)
-        self._actions[:, self.seat] = actions
-        simulator.step(self._actions)
-        if self.stack is not None:
-            shift(self.frames)
-        over = simulator.ended
-        if simulator.task.num_evaders > 1:
-            over |= simulator.active[:, self.seat] == 0
-        return over
 
     def _play(
         self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None

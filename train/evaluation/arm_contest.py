@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.compilation.kernel_cache import source_stamp
 from pursuit.reacher.policy import ArmPolicy
 from pursuit.reacher.rendering import ArmScene, scene_of
 from pursuit.reacher.simulator import ReacherSimulator
@@ -27,16 +22,12 @@ from scripted_agents import (
     ThesisInverseKinematics,
     least_steps_of,
 )
-from scripted_agents.arm import least_steps_kernels
 from train.evaluation.games import half_width
 from train.evaluation.scores import BY_STEPS, Contest, Measure, Reference, Score, reference_of
-from train.files import write_beside
 from train.settings.checks import EVALUATION_SEED
 
 EPISODES = 1000
 """Starts that are solved at once, at least."""
-JOINTS_KEPT = 7
-"""From here on a thousand starts take seconds."""
 
 
 @dataclass(frozen=True)
@@ -71,50 +62,11 @@ def bounds_of(task: ReacherTask, episodes: int, seed: int) -> Bounds:
     if episodes < EPISODES:
         first = bounds_of(task, EPISODES, seed)
         return Bounds(*(array[:episodes] for array in vars(first).values()))
-    steps = solved(task, episodes, seed)
-    needed = np.maximum(steps, 1) + task.hold - 1
-    lengths = np.minimum(needed, task.max_steps)
-    return Bounds(lengths[:, 0], lengths[:, 1], needed[:, 0] <= task.max_steps)
-
-
-def solved(task: ReacherTask, episodes: int, seed: int) -> NDArray[np.int64]:
-    """[episodes, 2] bounds of the least steps from the starts of an evaluation.
-
-    Of eight joints they take ten seconds, so they are kept on disk as compiled kernels are, under a
-    name that changes with the task, the starts, the rules and the solver.
-    """
     arms = ReacherSimulator(task, episodes, seed, auto_restart=False)
-    given = (arms.angles, arms.targets, task.max_turn, task.tolerance)
-    if task.joints < JOINTS_KEPT:
-        return np.stack(least_steps_of(*given)[:2], axis=1)
-    kernels = least_steps_kernels.__file__
-    digest = hashlib.sha256(source_stamp(kernels).encode())
-    digest.update(Path(kernels).with_name("least_steps.py").read_bytes())
-    for array in given:
-        digest.update(np.asarray(array).tobytes())
-    path = kept_files() / f"least-steps-{digest.hexdigest()[:32]}.npy"
-    with contextlib.suppress(OSError, ValueError, EOFError):
-        kept: NDArray[np.int64] = np.load(path, allow_pickle=False)
-        fits = kept.shape == (episodes, 2) and kept.dtype == np.int64
-        if fits and (kept[:, 0] >= 0).all() and (kept[:, 0] <= kept[:, 1]).all():
-            return kept
-    steps = np.stack(least_steps_of(*given)[:2], axis=1)
-    with contextlib.suppress(OSError, ValueError):  # it can be solved again
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_beside(path, lambda partial: _save(partial, steps))
-    return steps
-
-
-def _save(path: Path, steps: NDArray[np.int64]) -> None:
-    with path.open("wb") as file:  # of a path NumPy would change the name
-        np.save(file, steps)
-
-
-def kept_files() -> Path:
-    """The folder of what can be computed again: PURSUIT_CACHE, else that of the user's caches."""
-    own = os.environ.get("PURSUIT_CACHE")
-    caches = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(own) if own else Path(caches) / "pursuit"
+    bounds = least_steps_of(arms.angles, arms.targets, task.max_turn, task.tolerance)[:2]
+    needed = [np.maximum(steps, 1) + task.hold - 1 for steps in bounds]
+    lower, upper = (np.minimum(steps, task.max_steps) for steps in needed)
+    return Bounds(lower, upper, needed[0] <= task.max_steps)
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,12 @@
-"""A policy and a value: one shared trunk, one each, or a critic that sees the whole team."""
+"""A policy and a value: one shared trunk, or one each."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 
 import torch
 from torch import nn
-from torchrl.modules import MultiAgentMLP
 
 from train.networks.distributions import Categorical, SquashedNormal
 from train.networks.features import Features
@@ -183,46 +181,3 @@ class ActorCritic(nn.Module):
         columns = {**frames, "hidden": hidden, "value_hidden": value_hidden}
         flat = flattened(columns)
         return flat.pop("hidden"), flat.pop("value_hidden"), flat
-
-
-class CentralActorCritic(ActorCritic):
-    """A policy on what one agent observes, and a value of what its whole team observes (MAPPO).
-
-    Observations are [..., k + 1, *shape]: the agent's own, then those of all k agents of its role.
-    The critic is TorchRL's `MultiAgentMLP`, centralised: one network on all k observations at once
-    (Yu et al., 2022). `logits` takes the agent's own observation alone, [..., *shape].
-
-    Args:
-        features: of the kind "index".
-        num_actions: of every agent.
-        members: k, agents of the role.
-        hidden: its form is always "dense".
-    """
-
-    def __init__(self, features: Features, num_actions: int, members: int, hidden: Hidden) -> None:
-        super().__init__(
-            features, num_actions, replace(hidden, form="dense", pairs=False), shared=False
-        )
-        del self.value_trunk
-        self.value_memory = None  # it sees everything
-        self.critic = MultiAgentMLP(
-            n_agent_inputs=features.num_rows,
-            n_agent_outputs=hidden.width,
-            n_agents=members,
-            centralized=True,
-            share_params=True,
-            depth=1,
-            num_cells=hidden.width,
-            activation_class=nn.Tanh if hidden.activation == "tanh" else nn.ReLU,
-        )
-
-    @property
-    def shared(self) -> bool:
-        """False: the critic is a network of its own."""
-        return False
-
-    def hidden(self, prepared: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """[..., width] each for policy and value, from [..., k + 1, rows]."""
-        team: torch.Tensor = self.critic(prepared[..., 1:, :].float())
-        # With shared parameters a centralised critic says the same of every agent of the team.
-        return self.policy_trunk(prepared[..., 0, :]), team[..., 0, :].relu()

@@ -47,11 +47,6 @@ class ArmSeat:
         """One arm."""
         return 1
 
-    @property
-    def bytes_of_game(self) -> int:
-        """About."""
-        return 64 * self.task.joints + 256
-
     @cached_property
     def features(self) -> Features:
         """Of its encoding, in lengths of links and radians as they are.

@@ -11,12 +11,20 @@ from typing import ClassVar
 
 import torch
 
-from train.networks.masks import masked
-
 DISTRIBUTION = "distribution"
 """Where frames keep the `parameters` of the distributions that their actions were drawn from."""
 
 LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
+FORBIDDEN = -1e9
+"""Of a masked action: its probability is 0, and unlike -inf it makes no NaN of 0 * log 0."""
+
+
+def masked(logits: torch.Tensor, allowed: torch.Tensor | None) -> torch.Tensor:
+    """[..., actions]: `logits` where `allowed` [..., actions] bool, FORBIDDEN elsewhere.
+
+    Without masks (None) they are as they were.
+    """
+    return logits if allowed is None else logits.masked_fill(~allowed, FORBIDDEN)
 
 
 class Categorical:

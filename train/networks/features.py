@@ -33,9 +33,6 @@ class Features:
         rows: [numbers] int64, of "index": the row that each number of an observation names; the
             last one is `num_rows`, which is no row. Empty for other kinds.
         num_rows: of the first layer on "index".
-        pairs: of "index": the kind of pair that an agent itself makes with each other number of an
-            observation, from 0 on; -1 for none. Empty where pairs are not to be had.
-        num_cells: of the largest maze, on "index" with pairs.
         network: a user's own that sees them, by its name; "" for ours.
     """
 
@@ -44,14 +41,7 @@ class Features:
     high: NDArray[Any]
     rows: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     num_rows: int = 0
-    pairs: tuple[int, ...] = ()
-    num_cells: int = 0
     network: str = ""
-
-    @property
-    def num_pairs(self) -> int:
-        """Rows that the pairs of all kinds have."""
-        return (max(self.pairs, default=-1) + 1) * self.num_cells**2
 
 
 def features_of(encoder: Encoder, num_agents: int) -> Features:
@@ -76,8 +66,7 @@ def features_of(encoder: Encoder, num_agents: int) -> Features:
     blocks.append(num_agents + (entities > num_agents))  # of the goal that was just collected
     num_rows = (blocks[-1] + 1) * cells
     rows = (np.array(blocks)[:, None] * cells + np.arange(cells)).ravel()
-    pairs = tuple(block - 1 for block in blocks[1:-1])
-    return Features("index", shape, high, np.append(rows, num_rows), num_rows, (*pairs, -1), cells)
+    return Features("index", shape, high, np.append(rows, num_rows), num_rows)
 
 
 def seen_by(features: Features, network: str) -> Features:

@@ -31,8 +31,7 @@ def stacked(features: Features, count: int) -> Features:
         for number in range(count)
     ]
     high = high + np.repeat(_offsets(features, count), features.shape[0])
-    rows_of_all = np.concatenate(rows)
-    return replace(features, shape=shape, high=high, rows=rows_of_all, num_rows=total, pairs=())
+    return replace(features, shape=shape, high=high, rows=np.concatenate(rows), num_rows=total)
 
 
 class FrameStack:

@@ -26,12 +26,12 @@ class FusedLayers(NamedTuple):
 
 
 def fused_layers(trunk: Trunk) -> FusedLayers | None:
-    """The layers of a trunk of the form that is written out here: rows without pairs, and ReLUs.
+    """The layers of a trunk of the form that is written out here: an `IndexLayer`, and ReLUs.
 
     None for any other, and for subclasses, which may do something else.
     """
     first, rest = trunk.first, [*trunk.rest]
-    if type(first) is not IndexLayer or first.pairs is not None or type(trunk) is not Trunk:
+    if type(first) is not IndexLayer or type(trunk) is not Trunk:
         return None
     if [type(layer) for layer in rest] != [nn.ReLU, nn.Linear, nn.ReLU]:
         return None

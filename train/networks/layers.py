@@ -41,8 +41,7 @@ class Hidden:
         std: of the first layer's weights on "index" at the start.
         form: of the first layer on "index"; None for the faster.
         bfloat16: matrix products run under autocast; parameters and outputs stay float32.
-        recurrent: the kind of cell that follows them, "gru" or "lstm"; None for none.
-        pairs: whether the first layer on "index" has rows for pairs of cells as well.
+        recurrent: the kind of cell that follows them, "gru"; None for none.
     """
 
     width: int = 128
@@ -51,64 +50,38 @@ class Hidden:
     form: FirstLayerForm | None = None
     bfloat16: bool = False
     recurrent: str | None = None
-    pairs: bool = False
 
 
 class IndexLayer(nn.Module):
     """A linear layer on "index": the sum of the rows that an observation names, and a bias.
 
-    With `pairs` there are rows besides for (own cell, other cell), one table for each kind of
-    others: all goals share one. They are 0 at first.
-
     Args:
         features: of the kind "index".
         width: outputs.
-        form: "bag" or "dense"; the same function of the same parameters. Pairs need the bag.
+        form: "bag" or "dense"; the same function of the same parameters.
         std: standard deviation of the weights at first.
-        pairs: whether there are rows for pairs.
     """
 
     rows: torch.Tensor
-    places: torch.Tensor
-    kinds: torch.Tensor
 
     def __init__(
-        self,
-        features: Features,
-        width: int,
-        form: FirstLayerForm,
-        std: float = 0.06,
-        pairs: bool = False,
+        self, features: Features, width: int, form: FirstLayerForm, std: float = 0.06
     ) -> None:
         super().__init__()
-        self.num_rows, self.cells = features.num_rows, features.num_cells
+        self.num_rows, self.form = features.num_rows, form
         self.register_buffer("rows", torch.from_numpy(features.rows), False)
         self.weight = nn.Parameter(torch.empty(self.num_rows + 1, width))
         self.bias = nn.Parameter(torch.zeros(width))
-        self.form, self.pairs = form, None
         nn.init.normal_(self.weight, std=std)
         with torch.no_grad():
             self.weight[self.num_rows] = 0.0
-        if pairs:
-            self.pairs = nn.Parameter(torch.zeros(features.num_pairs + 1, width))
-            kinds = torch.tensor(features.pairs)
-            self.num_single = len(kinds) + 1
-            paired = kinds >= 0
-            self.register_buffer("places", 1 + torch.nonzero(paired).squeeze(-1), False)
-            self.register_buffer("kinds", kinds[paired], False)
 
     def prepare(self, observation: torch.Tensor, learning: bool = True) -> torch.Tensor:
-        """[..., numbers] rows to sum, those of `pairs` last; or [..., num_rows] what they are.
+        """[..., numbers] rows to sum; or [..., num_rows] what they are.
 
         Unless something is to be learned of it, always the rows.
         """
-        numbers = observation.long()
-        rows = self.rows[numbers]
-        if self.pairs is not None:
-            own, other = numbers[..., :1], numbers[..., self.places] - self.places * self.cells
-            there = (own < self.cells) & (other < self.cells)
-            pair = (self.kinds * self.cells + own) * self.cells + other
-            return torch.cat([rows, torch.where(there, pair, len(self.pairs) - 1)], -1)
+        rows = self.rows[observation.long()]
         if self.form == "bag" or not learning:
             return rows
         one_hot = torch.zeros(*rows.shape[:-1], self.num_rows + 1, device=rows.device)
@@ -126,17 +99,11 @@ class IndexLayer(nn.Module):
             table = nn.functional.pad(self.weight[: self.num_rows], (0, 0, 0, 1))
             found = nn.functional.embedding_bag(rows, table, mode="sum").add_(self.bias)
             return found.reshape(*prepared.shape[:-1], -1)
-        summed: torch.Tensor = self.bias
-        if self.pairs is not None:
-            rows, paired = rows[:, : self.num_single], rows[:, self.num_single :]
-            summed = summed + _sum_of(self.pairs, paired)
-        return (_sum_of(self.weight, rows) + summed).reshape(*prepared.shape[:-1], -1)
-
-
-def _sum_of(table: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
-    """[n, width] sums of rows [n, k] of a table, of which the last is none."""
-    last = len(table) - 1
-    return nn.functional.embedding_bag(rows, table, mode="sum", padding_idx=last)
+        found = nn.functional.embedding_bag(
+            rows, self.weight, mode="sum", padding_idx=self.num_rows
+        )
+        found = found + self.bias
+        return found.reshape(*prepared.shape[:-1], -1)
 
 
 class Flat(nn.Module):
@@ -252,9 +219,8 @@ class Trunk(nn.Module):
             return
         first: IndexLayer | Flat | Convolutions | Planning
         if features.kind == "index":
-            pairs = hidden.pairs and features.num_pairs > 0
-            form = "bag" if pairs else hidden.form or first_layer_form(features.num_rows)
-            first = IndexLayer(features, width, form, hidden.std, pairs)
+            form = hidden.form or first_layer_form(features.num_rows)
+            first = IndexLayer(features, width, form, hidden.std)
         else:
             kinds: dict[str, type[Flat | Convolutions | Planning]]
             kinds = {"planes": Convolutions, "grid": Planning, "flat": Flat}

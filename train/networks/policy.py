@@ -90,10 +90,6 @@ class Player(Protocol):
     def members(self) -> int:
         """How many agents have its role, itself included."""
 
-    @property
-    def bytes_of_game(self) -> int:
-        """What one game takes, about, without its observation."""
-
     def policy(self, network: Any, greedy: bool = True) -> Any:
         """A network as this player."""
 
@@ -133,11 +129,6 @@ class Seat:
     def members(self) -> int:
         """Agents of that role."""
         return self.task.count(self.role)
-
-    @property
-    def bytes_of_game(self) -> int:
-        """About."""
-        return 100 * self.task.num_agents + 20 * self.task.num_goals
 
     @property
     def num_actions(self) -> int:

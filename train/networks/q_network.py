@@ -8,7 +8,6 @@ from torch import nn
 from train.networks.features import Features
 from train.networks.fused import fused_hidden, fused_layers
 from train.networks.layers import Hidden, Trunk, head
-from train.networks.recurrent import Cell, cell_of
 
 
 class DuelingHead(nn.Module):
@@ -40,10 +39,7 @@ class QNetwork(nn.Module):
     Attributes:
         policy_trunk: the hidden layers.
         policy_head: [..., width] -> [..., actions].
-        policy_memory: the cell between them; None where nothing is remembered.
     """
-
-    policy_memory: Cell | None
 
     def __init__(
         self,
@@ -56,7 +52,6 @@ class QNetwork(nn.Module):
         super().__init__()
         self.policy_trunk = Trunk(features, hidden)
         self._fused = fused_layers(self.policy_trunk) if fused else None
-        self.policy_memory = cell_of(hidden)
         self.policy_head = (
             DuelingHead(hidden.width, num_actions)
             if dueling
@@ -72,9 +67,9 @@ class QNetwork(nn.Module):
 
     @property
     def update_form(self) -> str:
-        """Which form of the hidden layers runs where nothing is remembered: "fused" or "torch"."""
-        plain = self._fused if self.policy_memory is None else None
-        return "fused" if plain and plain.second.weight.device.type == "cpu" else "torch"
+        """Which form of the hidden layers runs: "fused" or "torch"."""
+        fused = self._fused
+        return "fused" if fused and fused.second.weight.device.type == "cpu" else "torch"
 
     def quick(self, observation: torch.Tensor) -> torch.Tensor:
         """The same for observations [batch, *shape], quicker, up to the last bits."""
@@ -89,34 +84,3 @@ class QNetwork(nn.Module):
     def logits(self, observation: torch.Tensor) -> torch.Tensor:
         """The same: the greedy action has the largest."""
         return self(observation)
-
-    @property
-    def sizes(self) -> tuple[int, int]:
-        """Numbers that it remembers of a game, and 0."""
-        return self.policy_memory.size if self.policy_memory else 0, 0
-
-    def remember(
-        self, observation: torch.Tensor, state: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Values of a step [games, actions], and the state [games, numbers] after it: 0 numbers
-        where nothing is remembered."""
-        if self.policy_memory is None:
-            return self.quick(observation), state
-        trunk = self.policy_trunk
-        hidden, state = self.policy_memory.step(trunk(trunk.prepare(observation)), state)
-        return self.policy_head(hidden), state
-
-    def along(
-        self, observation: torch.Tensor, state: torch.Tensor, episode_start: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Values [games, steps, actions] of sequences, and the states after every step.
-
-        Args:
-            observation: [games, steps, *shape].
-            state: [games, numbers] before the first step.
-            episode_start: [games, steps] bool: an episode begins here.
-        """
-        assert self.policy_memory is not None
-        trunk = self.policy_trunk
-        hidden, states = self.policy_memory(trunk(trunk.prepare(observation)), state, episode_start)
-        return self.policy_head(hidden), states

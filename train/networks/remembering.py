@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -10,36 +10,8 @@ from numpy.typing import NDArray
 
 from pursuit.simulator.policy import GameView, Memory
 from pursuit.tasks.task import Task
-from train.networks.features import Features
+from train.networks.distributions import masked
 from train.networks.frames import FrameStack, shift
-from train.networks.masks import masked
-
-
-class Seated(Protocol):
-    """What such a policy knows of the seat that it was trained in."""
-
-    @property
-    def task(self) -> Task:
-        """The game."""
-
-    @property
-    def agent(self) -> str:
-        """By name or role."""
-
-    @property
-    def encoding(self) -> str:
-        """What it observes."""
-
-    @property
-    def frame_stack(self) -> int:
-        """Observations that the network is given at once."""
-
-    @property
-    def seen(self) -> Features:
-        """Of one observation."""
-
-    def masks(self, view: GameView) -> NDArray[np.bool_] | None:
-        """[games, actions]: what it may do; None for anything."""
 
 
 def probabilities_of(
@@ -106,14 +78,14 @@ def check_looks(
 class RememberingPolicy:
     """A network that fills a seat and remembers; a `MemoryPolicy`.
 
-    It has a GRU or an LSTM, or is given the last observations, or both. What it does depends on
+    It has a GRU, or is given the last observations, or both. What it does depends on
     what it has seen in the episode, so it is no table and no known distribution over what can be
     seen: what it achieves is played out, never solved.
 
     Args:
         network: gives `logits(observation)`; where it remembers, `remember(observation, state)`
             gives them and the next state, and `sizes` says how many numbers a state has.
-        seat: in which it was trained.
+        seat: in which it was trained, a `Seat`.
         greedy: take the most probable action; False draws from the distribution.
 
     Attributes:
@@ -124,7 +96,7 @@ class RememberingPolicy:
             where there is such a thing.
     """
 
-    def __init__(self, network: Any, seat: Seated, greedy: bool = True) -> None:
+    def __init__(self, network: Any, seat: Any, greedy: bool = True) -> None:
         self.network, self.seat, self.greedy = network, seat, greedy
         self.task, self.agent, self.encoding = seat.task, seat.agent, seat.encoding
         self.memory = Memory(self._nothing)

@@ -17,11 +17,10 @@ PATTERN = "game-*.json"
 
 def replay_of(session: Session, name: str) -> Replay:
     """The present game of a session as a replay; who left it early is no end of it."""
-    arm = hasattr(session.task, "joints")
     over = session.simulator
     episode = Episode(
         session.start,
-        np.array(session.actions, dtype=np.float64 if arm else np.uint8),
+        np.array(session.actions, dtype=np.uint8),
         np.array(session.rewards, dtype=np.float32),
         bool(over.terminated[0]),
         bool(over.truncated[0]),

@@ -14,13 +14,11 @@ class Outcome:
 
     Attributes:
         won: as in evaluations: the chasers caught all, the evader lived to the last step, all goals
-            were collected (by a runner among rivals more than by each other agent), the arm
-            reached its target.
+            were collected (by a runner among rivals more than by each other agent).
         steps: that the person played.
         reward: what these steps paid.
-        least, most: bounds of the optimum from the same start, which are one number where it is
-            known exactly: steps of the best response in expectation, of a shortest tour, of an
-            arm's least; None where there is no bound.
+        optimal_steps: the optimum from the same start: steps of the best response in expectation,
+            or of a shortest tour; None where it is not known.
         expected: whether that is an expectation, which luck may beat.
         agent: who played the same start in the person's seat.
         agent_steps, agent_won, agent_goals: what came of it, in one game with the same luck of the
@@ -31,8 +29,7 @@ class Outcome:
     won: bool
     steps: int
     reward: float
-    least: float | None
-    most: float | None
+    optimal_steps: float | None
     expected: bool
     agent: str
     agent_steps: int
@@ -43,12 +40,10 @@ class Outcome:
     @property
     def optimum(self) -> str:
         """The optimum in words."""
-        if self.least is None:
+        if self.optimal_steps is None:
             return NOT_KNOWN
-        least = in_short(self.least)
-        if self.most is None:
-            return f"{least} steps at least"
-        text = least if self.most == self.least else f"{least} to {in_short(self.most)}"
+        # Two digits after the point, or as many as there are.
+        text = f"{self.optimal_steps:.2f}".rstrip("0").rstrip(".")
         return f"{text} steps" + (" in expectation" if self.expected else "")
 
     def rows(self) -> list[tuple[str, str]]:
@@ -74,19 +69,15 @@ class Outcome:
         return [f"{who:<{width}}{what}" for who, what in self.rows()]
 
 
-def in_short(number: float) -> str:
-    """Two digits after the point, or as many as there are."""
-    return f"{number:.2f}".rstrip("0").rstrip(".")
-
-
 def total_line(outcomes: Sequence[Outcome]) -> str:
     """All games so far in one line; nothing before the second."""
     if len(outcomes) < 2:
         return ""
     count = len(outcomes)
     parts = [f"you {sum(o.steps for o in outcomes) / count:.2f}"]
-    if all(o.least is not None and o.least == o.most for o in outcomes):
-        parts.append(f"optimum {sum(o.least or 0.0 for o in outcomes) / count:.2f}")
+    optima = [o.optimal_steps for o in outcomes if o.optimal_steps is not None]
+    if len(optima) == count:
+        parts.append(f"optimum {sum(optima) / count:.2f}")
     parts.append(f"{outcomes[0].agent} {sum(o.agent_steps for o in outcomes) / count:.2f}")
     won = sum(o.won for o in outcomes)
     return f"{count} games, {won} won; mean steps: {', '.join(parts)}"

@@ -6,35 +6,29 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from scripted_agents import InverseKinematics, LeastStepsPolicy, RandomArm
-from train.play.session import ArmSession, MazeSession, Session
+from train.play.session import Session
 from train.runs.folder import CONFIG
-from train.runs.opponents import check_fits, is_self_play, load_policy, policy_in_seat
+from train.runs.opponents import check_fits, is_self_play, policy_in_seat
 from train.runs.saved import load_settings
 from train.runs.tasks import check_one_maze
 from train.runs.worlds import GridWorld
-from train.settings.checks import check
-from train.settings.task import AnyTask, ReacherSettings, TaskSettings, in_maze
+from train.settings.task import TaskSettings, in_maze
 
 ROLES = ("chaser", "evader")
 
 
-def session_of(settings: AnyTask, beside: str, seed: int) -> Session:
+def session_of(settings: TaskSettings, beside: str, seed: int) -> Session:
     """Games for a person in the seat that the settings name, against whom they name.
 
     Args:
         settings: the task; its role is the person's, its opponent plays the other seats.
-        beside: who plays the same starts in the person's seat: astar (for an arm inverse
-            kinematics), optimal, random, package.module:Name, or the folder of a run.
+        beside: who plays the same starts in the person's seat: astar, optimal, random,
+            package.module:Name, or the folder of a run.
         seed: of the games.
 
     Raises:
         ValueError: settings that make no game, or somebody who does not fit in.
     """
-    if isinstance(settings, ReacherSettings):
-        task = settings.build()
-        name, mover = arm_agent(beside, settings)
-        return ArmSession(task, name, mover, seed)
     world = GridWorld(settings)
     check_one_maze(world.task, "a game by hand")
     for role, policy in world.opponents.items():
@@ -42,7 +36,7 @@ def session_of(settings: AnyTask, beside: str, seed: int) -> Session:
     role = world.agent.split("_")[0]
     policy = policy_in_seat(beside, world.task, role)
     contest: Any = world.contest(2)
-    return MazeSession(contest, name_of(beside, role), policy, seed, world.settings.opponent)
+    return Session(contest, name_of(beside, role), policy, seed, world.settings.opponent)
 
 
 def game_of_run(against: str) -> TaskSettings | None:
@@ -70,27 +64,6 @@ def of_side(settings: TaskSettings) -> TaskSettings:
         return settings
     other = ROLES[1 - ROLES.index(role)]
     return replace(settings, opponent=str(folder / other))
-
-
-def arm_agent(name: str, settings: ReacherSettings) -> tuple[str, Any]:
-    """Who moves an arm by that name, and what it is called.
-
-    Raises:
-        ValueError: nobody of this name, or somebody who does not move such an arm.
-    """
-    discrete = settings.discrete_actions
-    if name == "random" or (name == "astar" and discrete):  # kinematics have no discrete turns
-        return "random", RandomArm()
-    if name == "astar":
-        return "inverse kinematics", InverseKinematics()
-    if name == "optimal":
-        check(not discrete, "beside='optimal': not known with discrete actions; take random")
-        return "least steps", LeastStepsPolicy()
-    learned = load_settings(Path(name)).task
-    fits = isinstance(learned, ReacherSettings) and learned.joints == settings.joints
-    same = fits and getattr(learned, "discrete_actions", None) == discrete
-    check(same, f"{name}: learned another task than an arm of {settings.joints} joint(s)")
-    return Path(name).name, load_policy(Path(name))
 
 
 def name_of(given: str, role: str) -> str:

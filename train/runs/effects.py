@@ -49,7 +49,7 @@ def check_task_effects(settings: AnyTask) -> None:
 
 def check_self_play_effects(settings: SelfPlaySettings) -> None:
     """The same for what only self-play has."""
-    task, hyper, default = task_of(settings.task), settings.hyper, self_play_ppo()
+    hyper, default = settings.hyper, self_play_ppo()
     for name, scheme in (("window", "window"), ("pfsp_power", "pfsp")):
         if settings.sampling != scheme:
             other = f"sampling={settings.sampling!r} does not use it (sampling={scheme!r} does)"
@@ -60,6 +60,3 @@ def check_self_play_effects(settings: SelfPlaySettings) -> None:
     if not by_ppo:
         names = [field.name for field in fields(hyper) if field.name not in SHARED]
         check_default(hyper, default, names, "it is a setting of ppo, by which no role learns")
-    if all(task.count(role) == 1 for role in by_ppo):
-        alone = "it is for several agents of one role that learn by ppo"
-        check_default(hyper, default, ["central_critic"], alone)

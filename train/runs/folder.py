@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -146,6 +147,17 @@ def load_checkpoint(folder: Path | str) -> dict[str, Any]:
     if not isinstance(state, dict) or state.get("format") != FORMAT:
         raise ValueError(f"{path}: written by another version of pursuit (format {FORMAT} needed)")
     return state
+
+
+def check_learned(algorithm: str, trainee: Mapping[str, Any]) -> None:
+    """ValueError unless the learner saved in a checkpoint is of this algorithm, and all its tensors
+    are finite; `trainee` has "learner", and "algorithm" unless an older version wrote it."""
+    from train.tensors import first_not_finite  # torch is slow to import
+
+    own = trainee.get("algorithm", algorithm)
+    check(own == algorithm, f"of algorithm {own!r}, and the settings say {algorithm!r}")
+    where = first_not_finite(trainee["learner"])
+    check(where is None, f"{where} is not finite")
 
 
 MISFITS = (ValueError, KeyError, IndexError, RuntimeError, TypeError, AttributeError, OverflowError)

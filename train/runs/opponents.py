@@ -19,6 +19,7 @@ from train.runs.folder import (
     CONFIG,
     MISFITS,
     SELF_PLAY,
+    check_learned,
     load_checkpoint,
     load_config,
     misfit,
@@ -49,6 +50,7 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
     )
     seat = player_of(settings)
     try:
+        check_learned(algorithm.name, state["trainee"])
         return algorithm.load(settings.hyper, seat, state["trainee"]["learner"], greedy)
     except MISFITS as error:
         raise misfit(folder, error) from None

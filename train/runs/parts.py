@@ -7,22 +7,23 @@ its plan, a contest its task and opponents.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from math import prod
 from typing import Any
 
+from pursuit.memory import check_memory
 from train.algorithms.registry import Algorithm, Build, entry
 from train.evaluation.suite_contest import SuiteContest
-from train.networks.policy import NO_WALLS
+from train.networks.policy import NO_WALLS, Player
 from train.runs.saved import player_of, unchecked_settings
-from train.runs.sizes import check_memory
 from train.runs.threads import uses_bfloat16
 from train.runs.worlds import GridWorld, World, world_of
-from train.settings.algorithms import Hyperparameters, PPOSettings
+from train.settings.algorithms import Hyperparameters
 from train.settings.checks import check, evaluation_seed
 from train.settings.off_policy import ReplaySettings
-from train.settings.run import SHARED_OUT, TrainSettings
+from train.settings.run import TrainSettings
 from train.settings.task import AnyTask, in_maze
-from train.teaching.plan import Plan, check_learner, plan_lessons
+from train.teaching.plan import Plan, plan_lessons
 from train.teaching.teacher import Teacher
 
 
@@ -36,8 +37,6 @@ class Parts:
         seat: whose policy is learned, in the training games.
         algorithm, hyper: what it learns by, and the settings of that.
         build: how the learner is to be built on this machine.
-        processes: that learn together; task and settings are then of the games of this one.
-        rank: of this process among them, from 0 on.
     """
 
     world: World
@@ -46,41 +45,27 @@ class Parts:
     algorithm: Algorithm
     hyper: Hyperparameters
     build: Build
-    processes: int = 1
-    rank: int = 0
 
     def games(self) -> tuple[Any, Teacher | None]:
         """The training games as a TorchRL environment, and who teaches in them."""
-        games = (self.hyper.num_games, self.build.seed, self.plan)
-        first_game = self.rank * self.hyper.num_games
-        env, teacher = self.world.games(self.seat, *games, first_game)
-        if teacher is not None and self.rank:
-            teacher.rng = teacher.rng.spawn(self.rank)[-1]  # lessons of its own
-        return env, teacher
-
-    def contest(self, episodes: int) -> Any:
-        """What it is judged by."""
-        return self.world.contest(episodes)
+        return self.world.games(self.seat, self.hyper.num_games, self.build.seed, self.plan)
 
 
-def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
-    """The parts of a run, or of the process of this rank among those of one.
+def parts_of(settings: TrainSettings[Any]) -> Parts:
+    """The parts of a run.
 
     Raises:
         ValueError: settings that make no game, an agent that does not play in it, an opponent that
             is none, or what the algorithm or the curriculum cannot do.
     """
-    algorithm = entry(settings.algorithm)
-    seat = player_of(settings)
-    algorithm.check_actions(seat)
-    check_algorithm(settings, algorithm)
+    algorithm, hyper, seat = entry(settings.algorithm), settings.hyper, player_of(settings)
     check(
-        not (isinstance(settings.hyper, PPOSettings) and settings.hyper.central_critic),
-        "central_critic=True is for several agents that learn at once; use it in "
-        "`pursuit self-play`",
+        type(hyper) is algorithm.settings,
+        f"algorithm={algorithm.name!r} with settings of {type(hyper).__name__}",
     )
-    if isinstance(settings.hyper, ReplaySettings):
-        starts = settings.hyper.learning_starts
+    algorithm.check(hyper, seat, settings.device, settings.evaluate == "greedy")
+    if isinstance(hyper, ReplaySettings):
+        starts = hyper.learning_starts
         if settings.frames is not None and settings.frames <= starts:
             warnings.warn(
                 f"frames={settings.frames} and learning_starts={starts}: it ends before anything "
@@ -88,25 +73,48 @@ def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
                 stacklevel=2,
             )
     world = world_of(settings.task)
-    check_mazes(settings, algorithm, world)
+    mazes = len(getattr(world.task, "mazes", ()))
+    if mazes > 1 and settings.observation in NO_WALLS:
+        warnings.warn(
+            f"observation={settings.observation!r} shows no walls, so {mazes} mazes look alike; "
+            "take window:R, planes or walls",
+            stacklevel=2,
+        )
     plan = plan_lessons(settings.curriculum, settings.lessons, world.ground, settings.seed)
     if plan is not None:
-        check_learner(plan, algorithm)
         check(
-            plan.exam is None or (settings.hyper.recurrent is None and settings.frame_stack == 1),
+            algorithm.has_advantages or not plan.lessons.needs_advantages,
+            f"level_score='value_loss' needs advantages, which algorithm={algorithm.name!r} has "
+            "not; take regret or learnability, or ppo or a2c",
+        )
+        check(
+            plan.exam is None or (hyper.recurrent is None and settings.frame_stack == 1),
             f"curriculum={settings.curriculum!r} judges mazes by what a policy does in every cell, "
             "and one that remembers does not go by that; leave out recurrent and frame_stack, or "
             "take level-replay",
         )
-    algorithm.check_player(settings.hyper, seat)
-    algorithm.check_memory(settings.hyper, seat)
-    check_memory(settings.hyper, seat)
-    build = build_of(settings)
-    hyper: Any = settings.hyper
-    if settings.processes > 1:  # the games of both are those of one process
-        share = {name: getattr(hyper, name) // settings.processes for name in SHARED_OUT}
-        hyper = replace(hyper, **share)
-    return Parts(world, plan, seat, algorithm, hyper, build, settings.processes, rank)
+    check_sizes(hyper, seat)
+    return Parts(world, plan, seat, algorithm, hyper, build_of(settings))
+
+
+def check_sizes(hyper: Hyperparameters, seat: Player) -> None:
+    """Refuse rollouts, a replay buffer or a network beyond the free memory of this machine.
+
+    Raises:
+        ValueError: naming the bytes, and the setting that asks for them.
+    """
+    given: dict[str, Any] = vars(hyper)
+    observation, games = 4 * prod(seat.features.shape), hyper.num_games
+    frame = 2 * observation + 32 + 4 * seat.num_actions
+    steps, width = given.get("rollout_steps", 1), given.get("width", 0)
+    needs = {
+        f"num_games={games} × rollout_steps={steps}": games * steps * frame,
+        f"buffer_size={given.get('buffer_size', 0)}": given.get("buffer_size", 0) * frame,
+        # Of each weight of the second layer the gradient and Adam's two moments as well.
+        f"width={width}": 16 * width**2,
+    }
+    for what, needed in needs.items():
+        check_memory(what, needed, "lower it")
 
 
 def settings_of(**flat: Any) -> TrainSettings[Any]:
@@ -127,37 +135,6 @@ def build_of(settings: TrainSettings[Any]) -> Build:
     bfloat16 = uses_bfloat16(settings.precision, settings.device)
     fused = settings.fused == "auto"
     return Build(settings.device, bfloat16, settings.first_layer, settings.seed, fused)
-
-
-def check_mazes(settings: TrainSettings[Any], algorithm: Algorithm, world: World) -> None:
-    """ValueError where an algorithm cannot learn in several mazes; a warning where what is observed
-    does not tell them apart."""
-    if len(getattr(world.task, "mazes", ())) < 2:
-        return
-    check(
-        not algorithm.one_maze,
-        f"algorithm={algorithm.name!r} has a table for one maze, and {settings.task.label} has "
-        f"{len(world.task.mazes)}; take a learner with a network",
-    )
-    if settings.observation in NO_WALLS:
-        warnings.warn(
-            f"observation={settings.observation!r} shows no walls, so {len(world.task.mazes)} "
-            "mazes look alike; take window:R, planes or walls",
-            stacklevel=3,
-        )
-
-
-def check_algorithm(settings: TrainSettings[Any], algorithm: Algorithm) -> None:
-    """ValueError where the settings ask of the algorithm what it cannot do."""
-    check(
-        type(settings.hyper) is algorithm.settings,
-        f"algorithm={algorithm.name!r} with settings of {type(settings.hyper).__name__}",
-    )
-    algorithm.check(
-        observation=settings.observation,
-        device=settings.device,
-        greedy=settings.evaluate == "greedy",
-    )
 
 
 def suite_contest_of(

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-import torch
 
 from train.evaluation.contest import GameContest
 from train.evaluation.floor import UNKNOWN, Floor, objective_floor
@@ -22,7 +20,6 @@ from train.evaluation.scores import (
     Score,
     optimality_gap,
 )
-from train.runs.data_parallel import Partner
 from train.runs.folder import MISFITS, RUN, misfit
 from train.runs.in_play import begin, state_in_play
 from train.runs.loop import Budget, Clock, Objective, Run
@@ -30,7 +27,7 @@ from train.runs.parts import Parts, parts_of
 from train.runs.threads import check_device, prepare_torch
 from train.settings.checks import check
 from train.settings.run import TrainSettings
-from train.teaching.log import write_log
+from train.teaching.teacher import write_log
 
 EPISODES = 500
 """Of the evaluations while it learns."""
@@ -43,7 +40,6 @@ class SingleAgent:
         parts: of the run.
         evaluate: which policy is evaluated, greedy or sampled.
         state: what `state_dict` gave; None begins.
-        partner: the process that learns with this one, where there is one.
 
     Raises:
         One of `MISFITS`: a state of other settings.
@@ -57,14 +53,8 @@ class SingleAgent:
     kind: ClassVar[str] = RUN
     evaluates_first: ClassVar[bool] = False
 
-    def __init__(
-        self,
-        parts: Parts,
-        evaluate: str,
-        state: dict[str, Any] | None = None,
-        partner: Partner | None = None,
-    ) -> None:
-        self.parts, self.evaluated, self.partner = parts, evaluate, partner
+    def __init__(self, parts: Parts, evaluate: str, state: dict[str, Any] | None = None) -> None:
+        self.parts, self.evaluated = parts, evaluate
         self._judged: Any = None
         self._solved_work = 0
         self.env, self.teacher, self.learner = begin(parts, state)
@@ -73,32 +63,23 @@ class SingleAgent:
         if self.teacher is not None:
             draws = parts.algorithm.learns_distribution
             self.teacher.examined = self.learner.policy(greedy=not draws)
-        if partner is not None:
-            partner.begun(self.learner)
-        self.contest = parts.contest(EPISODES)
+        self.contest = parts.world.contest(EPISODES)
         self.optimum = self.contest.optimal()
         measure = self.contest.measure
         self.objective = Objective(measure.column, measure.name, measure.less_is_better)
 
     @property
     def frames(self) -> int:
-        """Steps of all games, those of the partner included."""
-        return int(self.learner.frames * self.parts.processes)
+        """Steps of all games."""
+        return int(self.learner.frames)
 
     def iterate(self, clock: Clock) -> dict[str, float]:
         """One iteration of the learner, after the curriculum has heard of the last one."""
-        progress, partner = clock.progress, self.partner
-        if partner is not None:
-            partner.iterate(progress, clock.seconds)
+        progress = clock.progress
         if self.teacher is not None:
             self.teacher.update(progress, self.frames, clock.seconds)
         figures: dict[str, float] = self.learner.iterate(progress)
-        if partner is None:
-            return figures
-        others, returns, lengths = partner.iterated()
-        self.env.finished_returns += returns
-        self.env.finished_lengths += lengths
-        return {name: 0.5 * (value + others[name]) for name, value in figures.items()}
+        return figures
 
     def evaluate(self) -> dict[str, float]:
         """What it is judged by, steps, success and gap; and how the training games went since the
@@ -141,7 +122,7 @@ class SingleAgent:
         """
         kept = self._judged
         if kept is None or kept.episodes != episodes or self._solved_work < most_work:
-            contest = self.parts.contest(episodes)
+            contest: Any = self.parts.world.contest(episodes)
             own = isinstance(contest, GameContest)
             self._judged = replace(contest, most_work=most_work) if own else contest
             self._solved_work = most_work
@@ -162,7 +143,6 @@ class SingleAgent:
             "algorithm": self.parts.algorithm.name,
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
-            **({"processes": self.parts.processes} if self.partner is not None else {}),
             **evaluation_of(scores, self.evaluated, floor, certificate, contest),
             "device": build.device,
             "precision": "bfloat16" if build.bfloat16 else "float32",
@@ -175,10 +155,9 @@ class SingleAgent:
         return {} if form is None else {"update": form}
 
     def state_dict(self) -> dict[str, Any]:
-        """Learner, teacher and games, with what is remembered of them; the partner's as well."""
+        """Learner, teacher and games, with what is remembered of them."""
         state = state_in_play(self.env, self.teacher, self.learner)
-        if self.partner is not None:
-            state["partner"] = self.partner.state(self.learner)
+        state["algorithm"] = self.parts.algorithm.name
         return state
 
     def learned(self) -> dict[str, Any]:
@@ -191,10 +170,8 @@ class SingleAgent:
             write_log(folder, self.teacher.rows)
 
     def close(self) -> None:
-        """End the learner's collecting, and the partner."""
+        """End the learner's collecting."""
         self.learner.close()
-        if self.partner is not None:
-            self.partner.close()
 
 
 def measured(measure: Measure, score: Score) -> float:
@@ -272,23 +249,12 @@ def make_run(
         ValueError: settings that cannot run here, or a checkpoint that does not fit.
     """
     check_device(settings.device)
-    one_each = 1 if settings.processes > 1 else settings.threads
-    budget = Budget(settings.seconds, settings.frames, one_each, settings.clock)
+    budget = Budget(settings.seconds, settings.frames, settings.threads, settings.clock)
     prepare_torch(budget.first_threads, settings.seed)
     parts = parts_of(settings)
+    if state is None:
+        return Run(SingleAgent(parts, settings.evaluate), folder, budget)
     try:
-        before = None if state is None else state["trainee"]
-        with contextlib.ExitStack() as undo:
-            partner = None
-            if settings.processes > 1:
-                partner = Partner(settings, parts, folder, before)
-                undo.callback(partner.close)
-                torch.manual_seed(settings.seed)  # of the weights, as there
-            trainee = SingleAgent(parts, settings.evaluate, before, partner)
-            run = Run(trainee, folder, budget, state)
-            undo.pop_all()
-            return run
+        return Run(SingleAgent(parts, settings.evaluate, state["trainee"]), folder, budget, state)
     except MISFITS as error:
-        if state is None:
-            raise
         raise misfit(folder, error) from error

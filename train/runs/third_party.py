@@ -116,7 +116,7 @@ def load_stable_baselines(
         task is not None and agent is not None and observation is not None,
         f"{path}: its description {where.name} is not beside it; give the task and "
         "what the model observed in training (--observation of pursuit evaluate, "
-        "--model-observations of league, --opponent-observation of an opponent), or save it "
+        "--opponent-observation of an opponent), or save it "
         "with train.runs.third_party.save_stable_baselines",
     )
     assert task is not None and agent is not None and observation is not None

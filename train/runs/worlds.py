@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
 
 from pursuit.environments.single_agent import fill_seats
 from pursuit.reacher.simulator import ReacherSimulator
@@ -26,47 +25,19 @@ from train.runs.opponents import opponents_of
 from train.runs.tasks import agent_of, task_of
 from train.settings.checks import EVALUATION_SEED
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
-from train.teaching.grounds import AnyGround, ArmGround, Ground
+from train.teaching.grounds import ArmGround, Ground
 from train.teaching.plan import Plan
 from train.teaching.teacher import Judge, Teacher
 
 
-class World(Protocol):
-    """A task with whoever else plays in it, made of its settings once."""
-
-    @property
-    def task(self) -> Any:
-        """What is evaluated."""
-
-    @property
-    def ground(self) -> AnyGround:
-        """What lessons are planned over."""
-
-    def games(
-        self,
-        seat: Any,
-        num_games: int,
-        seed: int,
-        plan: Plan | None,
-        first_game: int = 0,
-    ) -> tuple[Any, Teacher | None]:
-        """The training games as a TorchRL environment, and who teaches in them.
-
-        Args:
-            seat: who learns, in these games.
-            num_games: in lockstep.
-            seed: of the games.
-            plan: what is taught; None without a curriculum.
-            first_game: the number of the first of them among those of the seed.
-        """
-
-    def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> Any:
-        """What is judged: the task itself, whatever the training games are."""
-
-
 @dataclass(frozen=True)
 class GridWorld:
-    """A game in mazes; a `World`."""
+    """A game in mazes with whoever else plays in it, made of its settings once.
+
+    Attributes:
+        task: what is evaluated.
+        ground: what lessons are planned over.
+    """
 
     settings: TaskSettings
 
@@ -100,21 +71,27 @@ class GridWorld:
         num_games: int,
         seed: int,
         plan: Plan | None,
-        first_game: int = 0,
     ) -> tuple[SimulatorEnv, Teacher | None]:
-        """As `World`."""
+        """The training games as a TorchRL environment, and who teaches in them.
+
+        Args:
+            seat: who learns, in these games.
+            num_games: in lockstep.
+            seed: of the games.
+            plan: what is taught; None without a curriculum.
+        """
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
         judge = Judge(
             lambda games: won_by(games, number),
             lambda games: games.returns[:, number],
             measure_of(seat.task, seat.role) != BY_LONG_LIFE,
         )
-        simulator = Simulator(seat.task, num_games, seed, first_game, auto_restart=False)
+        simulator = Simulator(seat.task, num_games, seed, auto_restart=False)
         teacher = None if plan is None else Teacher(plan, simulator, judge)
         return SimulatorEnv(simulator, seat, policies, teacher), teacher
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> GameContest | SuiteContest:
-        """As `World`."""
+        """What is judged: the task itself, whatever the training games are."""
         masks, one = self.settings.mask_bumps, len(self.task.mazes) == 1
         if not one:
             return SuiteContest(self.task, self.agent, self.opponents, episodes, seed)
@@ -123,7 +100,7 @@ class GridWorld:
 
 @dataclass(frozen=True)
 class ArmWorld:
-    """An arm; a `World`."""
+    """An arm; in the same shape as `GridWorld`."""
 
     settings: ReacherSettings
 
@@ -143,17 +120,19 @@ class ArmWorld:
         num_games: int,
         seed: int,
         plan: Plan | None,
-        first_game: int = 0,
     ) -> tuple[ArmEnv, Teacher | None]:
-        """As `World`."""
-        simulator = ReacherSimulator(seat.task, num_games, seed, first_game, auto_restart=False)
+        """As of `GridWorld`."""
+        simulator = ReacherSimulator(seat.task, num_games, seed, auto_restart=False)
         judge = Judge(lambda arms: arms.terminated, lambda arms: arms.returns)
         teacher = None if plan is None else Teacher(plan, simulator, judge)
         return ArmEnv(simulator, seat, teacher), teacher
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> ArmContest:
-        """As `World`."""
+        """As of `GridWorld`."""
         return ArmContest(self.task, episodes, seed)
+
+
+World = GridWorld | ArmWorld
 
 
 def world_of(settings: AnyTask) -> World:

@@ -20,8 +20,7 @@ from train.algorithms.registry import entry
 from train.networks.policy import Seat
 from train.runs.forms import RESTORE
 from train.runs.opponents import policy_in_seat
-from train.runs.parts import build_of
-from train.runs.sizes import check_memory
+from train.runs.parts import build_of, check_sizes
 from train.runs.tasks import check_one_maze, task_of
 from train.self_play.learners import complete, hyper_of
 from train.self_play.side import SideParts
@@ -100,14 +99,13 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
     for role in settings.learning:
         own = side_settings(settings, role)
         seat = Seat(task, role, own.observation, masks, own.frame_stack, own.network)
-        check_memory(own.hyper, seat)
+        check_sizes(own.hyper, seat)
         entry(own.algorithm).check_memory(own.hyper, seat)
         sides[role] = SideParts(
             seat,
             entry(own.algorithm),
             own.hyper,
             build_of(own),
-            isinstance(own.hyper, PPOSettings) and own.hyper.central_critic,
             discount,
             # Discounted steps, up to 1 / (1 - gamma) of them, would drown the policy in value loss.
             1.0 - discount if settings.task.rewards == "zero_sum" else 1.0,
@@ -144,8 +142,7 @@ def side_settings(settings: SelfPlaySettings, role: str) -> TrainSettings[Any]:
     games = max(hyper.num_games // members, 1) * members
     if isinstance(hyper, PPOSettings):
         batch = min(hyper.minibatch_size, games * hyper.rollout_steps)
-        central = hyper.central_critic and members > 1
-        hyper = replace(hyper, num_games=games, minibatch_size=batch, central_critic=central)
+        hyper = replace(hyper, num_games=games, minibatch_size=batch)
     else:
         hyper = replace(hyper, num_games=games)
     names = {"observation", "network", "threads", *(f.name for f in fields(RunSettings))}

@@ -14,8 +14,9 @@ from pursuit.simulator.simulator import Simulator
 from train.algorithms.learner import Learner
 from train.algorithms.registry import Algorithm, Build
 from train.environments.hooks import EpisodeHook
-from train.environments.team_env import TeamEnv
+from train.environments.simulator_env import SimulatorEnv
 from train.networks.policy import Seat
+from train.runs.folder import check_learned
 from train.runs.in_play import plain_games, put_games
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
@@ -77,7 +78,6 @@ class SideParts:
     Attributes:
         seat: whose policy is learned: the role, in the games.
         algorithm, hyper, build: what it learns by, the settings of that, and how it is built.
-        central: whether its critic sees what the whole team observes.
         discount: of the exact game.
         scale: of the rewards.
     """
@@ -86,7 +86,6 @@ class SideParts:
     algorithm: Algorithm
     hyper: Hyperparameters
     build: Build
-    central: bool
     discount: float
     scale: float
 
@@ -118,7 +117,9 @@ class Side:
             getattr(parts.hyper, "rollout_steps", 1),
         )
         self.env = self._games()
-        if state is not None:  # before there is a collector, which begins with what it finds
+        if state is not None:
+            check_learned(parts.algorithm.name, state)
+            # before there is a collector, which begins with what it finds
             put_games(self.simulator, state["simulator"])
             self.opponents.policy.opponents[:] = state["opponents"].numpy()
             self.opponents.rng.bit_generator.state = state["rng"]
@@ -126,13 +127,13 @@ class Side:
             self.env.resume = True
         self.learner: Learner = parts.algorithm.build(parts.hyper, self.env, parts.build)
 
-    def _games(self) -> TeamEnv:
+    def _games(self) -> SimulatorEnv:
         """The training games."""
         parts, others = self.parts, self.opponents
         roles = parts.seat.task.seat_roles
         policies = [None if role == parts.seat.agent else others.policy for role in roles]
-        how: Any = {"central": parts.central, "scale": parts.scale}
-        return TeamEnv(self.simulator, parts.seat, policies, others, **how)
+        given = (parts.seat.members, parts.scale)
+        return SimulatorEnv(self.simulator, parts.seat, policies, others, *given)
 
     @property
     def greedy(self) -> bool:
@@ -144,7 +145,8 @@ class Side:
         return self.learner.policy(greedy=self.greedy)
 
     def load(self, state: dict[str, Any]) -> Policy:
-        """The policy of a snapshot."""
+        """The policy of a snapshot; ValueError for weights that are not finite."""
+        check_learned(self.parts.algorithm.name, {"learner": state})
         return self.parts.algorithm.load(self.parts.hyper, self.parts.seat, state, self.greedy)
 
     def snapshot(self) -> dict[str, Any]:
@@ -155,6 +157,7 @@ class Side:
     def state_dict(self) -> dict[str, Any]:
         """Everything but the pool."""
         return {
+            "algorithm": self.parts.algorithm.name,
             "learner": self.learner.state_dict(),
             "simulator": plain_games(self.simulator),
             **self._own_state(),
@@ -167,14 +170,3 @@ class Side:
             "idle": torch.from_numpy(self.env.idle.copy()),
             "rng": self.opponents.rng.bit_generator.state,
         }
-
-
-def share_trunk(one: Side, two: Side) -> None:
-    """Give both roles one trunk, and tell the second learner."""
-    first: Any = one.learner
-    second: Any = two.learner
-    trunk = first.network.policy_trunk
-    if second.network.shared:
-        second.network.value_trunk = trunk
-    second.network.policy_trunk = trunk
-    second.network_changed()

@@ -27,13 +27,13 @@ from train.runs.folder import (
     save_checkpoint,
     save_config,
 )
+from train.runs.in_play import memories_of, put_memories
 from train.runs.loop import Budget, Clock, Objective, Run
-from train.runs.memories import memories_of, put_memories
 from train.runs.threads import check_device, prepare_torch
 from train.self_play.averages import averages_of
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
 from train.self_play.pool import LATEST, OpponentPool, nash_mixtures, weights
-from train.self_play.side import Side, share_trunk
+from train.self_play.side import Side
 from train.self_play.standing import (
     exact_best_responses,
     exploited,
@@ -88,8 +88,6 @@ class SelfPlay:
             role: Side(own, ROLES.index(role), None if state is None else state["sides"][role])
             for role, own in parts.sides.items()
         }
-        if settings.share_networks:
-            share_trunk(*(self.sides[role] for role in ROLES))
         self.pools = {role: self._pool(role) for role in ROLES}
         for role, side in self.sides.items():
             side.opponents.policy.pool = self.pools[other_role(role)]
@@ -287,7 +285,6 @@ class SelfPlay:
                 hyper=self.settings.hyper or replace(self_play_ppo(), gamma=self.parts.discount),
                 chaser_hyper=None,
                 evader_hyper=None,
-                share_networks=False,
                 sampling="latest",
                 members=(),
                 seconds=self.settings.best_response_seconds,
@@ -344,7 +341,8 @@ class SelfPlay:
                 own.mkdir(exist_ok=True)
                 maze = self.task.mazes[0].to_text()
                 save_config(own, SIDE, side_settings(self.settings, role), maze)
-            save_checkpoint(own, {"trainee": {"learner": side.learner.state_dict()}})
+            learner, name = side.learner.state_dict(), side.parts.algorithm.name
+            save_checkpoint(own, {"trainee": {"algorithm": name, "learner": learner}})
         for pool in self.pools.values():
             pool.clean()
 

@@ -293,23 +293,6 @@ class MazeLearnabilitySettings(MazeReplaySettings):
     SCORE: ClassVar[str] = "learnability"
 
 
-@dataclass(frozen=True)
-class MazeEditingSettings(MazeReplaySettings):
-    """The same by exact regret, over a pool that is edited: an edit of a maze is taken in where its
-    regret is higher (after ACCEL; Parker-Holder et al., 2022). Edits are made before the run."""
-
-    edit_share: Share = 0.5
-    """Share of edits among the mazes that are judged."""
-    edit_children: Annotated[int, at_least(1)] = 3
-    """Edits that are made of each maze, and of each of those."""
-    edit_depth: Annotated[int, at_least(1)] = 2
-    """Generations of edits."""
-    edit_walls: Annotated[int, at_least(1)] = 3
-    """Inner walls that an edit opens or closes, drawn uniformly; the maze stays in one part."""
-    edit_seed: Annotated[int, at_least(0)] = 0
-    """Of the edits."""
-
-
 CURRICULA: dict[str, type[CurriculumSettings]] = {
     "none": CurriculumSettings,
     **dict.fromkeys(AXES, ScheduleSettings),
@@ -319,7 +302,6 @@ CURRICULA: dict[str, type[CurriculumSettings]] = {
     "learnability": LearnabilitySettings,
     "maze-replay": MazeReplaySettings,
     "maze-learnability": MazeLearnabilitySettings,
-    "maze-editing": MazeEditingSettings,
     "uniform": UniformSettings,
     "reversed": ReversedSettings,
     "shuffled": ShuffledSettings,

@@ -18,19 +18,14 @@ class Hyperparameters(Settings):
     """Games in lockstep."""
     gamma: Share = 0.95
     """Discount."""
-    recurrent: Annotated[str | None, one_of("gru", "lstm")] = None
-    """What the network remembers of the episode by: gru or lstm, between its hidden layers and what
-    it puts out. None: it knows what it observes now."""
+    recurrent: Annotated[str | None, one_of("gru")] = None
+    """What the network remembers of the episode by: gru, between its hidden layers and what it puts
+    out. None: it knows what it observes now."""
 
     @property
     def last_gamma(self) -> float:
         """The discount at the end of learning."""
         return self.gamma
-
-    @property
-    def central_critic(self) -> bool:
-        """Whether a critic is to see what all agents of a role observe."""
-        return False
 
 
 @dataclass(frozen=True)
@@ -51,6 +46,3 @@ class NetworkSettings(Hyperparameters):
     """relu or tanh."""
     first_std: Positive = 0.06
     """Standard deviation of the first layer's weights on index at the start."""
-    pairs: bool = False
-    """On index: weights for every pair of own cell and other cell as well, one table for all goals.
-    Fewer frames are needed; each takes longer."""

@@ -77,23 +77,6 @@ class DQNSettings(ReplaySettings):
     2016)."""
     dueling: bool = False
     """A value and advantages instead of action values (Wang et al., 2016)."""
-    burn_in: int = 8
-    """With a memory: steps before every sequence of rollout_steps that only warm it up, at most
-    rollout_steps."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.recurrent is None:
-            return
-        check(
-            0 <= self.burn_in <= self.rollout_steps,
-            f"burn_in={self.burn_in}; from 0 to rollout_steps={self.rollout_steps}",
-        )
-        check(
-            self.batch_size >= self.rollout_steps,
-            f"batch_size={self.batch_size} is less than a sequence of rollout_steps="
-            f"{self.rollout_steps}; raise it",
-        )
 
 
 @dataclass(frozen=True)

@@ -3,58 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Generic, TypeVar
 
 from train.settings.algorithms import Hyperparameters, PPOSettings
-from train.settings.checks import check, one_of, rule, threads_from
+from train.settings.checks import check, one_of, threads_from
 from train.settings.common import RunSettings
-from train.settings.curricula import (
-    CurriculumSettings,
-    ReversedSettings,
-    ScheduleSettings,
-    ShuffledSettings,
-    UniformSettings,
-    curriculum_form,
-)
+from train.settings.curricula import CurriculumSettings, curriculum_form
 from train.settings.task import AnyTask, TaskSettings
 
 S = TypeVar("S", bound=Hyperparameters, covariant=True)
-ALIKE = (CurriculumSettings, ScheduleSettings, UniformSettings, ReversedSettings, ShuffledSettings)
-"""Curricula that several processes go through alike, whatever episodes each of them has seen."""
-
-
-SHARED_OUT = ("num_games", "minibatch_size")
-"""What several processes that learn together have equal shares of."""
-
-
-def check_two_processes(settings: TrainSettings[Any]) -> None:
-    """ValueError for a run that two processes cannot share."""
-    hyper, lessons, both = settings.hyper, settings.lessons, "processes=2"
-    for name, value, only in (
-        ("algorithm", settings.algorithm, "ppo"),
-        ("device", settings.device, "cpu"),
-        ("clock", settings.clock, "wall"),
-    ):
-        check(value == only, f"{name}={value!r} with {both}; take {name}={only!r}, or processes=1")
-    check(
-        settings.threads <= 1,
-        f"threads={settings.threads} with {both}, each of which has one; leave threads out",
-    )
-    check(
-        hyper.recurrent is None,
-        f"recurrent={hyper.recurrent!r} with {both}; leave it out, or take processes=1",
-    )
-    for name in SHARED_OUT:
-        value = getattr(hyper, name)
-        check(
-            value % 2 == 0 and value >= 4,
-            f"{name}={value} with {both}, which have half of it each; an even number from 4 on",
-        )
-    check(
-        type(lessons) in ALIKE and getattr(lessons, "schedule_unit", "share") != "episodes",
-        f"curriculum={settings.curriculum!r} with {both} learns from episodes, of which each has "
-        "seen its own; take a scheduled one, not by episodes, or processes=1",
-    )
 
 
 @dataclass(frozen=True)
@@ -67,14 +24,14 @@ class TrainSettings(RunSettings, Generic[S]):
     lessons: CurriculumSettings = field(default_factory=CurriculumSettings)
     """The settings of the curriculum."""
     algorithm: str = "ppo"
-    """The learner: ppo, a2c, reinforce, dqn, cross_entropy, q_learning; of an arm ppo, a2c,
-    reinforce, cross_entropy, ddpg, td3, sac; or package.module:Name of your own."""
+    """The learner: ppo, a2c, reinforce, dqn, q_learning; of an arm ppo, a2c, reinforce, ddpg, td3,
+    sac; or package.module:Name of your own."""
     curriculum: str = "none"
     """What is taught when. Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start,
     start-distance, num-goals, maze-size, loops; of an arm target-distance, free-joints, hold,
     tolerance. Adaptive: success-gated, learning-progress, level-replay, learnability; over the
-    mazes of a suite maze-replay, maze-learnability, maze-editing. Controls: none, uniform,
-    reversed, shuffled. Or package.module:Name, of a curriculum or an axis of your own."""
+    mazes of a suite maze-replay, maze-learnability. Controls: none, uniform, reversed, shuffled. Or
+    package.module:Name, of a curriculum or an axis of your own."""
     observation: str = "auto"
     """What the network is given. In mazes: index (the same network as one_hot, faster), one_hot,
     positions, cells, walls, planes or window:R (convolutions), or package.module:Name of your own.
@@ -87,9 +44,6 @@ class TrainSettings(RunSettings, Generic[S]):
     threads: Annotated[int, threads_from(0)] = 0
     """Threads of torch. 0 is one for each core; with a budget in seconds, one or all of them,
     whichever is the faster at the time; with one in seconds of the processor, one."""
-    processes: Annotated[int, rule(lambda value: value in (1, 2), "1 or 2")] = 1
-    """2: two processes with one thread each learn one policy, from half of the games and of every
-    minibatch each (ppo, for two free cores; a start of some seconds)."""
 
     def __post_init__(self) -> None:
         if self.observation == "auto":
@@ -106,5 +60,3 @@ class TrainSettings(RunSettings, Generic[S]):
             type(self.lessons) is curriculum_form(self.curriculum),
             f"curriculum={self.curriculum!r} with settings of {type(self.lessons).__name__}",
         )
-        if self.processes == 2:
-            check_two_processes(self)

@@ -55,8 +55,6 @@ class SelfPlaySettings(RunSettings):
     its tuned ones, which a run fills in."""
     evader_hyper: Any = None
     """The settings of the evaders' algorithm; likewise."""
-    share_networks: bool = False
-    """One network for both roles, with heads of their own."""
     sampling: Annotated[str, passes(SAMPLING_PARTS.check)] = "latest"
     """Who is drawn as the opponent: latest, window (the last snapshots), uniform (over all:
     fictitious self-play), pfsp (those that are hard), double-oracle (a Nash mixture of all
@@ -107,15 +105,6 @@ class SelfPlaySettings(RunSettings):
                 f"unknown member {name!r}; of {', '.join(AGENTS)}, or package.module:Name",
             )
             check(self.members.count(name) == 1, f"member {name!r} is given twice")
-        both = all(self.algorithm(role) == "ppo" and role in self.learning for role in ROLES)
-        check(
-            not self.share_networks or (both and not self.central_critic),
-            "share_networks needs both roles to learn by ppo, without a central critic",
-        )
-        check(
-            not self.central_critic or self.observation == "index",
-            f"observation={self.observation!r}; a central critic works on index",
-        )
         for role in ROLES:
             check(
                 getattr(self, f"{role}_hyper") is None or role in self.other_learners,
@@ -152,11 +141,6 @@ class SelfPlaySettings(RunSettings):
     def discount(self) -> float:
         """The discount of the exact game: the last one that the sides learn with."""
         return float(next(iter(self._hypers().values())).last_gamma)
-
-    @property
-    def central_critic(self) -> bool:
-        """Whether teams learn with a central critic."""
-        return self.hyper is not None and self.hyper.central_critic
 
     def _hypers(self) -> dict[str, Any]:
         """The settings that give the discount of each learning role, by the prefix of their names.

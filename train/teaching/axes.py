@@ -49,51 +49,26 @@ class Maker:
 
     def check(self, name: str, ground: Any, ends: AxisSettings) -> None:
         """Raise ValueError for what the task has not."""
-        task = ground.task
-        if self.arm or isinstance(ground, ArmGround):
+        task, arm = ground.task, isinstance(ground, ArmGround)
+        needs = [(self.arm, arm, "an arm"), (not self.arm, not arm, "games in mazes")]
+        if not arm:
+            scripted = task.num_agents > 1 and ground.learned_opponent is None
+            needs += [
+                (self.goals, task.num_goals > 0, "goals"),
+                (self.random_starts, task.start == "random", "random starts"),
+                (self.scripted, scripted, "opponents, all of them scripted"),
+                (self.both, task.num_chasers > 0 and task.num_evaders > 0, "chasers and evaders"),
+            ]
+        for needed, there, what in needs:
             check(
-                self.arm,
-                f"curriculum {name!r} turns games in mazes, and task {task.name!r} is none; take "
-                "target-distance, free-joints, hold or tolerance",
+                there or not needed,
+                f"curriculum {name!r} needs {what}, which task {task.name!r} with these settings "
+                "has not; take another axis, or another task",
             )
-            check(
-                isinstance(ground, ArmGround),
-                f"curriculum {name!r} turns an arm, and task {task.name!r} has none; take "
-                "opponent-epsilon, start-distance or goal-spread-start, or task reacher",
-            )
-            check(
-                ends.curriculum_mazes is None,
-                f"curriculum_mazes={ends.curriculum_mazes!r}; an arm has no mazes: leave it out",
-            )
-            return
-        check(
-            not self.goals or task.num_goals > 0,
-            f"curriculum {name!r} moves goals, and task {task.name!r} has none; take "
-            "opponent-epsilon or start-distance, or a task with goals",
-        )
-        check(
-            not self.random_starts or task.start == "random",
-            f"curriculum {name!r} needs random starts; leave out start='marks'",
-        )
         check(
             ends.curriculum_mazes is None or self.mazes,
             f"curriculum_mazes={ends.curriculum_mazes!r} with curriculum {name!r}; only maze-size "
             "and loops have a list of mazes",
-        )
-        check(
-            not self.scripted or task.num_agents > 1,
-            f"curriculum {name!r} needs opponents, and task {task.name!r} has none; take "
-            "goal-spread-start, or task chase",
-        )
-        check(
-            not self.scripted or ground.learned_opponent is None,
-            f"curriculum {name!r} turns scripted opponents, and opponent="
-            f"{ground.learned_opponent!r} is a learned one; leave out one of the two",
-        )
-        check(
-            not self.both or (task.num_chasers > 0 and task.num_evaders > 0),
-            f"curriculum {name!r} needs chasers and evaders, and task {task.name!r} has not both; "
-            "take goal-spread-start",
         )
 
 

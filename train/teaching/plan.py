@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,8 +21,6 @@ from curricula import (
     Uniform,
 )
 from curricula.schedules import Schedule
-from pursuit.mazes.maze import Maze
-from train.algorithms.registry import Algorithm
 from train.settings.checks import check
 from train.settings.curricula import (
     CURRICULA,
@@ -33,7 +30,6 @@ from train.settings.curricula import (
     LearnabilitySettings,
     LearningProgressSettings,
     LevelReplaySettings,
-    MazeEditingSettings,
     MazeLearnabilitySettings,
     MazeReplaySettings,
     OwnCurriculum,
@@ -45,7 +41,6 @@ from train.settings.curricula import (
     UniformSettings,
 )
 from train.teaching.axes import axis_of, maker_of
-from train.teaching.edits import BASE, with_edits
 from train.teaching.exams import Exam
 from train.teaching.grounds import AnyGround, Axis, Ground
 from train.teaching.mazes import training_mazes
@@ -63,8 +58,7 @@ class Plan:
         task: of the training games: the task itself, with the mazes of the curriculum.
         optimum: the exact optimum of every start, where the lessons need it.
         seed: of what the curriculum draws.
-        parents: of the mazes of a pool, by number: see `curricula.PoolReplay`; None without one.
-        exam: what judges those mazes.
+        exam: what judges the mazes of a pool.
     """
 
     name: str
@@ -73,13 +67,10 @@ class Plan:
     task: Any
     optimum: Optimum | None
     seed: int
-    parents: tuple[int, ...] | None = None
     exam: Exam | None = None
 
     def curriculum(self) -> Curriculum:
         """A fresh curriculum."""
-        if self.parents is not None and isinstance(self.lessons, MazeReplaySettings):
-            return make_pool(self.lessons, self.parents)
         return make_curriculum(self.name, self.lessons, self.axis, self.seed)
 
 
@@ -138,33 +129,15 @@ def plan_pool(name: str, lessons: MazeReplaySettings, ground: Any, seed: int) ->
         f"curriculum={name!r} chooses among mazes, and task {ground.task.name!r} has one; take "
         "--maze suite:7x7-train",
     )
-    mazes, parents = pool_of(lessons, ground.task)
-    played = replace(ground.task, maze=mazes)
-    exam = Exam(played, ground.agent, ground.opponents, lessons.SCORE)
+    task = ground.task
+    exam = Exam(task, ground.agent, ground.opponents, lessons.SCORE)
 
     def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
         simulator.configure(games, maze=values.astype(np.int64))
 
-    last = float(len(mazes) - 1)
-    axis = Axis(f"{lessons.SCORE}-of mazes", 0.0, last, apply, mazes=mazes, ordered=False)
-    return Plan(name, lessons, axis, played, None, seed, tuple(parents), exam)
-
-
-@lru_cache(maxsize=4)
-def pool_of(lessons: MazeReplaySettings, task: Any) -> tuple[tuple[Maze, ...], tuple[int, ...]]:
-    """The mazes of a pool, edits among them, and the parent of each by number."""
-    if not isinstance(lessons, MazeEditingSettings):
-        return task.mazes, (BASE,) * len(task.mazes)
-    shape = (lessons.edit_children, lessons.edit_depth, lessons.edit_walls)
-    mazes, parents = with_edits(task.mazes, *shape, lessons.edit_seed)
-    return mazes, tuple(parents)
-
-
-def make_pool(given: MazeReplaySettings, parents: Sequence[int]) -> PoolReplay:
-    """A fresh curriculum over a pool."""
-    edit_share = given.edit_share if isinstance(given, MazeEditingSettings) else 0.0
-    rest = (given.replay_share, given.level_temperature, given.staleness, edit_share)
-    return PoolReplay(parents, given.judged, *rest)
+    last = float(len(task.mazes) - 1)
+    axis = Axis(f"{lessons.SCORE}-of mazes", 0.0, last, apply, mazes=task.mazes, ordered=False)
+    return Plan(name, lessons, axis, task, None, seed, exam)
 
 
 def axis_name(name: str, lessons: AxisSettings) -> str:
@@ -178,8 +151,6 @@ def training_task(name: str, lessons: CurriculumSettings, task: Any) -> Any:
     Raises:
         ValueError: mazes that the curriculum cannot have.
     """
-    if isinstance(lessons, MazeEditingSettings) and len(task.mazes) > 1:
-        return replace(task, maze=pool_of(lessons, task)[0])
     if not isinstance(lessons, AxisSettings):
         return task
     turned = axis_name(name, lessons)
@@ -187,20 +158,6 @@ def training_task(name: str, lessons: CurriculumSettings, task: Any) -> Any:
         return task
     mazes = training_mazes(turned, lessons.curriculum_mazes, task)
     return replace(task, maze=mazes)
-
-
-def check_learner(plan: Plan, algorithm: Algorithm) -> None:
-    """Raise ValueError where an algorithm cannot be taught so."""
-    check(
-        plan.axis is None or not plan.axis.mazes or not algorithm.one_maze,
-        f"curriculum={plan.name!r} plays several mazes, and {algorithm.name} has a table for one; "
-        "take a learner with a network",
-    )
-    check(
-        not plan.lessons.needs_advantages or algorithm.has_advantages,
-        f"level_score='value_loss' needs advantages, which algorithm={algorithm.name!r} has not; "
-        "take regret or learnability, or ppo or a2c",
-    )
 
 
 # -- curricula of their settings -------------------------------------------------------------------
@@ -254,8 +211,9 @@ def _scheduled(given: ScheduleSettings, axis: Axis, seed: int) -> Curriculum:
     return Scheduled(given.build(axis.easiest, axis.hardest), axis.whole)
 
 
-def _pool_of_axis(given: MazeReplaySettings, axis: Axis, seed: int) -> Curriculum:
-    return make_pool(given, [BASE] * len(axis.mazes))
+def _pool(given: MazeReplaySettings, axis: Axis, seed: int) -> Curriculum:
+    rest = (given.replay_share, given.level_temperature, given.staleness)
+    return PoolReplay(len(axis.mazes), given.judged, *rest)
 
 
 CURRICULUM_MAKERS: dict[type[CurriculumSettings], Callable[[Any, Any, int], Curriculum]] = {
@@ -264,9 +222,8 @@ CURRICULUM_MAKERS: dict[type[CurriculumSettings], Callable[[Any, Any, int], Curr
     LearningProgressSettings: _progress,
     LevelReplaySettings: _replay,
     LearnabilitySettings: _replay,
-    **dict.fromkeys(
-        (MazeReplaySettings, MazeLearnabilitySettings, MazeEditingSettings), _pool_of_axis
-    ),
+    MazeReplaySettings: _pool,
+    MazeLearnabilitySettings: _pool,
     UniformSettings: lambda given, axis, seed: Uniform(axis.stages(given.num_stages)),
     ReversedSettings: _reversed,
     ShuffledSettings: _shuffled,

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from curricula import Curriculum, Outcomes, Progress
+from curricula import Change, Curriculum, Outcomes, Progress
 from train.environments.hooks import EpisodeHook
+from train.files import write_csv
 from train.settings.checks import check
 from train.settings.curricula import MazeReplaySettings
-from train.teaching.log import row_of
 from train.teaching.optimum import Optima
 from train.teaching.plan import Plan
 
 LEVELS = "levels"
+LOG = "curriculum.csv"
+NUMBERS = ("frames", "episodes", "seconds", "progress", "mean", "low", "high")
+REASON = "reason"
+"""The columns of `curriculum.csv`: what was taught when, and why."""
 
 
 @dataclass(frozen=True)
@@ -85,11 +90,7 @@ class Teacher(EpisodeHook):
 
     def before_restart(self, games: NDArray[np.intp]) -> None:
         """Give each of the games a lesson."""
-        if self.copies == 1:
-            lessons = self.curriculum.sample(len(games), self.rng)
-        else:
-            each = self.simulator.num_games // self.copies
-            lessons = self.curriculum.sample(each, self.rng)[games % each]
+        lessons = self.curriculum.sample(len(games), self.rng)
         if self.axis is None:
             self.simulator.seed_starts(games, lessons.astype(np.int64))
         else:
@@ -266,3 +267,22 @@ def _whole(state: Any) -> Any:
     if isinstance(state, dict):
         return {name: _whole(value) for name, value in state.items()}
     return int(state) if isinstance(state, str) and state.isdigit() else state
+
+
+def row_of(change: Change, progress: Progress) -> dict[str, Any]:
+    """One row."""
+    return {
+        "frames": int(progress.frames),
+        "episodes": int(progress.episodes),
+        "seconds": round(progress.seconds, 3),
+        "progress": round(progress.share, 6),
+        "mean": change.mean,
+        "low": change.low,
+        "high": change.high,
+        "reason": change.reason,
+    }
+
+
+def write_log(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Write `curriculum.csv`."""
+    write_csv(folder / LOG, rows, (*NUMBERS, REASON))

@@ -8,7 +8,6 @@
   };
   const SIGNS = ["▲", "▼", "▶", "◀", "■"]; // of the actions, in the rule book's order
   const TRAIL = 12; // steps that a trail shows
-  const FORTH = "qwertyui", BACK = "asdfghjk"; // a key for each joint of an arm
 
   function make(kind, into, text, name) {
     const node = document.createElement(kind);
@@ -30,7 +29,6 @@
     result.setAttribute("aria-live", "polite");
     const next = make("button", place, "next game (n)");
     const help = make("p", place, "", "faint");
-    const held = new Set(); // turns of an arm that go on: [joint, sign] as text
     let board = null, world = null, busy = false, last = 0, past = [];
 
     function show(fresh) {
@@ -40,16 +38,16 @@
         world = fresh.board;
         drawing.replaceChildren();
         board = new Board(drawing, world);
-        if (world.kind === "maze") board.inner.agents[world.you].classList.add("own");
+        board.inner.agents[world.you].classList.add("own");
         prepare();
       }
       if (fresh.title) title.textContent = fresh.title;
-      who.textContent = world.agents ? `You are ${world.agents[world.you].name}` : "You move the arm";
+      who.textContent = `You are ${world.agents[world.you].name}`;
       if (!past.length || past[0].game !== state.game || past.length !== state.step) past = [];
       past.push({ game: state.game, ...state.frame });
       board.show(state.frame, trails());
       drawing.setAttribute("aria-label", told());
-      const paid = state.frame.rewards ? state.frame.rewards[world.you] : state.frame.reward;
+      const paid = state.frame.rewards[world.you];
       status.textContent =
         `game ${state.game + 1}, step ${state.step} / ${world.max_steps}, reward ${+paid.toFixed(3)}`;
       result.replaceChildren();
@@ -67,7 +65,6 @@
 
     // The moment in words.
     function told() {
-      if (world.kind === "arm") return `an arm of ${world.joints} joints`;
       const at = (cell) => (cell < 0 ? "gone" : `row ${world.cells[cell][0]} column ${world.cells[cell][1]}`);
       const agents = world.agents.map((agent, n) => `${agent.name} ${at(state.frame.cells[n])}`);
       const goals = state.frame.goals.filter((goal) => goal >= 0).map((goal) => `goal ${at(goal)}`);
@@ -77,7 +74,6 @@
     // Where everybody was, and of who is gone where it was last.
     function trails() {
       const some = past.slice(-TRAIL);
-      if (world.kind === "arm") return { trail: some.map((frame) => frame.angles) };
       const of = (number) => past.map((frame) => frame.cells[number]).filter((cell) => cell >= 0);
       return {
         trails: world.agents.map((_, n) => some.map((f) => f.cells[n]).filter((cell) => cell >= 0)),
@@ -99,7 +95,6 @@
         if (told.frame) show(told); // also where it was out of turn: that is how it stands
         else status.textContent = told.error;
       } catch (error) {
-        held.clear();
         status.textContent = "nobody answers: pursuit play has ended. Start it again";
       }
       busy = false;
@@ -113,66 +108,19 @@
       send("next", { game: state.game });
     }
 
-    function turn(only) {
-      const action = new Array(world.joints).fill(0);
-      for (const each of only || held) {
-        const [joint, sign] = each.split(",").map(Number);
-        action[joint] += sign;
-      }
-      move(action);
-    }
-
-    function button(into, text, label, press, release) {
-      const node = make("button", into, text);
-      node.setAttribute("aria-label", label);
-      if (release) {
-        node.addEventListener("pointerdown", press);
-        for (const end of ["pointerup", "pointerleave", "pointercancel"])
-          node.addEventListener(end, release);
-        node.addEventListener("click", (event) => { // by keyboard, or a reader of the screen
-          if (event.detail === 0) turn([label]);
-        });
-      } else {
-        node.addEventListener("click", press);
-      }
-      return node;
-    }
-
     function prepare() {
       buttons.replaceChildren();
-      held.clear();
-      if (world.kind === "arm") {
-        for (let joint = 0; joint < world.joints; joint++)
-          for (const [sign, text] of [[1, "↺"], [-1, "↻"]]) {
-            const what = joint + "," + sign;
-            const node = button(buttons, `${joint + 1} ${text}`, what,
-              () => { held.add(what); turn(); }, () => held.delete(what));
-            node.setAttribute("aria-label",
-              `joint ${joint + 1} ${sign > 0 ? "left" : "right"}`);
-          }
-        const n = world.joints;
-        help.textContent = `Hold ${FORTH.slice(0, n).split("").join(", ")} to turn a joint to the ` +
-          `left, ${BACK.slice(0, n).split("").join(", ")} to the right, several at once; space ` +
-          "waits; n begins the next game.";
-      } else {
-        const cross = make("div", buttons, "", "cross");
-        const places = { 0: [1, 2], 3: [2, 1], 4: [2, 2], 2: [2, 3], 1: [3, 2] };
-        for (const number of [0, 3, 4, 2, 1]) {
-          if (number >= world.actions.length) continue;
-          const node = button(cross, SIGNS[number], world.actions[number], () => move(number));
-          node.style.gridArea = `${places[number][0]} / ${places[number][1]}`;
-        }
-        const stays = world.actions.length > 4 ? "space stays" : "a move into a wall waits";
-        help.textContent = `Arrow keys or w, a, s, d; ${stays}; n begins the next game.`;
+      const cross = make("div", buttons, "", "cross");
+      const places = { 0: [1, 2], 3: [2, 1], 4: [2, 2], 2: [2, 3], 1: [3, 2] };
+      for (const number of [0, 3, 4, 2, 1]) {
+        if (number >= world.actions.length) continue;
+        const node = make("button", cross, SIGNS[number]);
+        node.setAttribute("aria-label", world.actions[number]);
+        node.addEventListener("click", () => move(number));
+        node.style.gridArea = `${places[number][0]} / ${places[number][1]}`;
       }
-    }
-
-    function joint_of(key) {
-      for (const [keys, sign] of [[FORTH, 1], [BACK, -1]]) {
-        const joint = keys.indexOf(key);
-        if (key.length === 1 && joint >= 0 && joint < world.joints) return joint + "," + sign;
-      }
-      return null;
+      const stays = world.actions.length > 4 ? "space stays" : "a move into a wall waits";
+      help.textContent = `Arrow keys or w, a, s, d; ${stays}; n begins the next game.`;
     }
 
     document.addEventListener("keydown", (event) => {
@@ -185,26 +133,11 @@
         return;
       }
       const soon = event.repeat && performance.now() - last < WAIT;
-      if (world.kind === "arm") {
-        const what = joint_of(key);
-        if (what && !event.repeat) { held.add(what); turn(); }
-        else if (key === " " && !soon) turn([]);
-        else if (!what) return;
-      } else {
-        const number = MAZE_KEYS[key];
-        if (number === undefined || number >= world.actions.length) return;
-        if (!soon) move(number);
-      }
+      const number = MAZE_KEYS[key];
+      if (number === undefined || number >= world.actions.length) return;
+      if (!soon) move(number);
       event.preventDefault(); // the page does not scroll
     });
-    document.addEventListener("keyup", (event) => {
-      const what = world.kind === "arm" && joint_of(event.key.toLowerCase());
-      if (what) held.delete(what);
-    });
-    window.addEventListener("blur", () => held.clear());
-    setInterval(() => {
-      if (held.size && performance.now() - last >= WAIT) turn();
-    }, WAIT / 4);
     next.addEventListener("click", begin);
     show(state);
   }

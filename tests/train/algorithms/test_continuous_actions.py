@@ -12,7 +12,6 @@ from tensordict import TensorDict
 from tensordict.nn import ProbabilisticTensorDictModule, TensorDictModule
 from tensordict.nn import ProbabilisticTensorDictSequential as Sequential
 from torch.distributions import Independent, Normal, kl_divergence
-from torch.nn.utils import vector_to_parameters
 from torchrl.modules import TanhNormal
 from torchrl.objectives import A2CLoss, ClipPPOLoss, ReinforceLoss
 from torchrl_heads import NormalHead, critic_of, ours
@@ -21,7 +20,6 @@ from pursuit.reacher.policy import ArmPolicy, ArmView
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
 from train.algorithms.a2c import a2c_loss
-from train.algorithms.cross_entropy import Candidates, CrossEntropy
 from train.algorithms.ppo import PPO, ppo_loss
 from train.algorithms.registry import Build, entry
 from train.algorithms.rollouts import TorchUpdate
@@ -32,7 +30,6 @@ from train.networks.distributions import SquashedNormal
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.layers import Hidden
 from train.settings.algorithms import (
-    CrossEntropySettings,
     PPOSettings,
 )
 
@@ -147,64 +144,6 @@ def test_the_gradients_of_a2c_and_reinforce_are_those_of_actions_after_tanh(name
     assert_same_gradients(network, found, sum(losses[key] for key in names))
 
 
-# -- the cross-entropy method ----------------------------------------------------------------------
-
-SMALL = {"num_games": 64, "population": 16, "elite_share": 0.25}
-
-
-def searcher(joints: int = 2, **settings: Any) -> CrossEntropy:
-    chosen = CrossEntropySettings(**{**SMALL, **settings})
-    learner = entry("cross_entropy").build(chosen, arm_env(chosen.num_games, joints), Build(seed=1))
-    assert isinstance(learner, CrossEntropy)
-    return learner
-
-
-def test_every_candidate_draws_from_its_own_normal_distribution() -> None:
-    learner = searcher(num_games=40_000, population=4, elite_share=0.5, action_std=0.5)
-    env = learner.env
-    env.simulator.place([0.3, -0.4], [1.0, 0.5])
-    torch.manual_seed(0)
-    flat = torch.randn(4, len(learner.mean))
-    candidates = Candidates(learner.network, learner._named, flat)
-    observed, every = env.observe(), np.ones(40_000, dtype=bool)
-    candidates.act(observed, learner._streams, every, env.masks()[:, 0], learner._actions)
-    assert learner._actions.shape == (40_000, 2)
-    for number, weights in enumerate(flat):
-        vector_to_parameters(weights, learner._named.values())
-        with torch.no_grad():
-            mean = learner.network.logits(torch.from_numpy(observed[:1]))[0].numpy()
-        drawn = learner._actions[10_000 * number : 10_000 * (number + 1)]
-        share = (drawn < np.tanh(mean + 0.5)).mean(axis=0)  # one standard deviation above
-        np.testing.assert_allclose(share, 0.8413, atol=0.015)
-
-
-def test_candidates_start_alike_though_arms_keep_their_poses() -> None:
-    learner = searcher()
-    for _ in range(2):
-        begun: list[np.ndarray[Any, Any]] = []
-        restart = learner.env.restart
-
-        def restarting(games: Any = None, restart: Any = restart, begun: list[Any] = begun) -> None:
-            restart(games)
-            simulator = learner.env.simulator
-            begun.append(np.hstack([simulator.angles, simulator.targets]))
-
-        learner.env.restart = restarting  # type: ignore[method-assign]
-        learner.play(torch.randn(16, len(learner.mean)))
-        learner.env.restart = restart  # type: ignore[method-assign]
-        starts = begun[0].reshape(16, 4, 4)
-        assert (starts == starts[:1]).all() and len(np.unique(starts[0], axis=0)) == 4
-
-
-def test_the_cross_entropy_methods_returns_are_those_of_the_arms() -> None:
-    learner = searcher()
-    returns = learner.play(torch.randn(16, len(learner.mean)))
-    env = learner.env
-    ended, lengths = (np.concatenate(part) for part in (env.finished_returns, env.finished_lengths))
-    assert len(ended) == 64 and learner.frames == lengths.sum()
-    assert float(returns.mean()) == pytest.approx(ended.mean(), rel=1e-5)
-
-
 # -- learning --------------------------------------------------------------------------------------
 
 
@@ -233,7 +172,6 @@ LEARNERS: dict[str, tuple[int, dict[str, Any]]] = {
     "ppo": (250_000, {**APART, "num_games": 256, "minibatch_size": 1024}),
     "a2c": (150_000, {**APART, "num_games": 256}),
     "reinforce": (100_000, {"num_games": 64, "width": 32, "gamma": 0.9}),
-    "cross_entropy": (400_000, {"num_games": 256, "population": 32}),
 }
 
 
@@ -262,7 +200,6 @@ def test_every_on_policy_learner_beats_random_turns_by_far(name: str) -> None:
     ("name", "flat"),
     [
         ("ppo", {"num_games": 16, "minibatch_size": 64, "kl_target": 0.01, "width": 8}),
-        ("cross_entropy", SMALL),
     ],
 )
 def test_a_learner_of_continuous_actions_resumes_bit_for_bit(
@@ -307,10 +244,6 @@ def test_without_a_critic_ppo_has_returns_for_advantages() -> None:
 
 def test_what_cannot_be_is_said() -> None:
     player = arm_env(4).player
-    with pytest.raises(ValueError, match="central_critic=True with continuous actions"):
-        entry("ppo").build(PPOSettings(central_critic=True), arm_env(1024), Build())
-    with pytest.raises(ValueError, match="central_critic=True with critic=False"):
-        PPOSettings(central_critic=True, critic=False)
     with pytest.raises(ValueError, match=r"action_std=0\.0; it is above 0"):
         PPOSettings(action_std=0.0)
     with pytest.raises(ValueError, match="cannot choose continuous actions; take ppo or a2c"):

@@ -14,7 +14,6 @@ from arm_games import arm_games, steps_of
 from train.algorithms.action_noise import ActionNoise
 from train.algorithms.learner import Build
 from train.algorithms.registry import ALGORITHMS, entry
-from train.runs.sizes import bytes_of
 from train.settings.off_policy import ContinuousSettings, DDPGSettings, SACSettings, TD3Settings
 from train.settings.presets import THESIS, preset_algorithm
 from train.tensors import read_tensors, write_tensors
@@ -280,11 +279,3 @@ def test_the_thesis_tables_are_what_the_presets_hold() -> None:
     assert (td3.batch_size, td3.buffer_size, td3.tau, td3.width) == (512, 10_000, 0.001, 256)
     assert ddpg.prioritized and not td3.prioritized
     assert {ddpg.noise, td3.noise} == {"ornstein-uhlenbeck"}
-
-
-def test_memory_counts_the_numbers_of_an_action() -> None:
-    settings = DDPGSettings(buffer_size=1000)
-    players = [arm_games(1, joints=joints).player for joints in (1, 8)]
-    sizes = [bytes_of(settings, player)["buffer_size"] for player in players]
-    observations = 1000 * 2 * 4 * 2 * 7  # two observations of two numbers more for each joint
-    assert sizes[1] - sizes[0] == observations + 1000 * 4 * 7

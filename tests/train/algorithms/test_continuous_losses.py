@@ -26,7 +26,6 @@ from train.algorithms.learner import clip_gradients
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor, follow
 from train.networks.features import Features
 from train.networks.layers import Hidden
-from train.networks.stacked import stacked_values
 
 ROWS, GAMMA = 128, 0.9
 FEATURES = Features("flat", (5,), np.full(5, 2.0))
@@ -328,20 +327,6 @@ def test_stacked_critics_are_networks_of_their_own() -> None:
     planes = Features("planes", (3, 4, 4), np.ones(48))
     with pytest.raises(ValueError, match="kind 'planes'"):
         Critics(planes, 2, Hidden(16), 2)
-
-
-@pytest.mark.parametrize("tanh", [False, True])
-def test_the_gradient_of_stacked_layers_is_that_of_differences(tanh: bool) -> None:
-    torch.manual_seed(0)
-    sizes = ((5, 6), (6, 6), (6, 1))
-    layers = []
-    for inputs, outputs in sizes:
-        layers += [torch.randn(2, inputs, outputs), torch.randn(2, 1, outputs)]
-    given = [torch.randn(9, 5), *layers]
-    exact = [each.double().requires_grad_() for each in given]
-    assert torch.autograd.gradcheck(
-        lambda inputs, *parts: stacked_values(inputs, tanh, *parts), exact
-    )
 
 
 @pytest.mark.parametrize("activation", ["relu", "tanh"])

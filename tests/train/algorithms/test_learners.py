@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-import torch
 from test_algorithms import make_env
 
 from scripted_agents import RandomAgent
-from train.algorithms.registry import ALGORITHMS, Algorithm, Build, algorithm_of, entry, register
+from train.algorithms.registry import ALGORITHMS, Algorithm, Build, entry, register
 from train.commands.train import _defaults
 from train.experiments.kinds import start
 from train.runs.folder import RUN, new_folder
@@ -38,7 +36,7 @@ def test_a_new_learner_is_one_entry() -> None:
     try:
         flat = {**EASY, **SMALL["ppo"], "algorithm": "mine", "clip": 0.3, "frames": 100}
         chosen = settings_of(**flat)
-        assert algorithm_of(chosen.hyper) is entry("mine") and chosen.hyper.width == 16
+        assert type(chosen.hyper) is entry("mine").settings and chosen.hyper.width == 16
         learner = entry("mine").build(chosen.hyper, make_env(64), Build())
         assert learner.iterate(0.0)["clip_fraction"] >= 0.0
         learner.close()
@@ -258,18 +256,3 @@ def test_the_learners_are_made_of_their_settings() -> None:
         learner.iterate(0.0)
         assert learner.frames > 0
         learner.close()
-
-
-def test_candidates_of_one_generation_get_the_same_starts_and_their_own_weights() -> None:
-    chosen = settings_of(**{**EASY, "algorithm": "cross_entropy", "num_games": 64}, frames=1)
-    env = make_env(64)
-    learner: Any = entry("cross_entropy").build(chosen.hyper, env, Build())
-    candidates = torch.randn(64, len(learner.mean))
-    candidates[1] = candidates[0]
-    learner.play(candidates)
-    simulator = env.simulator
-    assert len(np.unique(env.simulator.goals, axis=0)) >= 1
-    env.reset()
-    for name in ("positions", "active", "events", "goals"):
-        array = getattr(simulator, name)
-        assert (array == array[:1]).all(), name

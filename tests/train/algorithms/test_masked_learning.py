@@ -148,7 +148,6 @@ SMALL: dict[str, dict[str, Any]] = {
     "a2c": {"num_games": 32},
     "reinforce": {"num_games": 16},
     "dqn": {"num_games": 32, "batch_size": 64, "learning_starts": 100},
-    "cross_entropy": {"num_games": 64, "population": 16},
     "q_learning": {"num_games": 32},
 }
 
@@ -269,7 +268,7 @@ def test_the_command_line_takes_the_flags_of_a_task() -> None:
 
 def test_every_kind_of_run_has_the_setting() -> None:
     chosen = settings_of(maze="3x3", mask_bumps=True, seconds=1)
-    assert parts_of(chosen).seat.mask_bumps and parts_of(chosen).contest(2).mask_bumps
+    assert parts_of(chosen).seat.mask_bumps and parts_of(chosen).world.contest(2).mask_bumps
     assert not parts_of(settings_of(maze="3x3", seconds=1)).seat.mask_bumps
     assert contest_of(TaskSettings(mask_bumps=True), 2).mask_bumps
     taught = settings_of(task="maze", mask_bumps=True, curriculum="maze-size", seconds=1)

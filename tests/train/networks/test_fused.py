@@ -73,9 +73,7 @@ def test_in_bfloat16_they_are_as_near_as_it_is_exact() -> None:
         assert float((exact - rounded).detach().norm() / exact.detach().norm()) < 0.02
 
 
-@pytest.mark.parametrize(
-    "hidden", [Hidden(16), Hidden(16, pairs=True), Hidden(16, activation="tanh")], ids=str
-)
+@pytest.mark.parametrize("hidden", [Hidden(16), Hidden(16, activation="tanh")], ids=str)
 @pytest.mark.parametrize("dueling", [False, True])
 def test_quick_action_values_are_action_values(hidden: Hidden, dueling: bool) -> None:
     torch.manual_seed(0)

@@ -24,8 +24,7 @@ from train.algorithms.advantages import fused_advantages
 from train.algorithms.fused_rollouts import Frames, FusedUpdate
 from train.algorithms.ppo import PPO, ppo_loss
 from train.environments.simulator_env import SimulatorEnv
-from train.environments.team_env import TeamEnv
-from train.networks.actor_critic import ActorCritic, CentralActorCritic
+from train.networks.actor_critic import ActorCritic
 from train.networks.fused_actor_critic import (
     FusedActorCritic,
     LossCoefficients,
@@ -60,7 +59,7 @@ def made(env: SimulatorEnv, **hidden: Any) -> tuple[ActorCritic, FusedActorCriti
 
 def some_frames(env: SimulatorEnv, batch: int) -> Frames:
     env.reset()
-    seen = torch.from_numpy(env.observe())
+    seen = env.reset()["observation"]
     return {
         "observation": seen[torch.randint(len(seen), (batch,))],
         "action": torch.randint(4, (batch,)),
@@ -146,7 +145,7 @@ def test_actions_are_drawn_from_the_softmax_of_the_logits() -> None:
     env = make_env(1)
     network, fused = made(env)
     env.reset()
-    seen = torch.from_numpy(env.observe()).expand(40_000, -1).contiguous()
+    seen = env.reset()["observation"].expand(40_000, -1).contiguous()
     drawn = fused.draw(seen)
     logits, value = network(seen[:1])
     share = torch.bincount(drawn.action, minlength=4) / 40_000
@@ -175,11 +174,12 @@ def test_advantages_are_those_of_torchrl() -> None:
     np.testing.assert_allclose(out, theirs[..., 0].T, rtol=1e-4, atol=1e-5)
 
 
-def evaders(games: int) -> TeamEnv:
+def evaders(games: int) -> SimulatorEnv:
     """Teams of two that learn, of which one is often caught before the other."""
     task = make_task("chase", maze="4x4", num_chasers=2, num_evaders=2, max_steps=12)
     simulator = Simulator(task, games, 0, auto_restart=False)
-    return TeamEnv(simulator, Seat(task, "evader"), [RandomAgent(), RandomAgent(), None, None])
+    others = [RandomAgent(), RandomAgent(), None, None]
+    return SimulatorEnv(simulator, Seat(task, "evader"), others, members=2)
 
 
 @pytest.mark.parametrize("team", [False, True], ids=["alone", "team"])
@@ -312,12 +312,10 @@ def test_a_trunk_with_more_layers_is_not_taken_for_one_that_is_written_out() -> 
     "other",
     [
         {"activation": "tanh"},
-        {"pairs": True},
         {"recurrent": "gru"},
         {"shared": False},
         {"masks": True},
         {"observation": "planes"},
-        {"central": True},
         {"kl_target": 0.01},
         {"critic": False},
         {"subclass": True},
@@ -325,7 +323,7 @@ def test_a_trunk_with_more_layers_is_not_taken_for_one_that_is_written_out() -> 
     ids=lambda other: next(iter(other)),
 )
 def test_what_is_not_written_out_learns_as_before(other: dict[str, Any]) -> None:
-    hidden = {k: v for k, v in other.items() if k in ("activation", "pairs", "recurrent")}
+    hidden = {k: v for k, v in other.items() if k in ("activation", "recurrent")}
     rest = {k: v for k, v in other.items() if k in ("kl_target", "critic")}
     seat: dict[str, Any] = {"mask_bumps": True} if "masks" in other else {}
     env: Any = make_env(16, **seat)
@@ -335,12 +333,6 @@ def test_what_is_not_written_out_learns_as_before(other: dict[str, Any]) -> None
     shared = other.get("shared", True)
     form = Own if "subclass" in other else ActorCritic
     network = form(env.player.features, 4, Hidden(16, **hidden), shared)
-    if "central" in other:
-        task = make_task("chase", maze="4x4", num_chasers=2, max_steps=12)
-        simulator = Simulator(task, 8, 0, auto_restart=False)
-        seats = [None, None, RandomAgent()]
-        env = TeamEnv(simulator, Seat(task, "chaser"), seats, central=True)
-        network = CentralActorCritic(env.player.features, 4, 2, Hidden(16))
     settings = PPOSettings(num_games=16, rollout_steps=8, minibatch_size=64, **rest)
     learner = PPO(settings, env, network)
     assert learner.update_form == "torch"

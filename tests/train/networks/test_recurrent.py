@@ -13,7 +13,6 @@ from pursuit import Simulator, make_task
 from pursuit.simulator.policy import DistributionPolicy, MemoryPolicy, TabularPolicy, play
 from scripted_agents import AStarEvader
 from train.algorithms.ppo import PPO, ppo_loss
-from train.algorithms.recurrent_dqn import sequence_loss
 from train.algorithms.registry import ALGORITHMS, Build, entry
 from train.algorithms.rollouts import TorchUpdate
 from train.environments.simulator_env import SimulatorEnv
@@ -22,10 +21,10 @@ from train.networks.actor_critic import ActorCritic
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.layers import Hidden
 from train.networks.policy import Seat
-from train.networks.recurrent import GATES, Cell
+from train.networks.recurrent import Cell
 from train.networks.remembering import RememberingPolicy
 from train.runs.parts import settings_of
-from train.settings.algorithms import DQNSettings, PPOSettings
+from train.settings.algorithms import PPOSettings
 
 TASK = make_task("chase", maze="3x3", max_steps=7)
 
@@ -35,9 +34,9 @@ def make_env(games: int, seed: int = 0) -> SimulatorEnv:
     return SimulatorEnv(simulator, Seat(TASK, "chaser"), [None, AStarEvader(epsilon=0.5)])
 
 
-def make_network(env: Any, kind: str = "gru", shared: bool = True) -> ActorCritic:
+def make_network(env: Any, shared: bool = True) -> ActorCritic:
     torch.manual_seed(0)
-    hidden = Hidden(16, recurrent=kind)
+    hidden = Hidden(16, recurrent="gru")
     network = ActorCritic(env.player.features, env.player.num_actions, hidden, shared)
     with torch.no_grad():
         network.policy_head.weight.mul_(100)
@@ -47,10 +46,9 @@ def make_network(env: Any, kind: str = "gru", shared: bool = True) -> ActorCriti
 # -- sequences against plain loops -----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", GATES)
-def test_a_cell_along_sequences_equals_its_steps_and_so_do_its_gradients(kind: str) -> None:
+def test_a_cell_along_sequences_equals_its_steps_and_so_do_its_gradients() -> None:
     torch.manual_seed(1)
-    cell = Cell(kind, 7).double()
+    cell = Cell(7).double()
     for weight in cell.parameters():
         weight.data.normal_(std=0.5)
     inputs = torch.randn(6, 9, 7, dtype=torch.double, requires_grad=True)
@@ -72,11 +70,10 @@ def test_a_cell_along_sequences_equals_its_steps_and_so_do_its_gradients(kind: s
 
 
 @pytest.mark.parametrize("shared", [True, False])
-@pytest.mark.parametrize("kind", GATES)
-def test_the_loss_of_ppo_over_sequences_equals_a_loop_over_steps(kind: str, shared: bool) -> None:
+def test_the_loss_of_ppo_over_sequences_equals_a_loop_over_steps(shared: bool) -> None:
     env = make_env(12)
     settings = PPOSettings(12, rollout_steps=10, minibatch_size=60, clip=0.05)
-    learner = PPO(settings, env, make_network(env, kind, shared), "cpu")
+    learner = PPO(settings, env, make_network(env, shared), "cpu")
     network = learner.network
     learner.collect()  # so that the sequences below begin with something remembered
     frames = learner.collect()
@@ -117,74 +114,6 @@ def test_the_loss_of_ppo_over_sequences_equals_a_loop_over_steps(kind: str, shar
     for a, b in zip(one, two, strict=True):
         torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-6)
     learner.close()
-
-
-@pytest.mark.parametrize("double", [True, False])
-@pytest.mark.parametrize("kind", GATES)
-def test_the_loss_of_dqn_over_sequences_equals_a_loop_over_steps(kind: str, double: bool) -> None:
-    torch.manual_seed(0)
-    env = make_env(6)
-    settings = DQNSettings(
-        6, 0.9, kind, rollout_steps=9, burn_in=4, n_steps=3, batch_size=36, buffer_size=540,
-        double=double, learning_starts=10**9,
-    )  # fmt: skip
-    learner: Any = entry("dqn").build(settings, env, Build())  # type: ignore[arg-type]
-    rollouts = [learner.collector.rollout()]
-    learner.remember(rollouts[0])
-    rollouts.append(learner.collector.rollout())
-    learner.remember(rollouts[1])
-    learner.close()
-    network, target = learner.network, learner.target
-    with torch.no_grad():
-        for weight in target.parameters():
-            weight.add_(0.1 * torch.randn_like(weight))
-    # The second rollout, warmed up by the last four steps of the first one.
-    batch = {name: column[6:] for name, column in learner.replay.columns().items()}
-    ours, size = sequence_loss(network, target, batch, settings)
-    first, second = rollouts
-    assert (second["truncated"] & ~second["terminated"]).any()
-    goals, values = torch.zeros(2, 6, 9), torch.zeros(6, 9)
-    for game in range(6):
-        state = torch.zeros(1, network.sizes[0])
-        for step in range(5):  # what was remembered four steps before the end of the first
-            state = torch.where(first["episode_start"][game, step], 0.0, state)
-            state = network.remember(first["observation"][game, step][None], state)[1].detach()
-        own = theirs = state
-        for step in range(5, 9):
-            own, theirs = (
-                torch.where(first["episode_start"][game, step], 0.0, now) for now in (own, theirs)
-            )
-            seen = first["observation"][game, step][None]
-            own, theirs = network.remember(seen, own)[1], target.remember(seen, theirs)[1]
-        after = []
-        for step in range(9):
-            row = {name: column[game, step] for name, column in second.items()}
-            own, theirs = (torch.where(row["episode_start"], 0.0, now) for now in (own, theirs))
-            seen, coming = row["observation"][None], row["next_observation"][None]
-            q_values, own = network.remember(seen, own)
-            theirs = target.remember(seen, theirs)[1]
-            values[game, step] = q_values[0, row["action"]]
-            following = target.remember(coming, theirs)[0].detach()
-            chooser = network.remember(coming, own)[0] if double else following
-            best = float(following[0, chooser.argmax()])
-            after.append(0.0 if row["terminated"] else best)
-        for step in range(9):
-            total, discount = 0.0, 1.0
-            for later in range(step, min(step + 3, 9)):
-                total += discount * float(second["reward"][game, later])
-                discount *= 0.9
-                ended = bool(second["done"][game, later])
-                if ended or later in (step + 2, 8):
-                    total += discount * after[later]
-                    break
-            goals[0, game, step] = total
-    error = (values - goals[0]).detach()
-    torch.testing.assert_close(ours, error.square().mean(), rtol=1e-4, atol=1e-5)
-    expected = 0.9 * error.abs().amax(1) + 0.1 * error.abs().mean(1)
-    torch.testing.assert_close(size, expected, rtol=1e-4, atol=1e-5)
-
-
-# -- what is remembered ----------------------------------------------------------------------------
 
 
 def test_memories_last_from_rollout_to_rollout_and_end_with_the_episode() -> None:
@@ -231,10 +160,9 @@ def test_what_a_cut_off_episode_ends_with_is_valued_by_what_was_remembered() -> 
         torch.testing.assert_close(rollout["value_after"][:, step], expected)
 
 
-@pytest.mark.parametrize("kind", GATES)
-def test_a_policy_remembers_in_any_batch_what_its_network_did(kind: str) -> None:
+def test_a_policy_remembers_in_any_batch_what_its_network_did() -> None:
     env = make_env(4)
-    network = make_network(env, kind)
+    network = make_network(env)
     policy = Seat(TASK, "chaser").policy(network, greedy=False)
     assert isinstance(policy, RememberingPolicy) and isinstance(policy, MemoryPolicy)
     assert not isinstance(policy, TabularPolicy) and not isinstance(policy, DistributionPolicy)
@@ -278,7 +206,7 @@ def reward_of(learner: Any, env: Cues) -> float:
     )
 
 
-@pytest.mark.parametrize("recurrent", [None, "gru", pytest.param("lstm", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("recurrent", [None, "gru"])
 def test_ppo_remembers_a_cue_with_a_memory_alone(recurrent: str | None) -> None:
     torch.manual_seed(0)
     chosen: dict[str, Any] = {"num_games": 64, "width": 16, "minibatch_size": 256}
@@ -292,39 +220,18 @@ def test_ppo_remembers_a_cue_with_a_memory_alone(recurrent: str | None) -> None:
     assert LENGTH == 4 and (paid > 0.95 if recurrent else paid < 0.6), paid
 
 
-@pytest.mark.parametrize("recurrent", [pytest.param(None, marks=pytest.mark.slow), "gru"])
-def test_dqn_remembers_a_cue_with_a_memory_alone(recurrent: str | None) -> None:
-    torch.manual_seed(0)
-    settings = DQNSettings(
-        64, 0.95, recurrent, 1e-2, width=16, learning_starts=500, batch_size=256,
-        target_update_interval=10, gradient_steps=4, burn_in=4,
-    )  # fmt: skip
-    env = Cues(64)
-    learner: Any = entry("dqn").build(settings, env, Build(seed=1))  # type: ignore[arg-type]
-    for step in range(60):
-        learner.iterate(step / 60)
-    learner.epsilon = 0.0
-    paid = reward_of(learner, env)
-    learner.close()
-    assert paid > 0.95 if recurrent else paid < 0.6, paid
-
-
 # -- refusals --------------------------------------------------------------------------------------
 
 
 def test_who_cannot_remember_says_so() -> None:
     flat: dict[str, Any] = {"recurrent": "gru", "frames": 1000, "maze": "3x3"}
-    with pytest.raises(ValueError, match="q_learning learns no memory: take ppo, a2c, reinforce"):
+    with pytest.raises(ValueError, match="q_learning learns no memory: take ppo or a2c"):
         settings_of(algorithm="q_learning", **flat)
-    with pytest.raises(ValueError, match=r"cross_entropy learns no memory: .* frame_stack"):
-        settings_of(algorithm="cross_entropy", **flat)
-    with pytest.raises(ValueError, match="unknown recurrent 'rnn'; one of gru, lstm"):
+    with pytest.raises(ValueError, match="unknown recurrent 'rnn'; one of gru"):
         settings_of(**{**flat, "recurrent": "rnn"})
     with pytest.raises(ValueError, match="on an arm, which sees all"):
         settings_of(task="reacher", recurrent="gru", frames=1000)
-    assert {name for name, one in ALGORITHMS.items() if one.recurrent} == {
-        "ppo", "a2c", "reinforce", "dqn",
-    }  # fmt: skip
+    assert {name for name, one in ALGORITHMS.items() if one.recurrent} == {"ppo", "a2c"}
 
 
 @pytest.mark.parametrize("encoding", ["index", "positions"])

@@ -27,8 +27,7 @@ from train.commands.main import main
 from train.play.kept import PATTERN
 from train.play.seats import session_of
 from train.play.server import PlayServer
-from train.play.session import ArmSession
-from train.settings.task import ReacherSettings, TaskSettings
+from train.settings.task import TaskSettings
 
 PAGE = Path(__file__).parents[3] / "docs" / "play.md"
 
@@ -119,7 +118,7 @@ def test_a_tour_played_by_hand_takes_the_least_steps_of_all_orders(
             state = visitor.move(move)
             assert state["frame"]["cells"] == [here] and state["step"] == step
         assert state["over"] and state["outcome"]["won"]
-        assert state["outcome"]["least"] == state["outcome"]["agent_steps"] == len(best)
+        assert state["outcome"]["optimal_steps"] == state["outcome"]["agent_steps"] == len(best)
         assert state["rows"][0] == ["you", f"{len(best)} steps, won"]
         assert state["rows"][1] == ["optimum", f"{len(best)} steps"]
         state = visitor.ask("POST", visitor.path + "next", {"game": game})[1]
@@ -137,10 +136,10 @@ def test_the_optimum_of_a_chase_is_the_value_of_its_start(
         start = tuple(state["frame"]["cells"])
         while not state["over"]:
             state = visitor.move(int(moves[tuple(state["frame"]["cells"])]))
-        assert state["outcome"]["least"] == pytest.approx(values[start], abs=1e-9)
+        assert state["outcome"]["optimal_steps"] == pytest.approx(values[start], abs=1e-9)
         assert state["outcome"]["expected"]
         lengths.append(state["outcome"]["steps"])
-        optima.append(state["outcome"]["least"])
+        optima.append(state["outcome"]["optimal_steps"])
         visitor.ask("POST", visitor.path + "next", {"game": game})
     doubt = 4 * np.std(np.subtract(lengths, optima)) / len(lengths) ** 0.5 + 1e-9
     assert abs(np.mean(lengths) - np.mean(optima)) < doubt
@@ -203,7 +202,7 @@ def test_a_person_takes_any_seat(task: str, role: str, known: bool, tmp_path: Pa
         taken.append(session.step % 5)
         session.move(taken[-1])
     (outcome,) = session.outcomes
-    assert (outcome.least is not None) == known and outcome.steps == len(taken)
+    assert (outcome.optimal_steps is not None) == known and outcome.steps == len(taken)
     assert ("not known" in "\n".join(outcome.lines())) != known
     assert 1 <= outcome.agent_steps <= 40
     keeper.keep(session)
@@ -230,28 +229,6 @@ def test_a_captured_evader_is_over_for_the_person_alone(tmp_path: Path) -> None:
     assert 0 < open_ends < 20
     kept = list(tmp_path.glob(PATTERN))
     assert len(kept) == 20 and all(Replay.load(path).check() == [] for path in kept)
-
-
-def test_an_arm_is_moved_by_hand_beside_its_least_steps() -> None:
-    session = session_of(ReacherSettings(joints=1), "optimal", 2)
-    assert isinstance(session, ArmSession)
-    for game in range(5):
-        frame = session.frame()
-        x, y = frame["target"]
-        off = (np.arctan2(y, x) - frame["angles"][0] + np.pi) % (2 * np.pi) - np.pi
-        # On the rim the tip is in reach within this angle, the chord of it being the tolerance.
-        near = 2 * np.arcsin(0.2 / 2)
-        least = max(int(np.ceil((abs(off) - near) / 0.1)), 1)
-        while not session.over:
-            session.move([float(np.sign(off))])
-        outcome = session.outcomes[game]
-        assert (outcome.steps, outcome.least, outcome.most) == (least, least, least)
-        assert outcome.agent_steps == least
-        session.next_game()
-    for wrong in (0, [], [2.0], [float("nan")], ["a"], [True], [0.1, 0.1]):
-        with pytest.raises(ValueError, match="action"):
-            session.move(wrong)
-    assert session.step == 0
 
 
 def test_the_agent_beside_plays_the_same_start_with_the_same_luck() -> None:
@@ -313,7 +290,7 @@ def test_the_command_serves_a_game_keeps_it_and_ends_by_ctrl_c(
         (["--against", "astar", "--opponent", "random"], "give one"),
         (["--task", "maze", "--against", "random"], "nobody of another role"),
         (["--task", "heist", "--against", "optimal"], "3 goal(s)"),
-        (["--task", "reacher", "--against", "astar"], "an arm has no other seats"),
+        (["--task", "reacher"], "task='reacher' is no game in mazes"),
         (["--port", "65536"], "port=65536"),
         (["--seed", "-1"], "seed=-1"),
         (["--name", " ", "--out", "x"], "name=' '"),
@@ -345,15 +322,14 @@ def test_the_commands_of_the_page_run_as_they_stand(
     monkeypatch.chdir(tmp_path)
 
     def go_north(session: Any, *rest: Any) -> None:
-        arm = isinstance(session, ArmSession)
         while not session.over:
-            session.move([1.0] * session.task.joints if arm else NORTH)
+            session.move(NORTH)
         if rest[-1] is not None:
             rest[-1].keep(session)
 
     monkeypatch.setattr(play_command, "on_page", go_north)
     lines = [line for block in blocks_of("") for line in block.splitlines()]
-    assert len(lines) == 11 and all(line.startswith("pursuit ") for line in lines)
+    assert len(lines) == 10 and all(line.startswith("pursuit ") for line in lines)
     make_run(tmp_path / "pair", frames=2000, task={"maze": "5x5"}).train()
     (tmp_path / "runs").mkdir()
     (tmp_path / "pair" / "chaser").rename(tmp_path / "runs" / "c")

@@ -9,9 +9,7 @@ from typing import Any
 import pytest
 from played_by_hand import EAST, NORTH, SOUTH, STAY, WEST, maze_session, serving
 
-from train.play.seats import session_of
 from train.play.server import PlayServer
-from train.settings.task import ReacherSettings
 
 
 class Page:
@@ -111,27 +109,6 @@ def test_buttons_move_by_mouse_touch_and_keyboard(browser: Any) -> None:
         assert wide <= 360
         page.after(lambda: page.tab.get_by_text("next game (n)").tap())
         assert session.game == 1
-        page.close()
-
-
-def test_an_arm_turns_while_keys_are_held_and_two_joints_at_once(browser: Any) -> None:
-    with serving(session_of(ReacherSettings(joints=2), "astar", 1)) as (_, server):
-        page = Page(browser, server)
-        page.after(lambda: page.tab.keyboard.down("q"))
-        page.after(lambda: page.tab.keyboard.down("s"))
-        page.tab.wait_for_function(
-            "() => +document.querySelector('[role=status]').innerText.match(/step (\\d+)/)[1] > 3"
-        )
-        page.tab.keyboard.up("q")
-        page.tab.keyboard.up("s")
-        turns = page.session.actions
-        assert turns[0] == [1.0, 0.0] and [1.0, -1.0] in turns
-        page.tab.wait_for_timeout(300)
-        stopped = page.session.step
-        page.press("Space")
-        assert page.session.step == stopped + 1 and page.session.actions[-1] == [0.0, 0.0]
-        page.after(lambda: page.tab.get_by_label("joint 2 left").click())
-        assert page.session.actions[-1] == [0.0, 1.0]
         page.close()
 
 

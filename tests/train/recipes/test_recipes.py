@@ -22,7 +22,7 @@ from train.commands.evaluate import evaluate
 from train.commands.league import league
 from train.experiments.kinds import start
 from train.networks.policy import LearnedPolicy
-from train.recipes import stable_baselines, stable_baselines_arm, supersuit_sharing
+from train.recipes import stable_baselines, supersuit_sharing
 from train.runs.folder import RUN
 from train.runs.opponents import load_opponent
 from train.runs.parts import contest_of, settings_of
@@ -167,6 +167,14 @@ def test_models_of_other_games_are_refused(
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
+def test_models_with_their_descriptions_play_in_a_league(
+    models: dict[str, Path], tmp_path: Path
+) -> None:
+    entries = [str(models["ppo"]), str(models["dqn"]), "astar", "--maze", "3x3", "--games", "4"]
+    league([*entries, "--out", str(tmp_path / "league")])
+    assert json.loads((tmp_path / "league" / "league.json").read_text())["chasers"][0] == "ppo.zip"
+
+
 def test_damaged_and_foreign_models_are_refused(models: dict[str, Path], tmp_path: Path) -> None:
     path = tmp_path / "model.zip"
     with pytest.raises(ValueError, match="no such file"):
@@ -248,18 +256,3 @@ def test_the_drawn_policy_follows_the_distribution(models: dict[str, Path]) -> N
     table = policy.action_probabilities(policy.task.mazes[0])
     np.testing.assert_allclose(table.sum(axis=-1), 1.0, atol=1e-6)
     assert ((table > 0) & (table < 1)).any()
-
-
-def test_td3_of_stable_baselines_moves_an_arm(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    own = ["--joints", "1", "--frames", "1280", "--episodes", "20", "--max-steps", "20"]
-    out = tmp_path / "td3.zip"
-    stable_baselines_arm.main([*own, "--algorithm", "td3", "--out", str(out)])
-    told = capsys.readouterr().out
-    assert "learned" in told and "exact from every start" in told and out.exists()
-    for wrong in (["--algorithm", "dqn"], ["--joints", "9"], ["--out", str(out)]):
-        with pytest.raises(SystemExit) as stop:
-            stable_baselines_arm.main([*own, *wrong])
-        assert stop.value.code == 2
-        assert "\n" not in capsys.readouterr().err.strip()

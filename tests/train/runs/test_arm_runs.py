@@ -10,7 +10,6 @@ import pytest
 from pursuit.reacher.simulator import ReacherSimulator
 from scripted_agents import InverseKinematics, LeastStepsPolicy, least_steps
 from train.commands.main import main
-from train.evaluation import arm_contest
 from train.evaluation.arm_contest import ArmContest, bounds_of
 from train.evaluation.scores import optimality_gap
 from train.experiments.kinds import open_run, start
@@ -104,7 +103,7 @@ def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert "set the task's own tolerance" in wide
     assert "unknown observation" in refused(capsys, *train, "--observation", "index")
     assert "games in mazes" in refused(capsys, *train, "--curriculum", "maze-size")
-    assert "turns an arm" in refused(capsys, "train", "--curriculum", "hold")
+    assert "needs an arm" in refused(capsys, "train", "--curriculum", "hold")
     assert "reacher" in refused(capsys, "train", "--task", "reachr")
     assert "discrete" in refused(capsys, "train", "--algorithm", "td3")
 
@@ -148,24 +147,6 @@ def test_a_smaller_evaluation_plays_the_first_starts_of_a_larger_one() -> None:
     task = ReacherSettings(joints=2).build()
     few, many = (bounds_of(task, episodes, 7) for episodes in (30, 1500))
     assert np.array_equal(few.lower, many.lower[:30]) and few.share_exact == 1.0
-
-
-def test_least_steps_are_kept_on_disk_and_solved_again_where_they_are_damaged(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("PURSUIT_CACHE", str(tmp_path))
-    task = ReacherSettings(joints=7).build()
-    found = arm_contest.solved(task, 5, 3)
-    (kept,) = tmp_path.iterdir()
-    monkeypatch.setattr(arm_contest, "least_steps_of", None)  # not asked again
-    assert np.array_equal(arm_contest.solved(task, 5, 3), found)
-    monkeypatch.undo()
-    monkeypatch.setenv("PURSUIT_CACHE", str(tmp_path))
-    for damaged in (b"", b"nonsense", kept.read_bytes()[:90]):
-        kept.write_bytes(damaged)
-        assert np.array_equal(arm_contest.solved(task, 5, 3), found)
-    monkeypatch.setenv("PURSUIT_CACHE", str(kept))  # a file: nothing can be kept
-    assert np.array_equal(arm_contest.solved(task, 5, 3), found)
 
 
 def test_discrete_actions_have_a_lower_bound_only(capsys: pytest.CaptureFixture[str]) -> None:

@@ -24,10 +24,11 @@ from train.runs.parts import settings_of
 from train.runs.saved import load_settings
 from train.self_play.league import enter
 from train.self_play.parts import self_play_settings_of
-from train.tensors import MARK, first_not_finite
+from train.tensors import MARK, first_not_finite, write_tensors
 
 SMALL = {"maze": "2x2", "num_games": 16, "rollout_steps": 8, "width": 8, "threads": 1}
 PPO = {**SMALL, "minibatch_size": 64, "frames": 1024}
+OF_ALGORITHM = {"maze": "2x2", "num_games": 8, "width": 8, "threads": 1, "frames": 1024}
 NASTY: list[Any] = [
     *(None, True, -1, 0, 3, 1e308, -0.5, 10**40, "", "x", [], {}, [[]], {"a": 1}, [1, "a"]),
     *(float("nan"), float("inf")),
@@ -234,6 +235,41 @@ def test_the_checkpoint_of_another_run_is_refused(
     for read in (open_run, load_policy) if name != "self-play" else (open_run,):
         with pytest.raises(ValueError, match="does not fit the settings") as caught:
             read(folder)
+        assert "\n" not in str(caught.value)
+
+
+def test_the_checkpoint_of_another_algorithm_with_the_same_network_is_refused(
+    tmp_path: Path,
+) -> None:
+    for name in ("a2c", "reinforce"):
+        start(RUN, settings_of(**OF_ALGORITHM, algorithm=name), tmp_path / name).save()
+        load_policy(tmp_path / name)
+    shutil.copy(tmp_path / "a2c" / "checkpoint.pt", tmp_path / "reinforce")
+    said = "algorithm 'a2c', and the settings say 'reinforce'"
+    for read in (open_run, load_policy):
+        with pytest.raises(ValueError, match=f"does not fit the settings.*{said}") as caught:
+            read(tmp_path / "reinforce")
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+@pytest.mark.parametrize("name", ["levels", "dqn", "table", "self-play"])
+def test_weights_that_are_not_finite_are_refused(
+    name: str, bad: float, runs: dict[str, Path], tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(runs[name], tmp_path / "run"))
+    readers = [(folder, open_run), (folder, load_policy)]
+    if name == "self-play":
+        readers = [(folder, open_run), (folder / "chaser", load_policy)]
+    for where, read in readers:
+        state = load_checkpoint(where)
+        trainee = state["trainee"]
+        learner = (trainee["sides"]["chaser"] if "sides" in trainee else trainee)["learner"]
+        weights = learner.get("network") or {"table": learner["q_values"]}
+        next(iter(weights.values())).view(-1)[0] = bad
+        write_tensors(where / "checkpoint.pt", state)
+        with pytest.raises(ValueError, match=r"does not fit the settings.*is not finite") as caught:
+            read(where)
         assert "\n" not in str(caught.value)
 
 

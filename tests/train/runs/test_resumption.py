@@ -142,17 +142,12 @@ def test_every_learner_resumes(algorithm: str, tmp_path: Path) -> None:
         {"algorithm": "dqn", "prioritized": True, "dueling": True},
         {"algorithm": "dqn", "mask_bumps": True},
         {"algorithm": "td3", "prioritized": True, "noise": "ornstein-uhlenbeck", **ARM},
-        {"algorithm": "cross_entropy", "observation": "planes"},
         {"algorithm": "q_learning", "role": "evader", **CHASER},
         {"algorithm": "ppo", "recurrent": "gru", **CHASER},
-        {"algorithm": "ppo", "recurrent": "lstm", "shared": False},
+        {"algorithm": "ppo", "recurrent": "gru", "shared": False},
         {"algorithm": "a2c", "recurrent": "gru", "mask_bumps": True},
-        {"algorithm": "reinforce", "recurrent": "lstm"},
-        {"algorithm": "dqn", "recurrent": "gru", "burn_in": 2, "rollout_steps": 6, "max_steps": 9},
         {"algorithm": "ppo", "frame_stack": 3, "observation": "planes"},
         {"algorithm": "dqn", "frame_stack": 2},
-        {"algorithm": "cross_entropy", "frame_stack": 2, **CHASER},
-        {"algorithm": "dqn", "recurrent": "lstm", "burn_in": 0, "prioritized": True},
     ],
     ids=lambda flat: " ".join(map(str, flat.values())),
 )
@@ -162,12 +157,12 @@ def test_switched_learners_resume(flat: dict[str, Any], tmp_path: Path) -> None:
 
 
 def test_a_learner_resumes_against_an_opponent_that_remembers(tmp_path: Path) -> None:
-    evader = start(RUN, tiny("ppo", role="evader", recurrent="lstm", **CHASER), tmp_path / "evader")
+    evader = start(RUN, tiny("ppo", role="evader", recurrent="gru", **CHASER), tmp_path / "evader")
     evader.train()
     check_resumption(RUN, tiny("ppo", opponent=str(tmp_path / "evader"), **CHASER), tmp_path)
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "a2c", "reinforce", "cross_entropy"])
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c", "reinforce"])
 def test_learners_of_both_kinds_of_actions_resume_on_an_arm(algorithm: str, tmp_path: Path) -> None:
     check_resumption(RUN, tiny(algorithm, **ARM), tmp_path)
 
@@ -254,25 +249,20 @@ def test_every_learner_resumes_in_every_scheme(
 @pytest.mark.parametrize(
     "changes",
     [
-        {"share_networks": True},
         pytest.param({"evader": "astar", "sampling": "pfsp"}, marks=pytest.mark.slow),
         pytest.param(
             {"task": {"num_chasers": 2, "num_evaders": 2}, "sampling": "double-oracle",
              "pool_size": 7},
             marks=pytest.mark.slow,
         ),
-        {"task": {"num_chasers": 2}, "hyper": replace(PPO, central_critic=True)},
         pytest.param(
             {"hyper": replace(PPO, recurrent="gru"), "sampling": "pfsp"}, marks=pytest.mark.slow
         ),
-        {"task": {"num_chasers": 2}, "hyper": replace(PPO, central_critic=True, recurrent="gru")},
+        {"task": {"num_chasers": 2}, "hyper": replace(PPO, recurrent="gru")},
     ],
-    ids=[
-        "one trunk", "a frozen side", "teams", "a central critic", "memories",
-        "memories beside a central critic",
-    ],
+    ids=["a frozen side", "teams", "memories", "memories of a team"],
 )  # fmt: skip
-def test_teams_and_shared_networks_resume(changes: Any, tmp_path: Path) -> None:
+def test_teams_and_memories_resume(changes: Any, tmp_path: Path) -> None:
     check_resumption(SELF_PLAY, both(**changes), tmp_path)
 
 

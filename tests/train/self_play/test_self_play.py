@@ -25,13 +25,11 @@ from scripted_agents import (
 )
 from train.algorithms.registry import Build, entry
 from train.commands.main import main
-from train.environments.team_env import TeamEnv
+from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.exploitability import exploitability, nash_conv
 from train.evaluation.games import table_in
 from train.evaluation.matchups import discounted_steps, match, play_pair
 from train.experiments.kinds import open_run, start
-from train.networks.actor_critic import CentralActorCritic
-from train.networks.layers import Hidden
 from train.networks.policy import Seat
 from train.runs.folder import SELF_PLAY
 from train.runs.loop import Run
@@ -46,13 +44,13 @@ from train.settings.task import TaskSettings
 # -- the games -------------------------------------------------------------------------------------
 
 
-def make_env(tmp_path: Path, role: str, central: bool = False, **settings: int) -> TeamEnv:
+def make_env(tmp_path: Path, role: str, **settings: int) -> SimulatorEnv:
     task = make_task("chase", maze="5x5", max_steps=12, **settings)
     simulator = Simulator(task, 32, seed=1, auto_restart=False)
     opponents = Opponents(simulator, role, 0.95, seed=0)
     opponents.policy.pool = OpponentPool(tmp_path, RandomAgent(), 3, lambda state: Always(0))
     policies = [None if seat == role else opponents.policy for seat in task.seat_roles]
-    return TeamEnv(simulator, Seat(task, role), policies, opponents, central=central)
+    return SimulatorEnv(simulator, Seat(task, role), policies, opponents, task.count(role))
 
 
 @pytest.mark.parametrize("role", ["chaser", "evader"])
@@ -93,41 +91,6 @@ def test_learning_leaves_out_what_idle_agents_recorded(tmp_path: Path) -> None:
     assert min(sizes) < 64 * 16 and learner.frames == 4 * 64 * 16
     frames = learner.collect()
     assert (frames["prepared"][:, : env.simulator.task.max_cells].sum(dim=1) == 1).all()
-
-
-def test_a_central_critic_sees_the_whole_team_and_the_policy_does_not(tmp_path: Path) -> None:
-    env = make_env(tmp_path, "chaser", central=True, num_chasers=2)
-    seen = env.reset()["observation"]
-    assert seen.shape == (64, 3, 4)
-    own = env.simulator.observe("index")[:, :2]
-    assert (seen[:, 0].numpy() == own.reshape(64, -1)).all()
-    for member in (0, 1):
-        assert (seen[:, 1 + member].view(32, 2, -1).numpy() == own[:, None, member]).all()
-    torch.manual_seed(0)
-    network = CentralActorCritic(env.player.features, 4, env.player.members, Hidden(32))
-    logits, value = network(seen)
-    assert torch.equal(logits, network.logits(seen[:, 0]))
-    assert torch.allclose(value.view(32, 2)[:, 0], value.view(32, 2)[:, 1])
-    changed = seen.clone()
-    changed[:, 2] = changed[:, 2].flip(0)
-    after_logits, after_value = network(changed)
-    assert torch.equal(logits, after_logits) and not torch.allclose(value, after_value)
-
-
-def test_a_central_critic_sees_what_the_agents_themselves_do_not(tmp_path: Path) -> None:
-    env = make_env(tmp_path, "chaser", central=True, num_chasers=2, view_radius=1)
-    simulator = env.simulator
-    whole = Simulator(replace(simulator.task, view_radius=None), simulator.num_games)
-    now, hidden = env.reset(), 0
-    for _ in range(20):
-        whole.set_state(simulator.get_state())
-        own, team = simulator.observe("index")[:, :2], whole.observe("index")[:, :2]
-        seen = now["observation"].view(simulator.num_games, 2, 3, -1).numpy()
-        assert (seen[:, :, 0] == own).all()
-        assert (seen[:, :, 1:] == team[:, None]).all()
-        hidden += int((own != team).any(axis=(1, 2)).sum())
-        _, now = env.step_and_maybe_reset(env.rand_action(now))
-    assert hidden > 100
 
 
 def test_scores_are_the_share_of_the_discounted_payoff(tmp_path: Path) -> None:
@@ -283,15 +246,10 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, sampling: str) -> None
 @pytest.mark.parametrize(
     "changes",
     [
-        pytest.param({"share_networks": True}, marks=pytest.mark.slow),
         {"chaser_algorithm": "dqn", "evader_algorithm": "a2c", "frames": 30_000,
          "hyper": self_play_ppo()},
         pytest.param(
             {"task": {"num_chasers": 2, "num_evaders": 2, "max_steps": 30}},
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            {"task": {"num_chasers": 2}, "hyper": replace(QUICK, central_critic=True)},
             marks=pytest.mark.slow,
         ),
         pytest.param(
@@ -330,28 +288,9 @@ def test_teams_networks_and_algorithms_of_every_kind(tmp_path: Path, changes: An
             assert whole["nash_conv"] == pytest.approx(sum(whole["gains"].values()))
             assert all(gain >= -1e-9 for gain in whole["gains"].values())
             assert f"{whole['nash_conv']:.3f}" in told_whole_game(whole)
-    if changes.get("share_networks"):
-        networks = [side.learner.network for side in run.trainee.sides.values()]  # type: ignore[attr-defined]
-        assert networks[0].policy_trunk is networks[1].policy_trunk
     again = open_run(tmp_path / "run").trainee
     assert all((again.sides[role].learner.frames == side.learner.frames) for role, side in
                run.trainee.sides.items())  # fmt: skip
-
-
-def test_roles_with_one_trunk_play_and_learn_by_it(tmp_path: Path) -> None:
-    run = make_run(tmp_path / "run", share_networks=True, precision="float32")
-    learners: Any = [run.trainee.sides[role].learner for role in ("evader", "chaser")]
-    trunk = learners[0].network.policy_trunk
-    assert all(one.network.policy_trunk is trunk for one in learners)
-    for learner in learners * 2:
-        before = [weight.clone() for weight in trunk.parameters()]
-        frames = learner.collect()
-        with torch.no_grad():
-            logits, _ = learner.network(frames["observation"])
-        drawn = logits.log_softmax(-1).gather(1, frames["action"][:, None]).squeeze(1)
-        torch.testing.assert_close(frames["action_log_prob"], drawn, rtol=1e-4, atol=1e-4)
-        learner.iterate(0.0)
-        assert not any(map(torch.equal, before, trunk.parameters()))
 
 
 def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
@@ -384,7 +323,6 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
         ({"sampling": "double-oracle", "pool_size": 4}, "double-oracle forgets none"),
         ({"chaser_algorithm": "q_learning"}, "chaser_algorithm='q_learning'"),
         ({"chaser_algorithm": "dqn", "task": {"num_chasers": 2}}, "with 2 chasers"),
-        ({"share_networks": True, "evader": "astar"}, "share_networks needs"),
         ({"hyper": replace(QUICK, gamma=1.0)}, "gamma=1.0"),
         ({"hyper": replace(QUICK, gamma_end=0.0)}, "gamma_end=0.0; in"),
         ({"frames": None}, "give one of the two"),

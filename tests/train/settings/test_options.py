@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from self_play_runs import QUICK, make_settings
+from self_play_runs import make_settings
 
 from train.commands.main import main
 from train.experiments.kinds import open_run, start, write_config
@@ -42,7 +42,6 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["train", "--frames", "64", "--rewards", "runner.goal=2"], "the runner has no effect"),
         ([*PLAY, "--sampling", "latest", "--window", "9"], "window=9 has no effect"),
         ([*PLAY, "--sampling", "uniform", "--pfsp-power", "3"], "pfsp_power=3.0 has no effect"),
-        ([*PLAY, "--central-critic"], "central_critic=True has no effect"),
         ([*DQN, "--clip", "0.3"], "Unrecognized options: --clip"),
         (
             ["baseline", *TINY[:4], "--opponent-epsilon", "0.5"],
@@ -89,9 +88,6 @@ def test_settings_with_an_effect_or_at_their_defaults_are_taken() -> None:
     for settings in (
         make_settings(sampling="window", window=3, pool_size=9),
         make_settings(sampling="pfsp", pfsp_power=1.0),
-        make_settings(
-            task={"num_chasers": 2}, hyper=replace(QUICK, central_critic=True), observation="index"
-        ),
         make_settings(
             hyper=replace(self_play_ppo(), gamma=0.9), chaser_algorithm="dqn", evader="astar"
         ),

@@ -67,7 +67,7 @@ def test_rules_beside_fields_are_checked_when_settings_are_made(form: type[Examp
 
 def test_every_number_of_a_learner_has_a_rule() -> None:
     """But for what is compared with other settings, or may be any number."""
-    free = {"burn_in", "gamma_end"}
+    free = {"gamma_end"}
     for form in HYPERPARAMETERS.values():
         for name, value in vars(form()).items():
             if type(value) in (int, float) and name not in free:

@@ -42,8 +42,8 @@ def test_mazes_of_a_curriculum_agree_with_the_last_one() -> None:
 @pytest.mark.parametrize(
     ("flat", "message"),
     [
-        ({**CHASE, "curriculum": "goal-spread-start"}, "moves goals, and task 'chase' has none"),
-        ({**MAZE, "curriculum": "opponent-epsilon"}, "needs opponents, and task 'maze' has none"),
+        ({**CHASE, "curriculum": "goal-spread-start"}, "needs goals, which task 'chase'"),
+        ({**MAZE, "curriculum": "opponent-epsilon"}, "needs opponents, all of them scripted"),
         ({**MAZE, "curriculum": "start-distance"}, "needs chasers and evaders"),
         ({**MAZE, "num_goals": 1, "curriculum": "num-goals"}, "needs at least 2 goals"),
         ({**MAZE, "curriculum": "easy-first"}, "unknown curriculum 'easy-first'"),

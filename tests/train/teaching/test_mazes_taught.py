@@ -1,4 +1,4 @@
-"""Curricula over mazes: exact scores, hard mazes played more, and edits only where harder."""
+"""Curricula over mazes: exact scores, and hard mazes played more."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from curricula import Outcomes, PoolReplay, Progress
-from pursuit.mazes.maze import load_maze
-from pursuit.mazes.suites import least_copy, load_suite
+from curricula import Outcomes, PoolReplay
 from pursuit.tasks.task import make_task
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner, RandomAgent
 from train.evaluation.suite_contest import SuiteContest
@@ -18,9 +16,8 @@ from train.experiments.kinds import start
 from train.runs.folder import RUN
 from train.runs.parts import parts_of, settings_of
 from train.runs.worlds import GridWorld
-from train.teaching.edits import edited, with_edits
 from train.teaching.exams import Exam
-from train.teaching.plan import plan_lessons, pool_of
+from train.teaching.plan import plan_lessons
 
 NOBODY = Outcomes(*(np.zeros(0) for _ in range(6)))  # type: ignore[arg-type]
 
@@ -32,7 +29,7 @@ def judge(pool: PoolReplay, scores: np.ndarray[Any, Any], rng: np.random.Generat
 
 
 def test_every_level_is_judged_before_any_is_judged_again() -> None:
-    pool, rng = PoolReplay([-1] * 20, judged=5), np.random.default_rng(0)
+    pool, rng = PoolReplay(20, judged=5), np.random.default_rng(0)
     scores = np.arange(20.0)
     seen = [level for _ in range(4) for level in judge(pool, scores, rng)]
     assert sorted(seen) == list(range(20))
@@ -40,7 +37,7 @@ def test_every_level_is_judged_before_any_is_judged_again() -> None:
 
 
 def test_hard_levels_are_replayed_by_rank_and_the_rest_is_uniform() -> None:
-    pool, rng = PoolReplay([-1] * 10, 10, replay_share=0.5, staleness=0.0), np.random.default_rng(1)
+    pool, rng = PoolReplay(10, 10, replay_share=0.5, staleness=0.0), np.random.default_rng(1)
     assert set(pool.sample(2000, rng)) == set(range(10))  # nothing is judged yet
     judge(pool, np.arange(10.0), rng)
     ranks = np.arange(10, 0, -1.0) ** (-1 / 0.3)
@@ -49,64 +46,35 @@ def test_hard_levels_are_replayed_by_rank_and_the_rest_is_uniform() -> None:
     assert drawn == pytest.approx(expected, abs=0.005)
 
 
-def test_an_edit_is_played_only_where_it_is_harder_than_its_parent() -> None:
-    pool, rng = PoolReplay([-1, -1, 0, 0, 1], 5, edit_share=0.6), np.random.default_rng(2)
-    assert set(pool.sample(500, rng)) == {0, 1}
-    scores = np.array([1.0, 2.0, 0.5, 1.5, 9.0])
-    for _ in range(30):
-        judge(pool, scores, rng)
-    # 2 is easier than 0. Two are kept at a time: of all that were let in, the hardest.
-    assert not pool.kept[2] and set(pool.replayed) == {1, 4} and pool.accepted >= 1
-    (change,) = pool.update(NOBODY, Progress(1.0))
-    assert (change.low, change.high) == (2.0, 9.0) and "edits" in change.reason
-
-
 def test_the_pool_goes_on_from_its_state() -> None:
-    pool, rng = PoolReplay([-1] * 6 + [0, 1], 4, edit_share=0.5), np.random.default_rng(3)
+    pool, rng = PoolReplay(8, 4), np.random.default_rng(3)
     for _ in range(4):
         judge(pool, np.linspace(1, 2, 8), rng)
-    copy = PoolReplay([-1] * 6 + [0, 1], 4, edit_share=0.5)
+    copy = PoolReplay(8, 4)
     copy.load_state_dict(pool.state_dict())
     first, second = np.random.default_rng(4), np.random.default_rng(4)
     assert (pool.sample(50, first) == copy.sample(50, second)).all()
     assert (pool.to_judge(first) == copy.to_judge(second)).all()
     with pytest.raises(ValueError, match="scores of 8 levels, and this pool has 2"):
-        PoolReplay([-1, -1]).load_state_dict(pool.state_dict())
-    six = np.zeros(6, dtype=bool)
-    with pytest.raises(ValueError, match="kept of 6 levels, and this pool has 8"):
-        copy.load_state_dict({**pool.state_dict(), "kept": six})
+        PoolReplay(2).load_state_dict(pool.state_dict())
+    with pytest.raises(ValueError, match="judged_at of 6 levels, and this pool has 8"):
+        copy.load_state_dict({**pool.state_dict(), "judged_at": np.zeros(6, dtype=np.int64)})
 
 
 @pytest.mark.parametrize(
     ("changed", "rule"),
     [
-        ({"parents": [0]}, "of each level the number of one before it, or -1"),
+        ({"levels": 0}, "at least 1 level"),
         ({"judged": 0}, "at least 1 level"),
         ({"replay_share": 1.5}, "lies in"),
         ({"temperature": 0.0}, "above 0"),
-        ({"capacity": 0}, "at least 1 level"),
     ],
 )
 def test_other_pools_are_refused(changed: dict[str, Any], rule: str) -> None:
     with pytest.raises(ValueError, match=rule):
-        PoolReplay(**{"parents": [-1, -1], **changed})
+        PoolReplay(**{"levels": 2, **changed})
     with pytest.raises(ValueError, match="a number of 0 or more each"):
-        PoolReplay([-1]).note(np.array([0]), np.array([np.nan]))
-
-
-def test_edits_are_a_few_walls_away_and_stay_in_one_part() -> None:
-    base = load_suite("5x5-train/0-2")
-    mazes, parents = with_edits(base, children=2, depth=2, walls=3, seed=0)
-    assert mazes[:3] == base and len(mazes) == len(parents) == 3 * (1 + 2 + 4)
-    assert (mazes, parents) == with_edits(base, 2, 2, 3, seed=0)
-    for maze, parent in zip(mazes[3:], parents[3:], strict=True):
-        assert maze.is_connected and maze.num_cells == 25
-        changed = (maze.joined_south != mazes[parent].joined_south).sum()
-        changed += (maze.joined_east != mazes[parent].joined_east).sum()
-        assert changed == 3
-    assert edited(load_maze("2x2-tree"), 4, np.random.default_rng(0), "none") is None
-    with pytest.raises(ValueError, match="edits are of mazes without marks"):
-        with_edits((load_maze("5x5"),), 1, 1, 1, 0)
+        PoolReplay(1).note(np.array([0]), np.array([np.nan]))
 
 
 @pytest.mark.parametrize(
@@ -167,12 +135,7 @@ SMALL: dict[str, Any] = {
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param("maze-replay", marks=pytest.mark.slow),
-        "maze-learnability",
-        pytest.param("maze-editing", marks=pytest.mark.slow),
-    ],
+    "name", [pytest.param("maze-replay", marks=pytest.mark.slow), "maze-learnability"]
 )
 def test_a_run_judges_its_mazes_and_plays_the_hard_ones(name: str, tmp_path: Path) -> None:
     settings = settings_of(**SMALL, curriculum=name, judge_every=250, judged=4)
@@ -181,21 +144,10 @@ def test_a_run_judges_its_mazes_and_plays_the_hard_ones(name: str, tmp_path: Pat
     teacher = run.trainee.teacher
     pool = teacher.curriculum
     assert pool.rounds >= 7 and (pool.scores[:10] >= 0).all()
-    assert len(run.trainee.contest.task.mazes) == 10  # judged by the task itself, without edits
-    played = run.trainee.simulator.task.mazes
-    assert len(played) == (130 if name == "maze-editing" else 10)
-    assert played == pool_of(settings.lessons, run.trainee.contest.task)[0]
+    assert run.trainee.simulator.task.mazes == run.trainee.contest.task.mazes
     assert "lesson" not in run.metrics.rows[-1] and teacher.rows
     exact = teacher.exam.marks(teacher.examined, np.arange(10))
     assert np.isfinite(exact).all()
-
-
-def test_no_edit_is_a_maze_that_is_kept_for_judging(monkeypatch: pytest.MonkeyPatch) -> None:
-    mazes = load_suite("5x5-train/0-3")
-    pool, _ = with_edits(mazes, 3, 2, 1, seed=1)
-    gone = least_copy(pool[len(mazes)])
-    monkeypatch.setattr("train.teaching.edits.held_out_copies", lambda: frozenset([gone]))
-    assert gone not in {least_copy(maze) for maze in with_edits(mazes, 3, 2, 1, seed=1)[0]}
 
 
 @pytest.mark.parametrize("memory", [{"recurrent": "gru"}, {"frame_stack": 3}])
