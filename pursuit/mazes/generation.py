@@ -1,6 +1,6 @@
 """Generators of mazes, and the shipped library that they make.
 
-`python -m pursuit.mazes.generation` writes the library anew; with `--check` it compares only.
+`python -m pursuit.mazes.generation` writes the library anew; `git diff` says what changed.
 
 A grid of H×W cells has (H-1)W + H(W-1) inner walls. A maze in the making is one flat bool array
 `passages` of that length, True where the wall is open: first the walls south of the cells, row by
@@ -9,7 +9,6 @@ row, then those east of the cells. Cells are numbered row by row.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -17,7 +16,6 @@ import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled
 from pursuit.mazes.maze import LIBRARY, Maze
-from pursuit.mazes.suite_files import check_option, renew
 from pursuit.memory import check_memory
 from pursuit.rules import EAST, NORTH, SOUTH, next_below
 from pursuit.validation import is_number, is_whole, truth
@@ -321,12 +319,6 @@ def with_corner_marks(maze: Maze, name: str) -> Maze:
     return Maze(walkable, maze.joined_south, maze.joined_east, (0, 0), (corner,), name)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Write the shipped library, or compare it (`--check`); the exit status, 1 if it differs."""
-    parser = check_option("python -m pursuit.mazes.generation", "Make the shipped mazes.")
-    made = {f"{name}.txt": maze.to_text().encode() for name, maze in library_mazes().items()}
-    return renew(LIBRARY, made, LIBRARY.glob("*.txt"), parser.parse_args(arguments).check)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    for _name, _maze in library_mazes().items():
+        (LIBRARY / f"{_name}.txt").write_text(_maze.to_text())

@@ -1,15 +1,13 @@
 """Frozen suites of mazes: to train on, to choose by, and to report on mazes that were never seen.
 
 `python -m pursuit.mazes.suites` writes the mazes of `pursuit/mazes/files/suites/` anew from their
-seeds; with `--check` it compares only. (`python -m scripted_agents.graphs.difficulty` does so for
-the measures.)
+seeds, `python -m scripted_agents.graphs.difficulty` the measures; `git diff` says what changed.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-import sys
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from itertools import count, product
@@ -26,11 +24,9 @@ from pursuit.mazes.suite_files import (
     SPLITS,
     SUITES,
     SUMS,
-    check_option,
     difficulty_of,
     grids_of_row,
     is_suite,
-    renew,
     rows_of,
     sums_text,
 )
@@ -56,7 +52,7 @@ def load_suite(name: str) -> tuple[Maze, ...]:
             `"7x7-train/0-99"` is the first hundred of it, in which all kinds are, too.
 
     Raises:
-        ValueError: no such suite, or a file that is not as it was shipped.
+        ValueError: no such suite.
     """
     if not isinstance(name, str):
         raise ValueError(f"suite={name!r}; give the name of one: {', '.join(suite_names())}")
@@ -142,18 +138,12 @@ def suite_tables() -> dict[str, bytes]:
     return tables
 
 
-def freeze(made: dict[str, bytes], check: bool) -> int:
-    """Write these files and the sums of all, or compare only; the exit status, 1 if they differ."""
+def freeze(made: dict[str, bytes]) -> None:
+    """Write these files of the suites, and the sums of all."""
     shipped = {path.name: path.read_bytes() for path in SUITES.glob("*.csv")}
-    made = {**made, SUMS: sums_text(shipped | made).encode()}
-    return renew(SUITES, made, [SUITES / name for name in made], check)
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Write the suites, or compare them (`--check`); the exit status, 1 if they differ."""
-    parser = check_option("python -m pursuit.mazes.suites", "Make the frozen suites of mazes.")
-    return freeze(suite_tables(), parser.parse_args(arguments).check)
+    for name, content in {**made, SUMS: sums_text(shipped | made).encode()}.items():
+        (SUITES / name).write_bytes(content)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    freeze(suite_tables())

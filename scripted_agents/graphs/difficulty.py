@@ -1,20 +1,18 @@
 """How hard a maze is, measured: its paths, and how long chases in it last.
 
 `python -m scripted_agents.graphs.difficulty` writes the measures of the frozen suites beside them
-anew; with `--check` it compares only.
+anew, in an hour.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-import sys
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 from pursuit.mazes.maze import Maze, load_maze
-from pursuit.mazes.suite_files import check_option
 from pursuit.mazes.suites import freeze, load_suite, suite_names
 from scripted_agents.agents.scripted import AStarChaser, AStarEvader
 from scripted_agents.duel.best_response import best_response, evaluate_exactly, mean_over_starts
@@ -97,19 +95,7 @@ def difficulty_table(mazes: Sequence[Maze]) -> str:
     return text.getvalue()
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Write the measures of all suites, or compare them; the exit status, 1 if they differ."""
-    parser = check_option(
-        "python -m scripted_agents.graphs.difficulty",
-        "Measure the frozen suites: an hour.",
-    )
-    parser.add_argument("--suite", choices=suite_names(), help="of this one only")
-    given = parser.parse_args(arguments)
-    made = {}
-    for name in [given.suite] if given.suite else suite_names():
-        made[f"{name}-difficulty.csv"] = difficulty_table(load_suite(name)).encode()
-    return freeze(made, given.check)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    freeze(
+        {f"{_n}-difficulty.csv": difficulty_table(load_suite(_n)).encode() for _n in suite_names()}
+    )

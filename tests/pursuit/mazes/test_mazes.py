@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.stats import chisquare
 
-from pursuit.mazes.generation import generate_maze, library_mazes, main
+from pursuit.mazes.generation import generate_maze, library_mazes
 from pursuit.mazes.maze import LIBRARY, MAX_TABLE_CELLS, Maze, library_names, load_maze
 from pursuit.rules import EAST, NORTH, SOUTH, STAY, UNREACHABLE, WEST
 
@@ -355,26 +355,6 @@ def test_the_shipped_files_are_what_the_generator_makes() -> None:
     for name, maze in made.items():
         assert (LIBRARY / f"{name}.txt").read_text() == maze.to_text()
         assert load_maze(name) == maze and load_maze(name).name == name
-    assert main(["--check"]) == 0
-
-
-def test_the_check_notices_changed_missing_and_foreign_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("pursuit.mazes.generation.LIBRARY", tmp_path / "mazes")
-    assert main(["--check"]) == 1 and not (tmp_path / "mazes").exists()
-    assert main([]) == 0 and main(["--check"]) == 0
-    (tmp_path / "mazes" / "2x2.txt").write_text("changed")
-    (tmp_path / "mazes" / "3x3.txt").unlink()
-    (tmp_path / "mazes" / "foreign.txt").write_text("")
-    capsys.readouterr()
-    assert main(["--check"]) == 1
-    assert [line.split(":")[0][-11:] for line in capsys.readouterr().err.splitlines()] == [
-        "zes/2x2.txt",
-        "zes/3x3.txt",
-        "foreign.txt",
-    ]
-    assert main([]) == 0 and main(["--check"]) == 0
 
 
 @pytest.mark.parametrize("size", [*range(2, 10), 15])
