@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled, inlined, subroutine
-from pursuit.rules.layout import UNREACHABLE, Search, World, world_of
+from pursuit.rules.layout import UNREACHABLE, Search, World
 
 NO_PATH = 65535
 """UNREACHABLE in a table, whose entries are uint16."""
@@ -90,35 +90,6 @@ def forget(search: Search, reached: int) -> None:
     """Undo the marks that a search of `reached` cells left."""
     for i in range(reached):
         search.distance[search.queue[i]] = -1
-
-
-@compiled
-def count_partners(
-    mazes: Any,
-    neighbors: Any,
-    facts: Any,
-    tables: Any,
-    origins: Any,
-    least: int,
-    most: int,
-    distance: Any,
-    queue: Any,
-    counts: Any,
-) -> None:
-    """Write into `counts[cell]`, for each of `origins`, how many cells of a maze are right for it.
-
-    The maze is the first of the arrays; right are `least` to `most` steps, without a maximum where
-    that is -1: then cells that no path joins are right as well. `distance` is -1 everywhere.
-    """
-    world, search = world_of(mazes, neighbors, facts, tables), Search(distance, queue)
-    for i in range(origins.shape[0]):
-        cell = np.int64(origins[i])
-        reached = search_within(world, 0, cell, most if most >= 0 else least - 1, -1, search)
-        near = 0
-        while near < reached and search.distance[search.queue[near]] < least:
-            near += 1
-        counts[cell] = reached - near if most >= 0 else world.num_cells[0] - near
-        forget(search, reached)
 
 
 @inlined

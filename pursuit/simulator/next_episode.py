@@ -47,16 +47,7 @@ def configure(
     if goals_around is not None:
         one_of("goals_around", goals_around, ("start", "marks"))
         changed["goals_around_marks"] = np.int32(goals_around == "marks")
-    # What waits has been checked, and is as possible with other epsilons and radii around starts.
-    least, most = coming.min_start_distance, coming.max_start_distance
-    if (
-        goals_around == "marks"
-        or not changed.keys().isdisjoint(("min_start_distance", "max_start_distance"))
-        or (
-            not changed.keys().isdisjoint(("maze", "num_goals"))
-            and ((least[games] > 1).any() or (most[games] >= 0).any())
-        )
-    ):
+    if changed.keys() - {"epsilon", "goal_radius"}:
         waiting = {name: array[games] for name, array in coming._asdict().items()}
         check_waiting(task, NextEpisode(**waiting | changed))
     for name, values in changed.items():

@@ -24,7 +24,6 @@ from pursuit.simulator.state import (
     live_state,
 )
 from pursuit.tasks.payments import step_games_of
-from pursuit.tasks.placements import place_the_unplaced
 from pursuit.tasks.task import Task, checked_task
 from pursuit.validation import as_array, truth, whole
 
@@ -161,7 +160,8 @@ class Simulator(GameArrays):
         chosen[slots(games, self.num_games)] = True
         if seed is not None:
             self.seed(seed, games)
-        self._check(rules.start_games(*self._kernel_arrays, chosen))
+        start: Any = rules.start_games
+        start(*self._kernel_arrays, chosen)
 
     def step(self, actions: ArrayLike) -> None:
         """Move every game by one step. Results are in the attributes.
@@ -180,9 +180,13 @@ class Simulator(GameArrays):
             and actions.shape == self._actions_shape
         ):
             actions = self._checked_actions(actions)
-        outcome = self._step_games(*self._kernel_arrays, actions, self.auto_restart)
-        if outcome:
-            self._check(outcome, actions)
+        if self._step_games(*self._kernel_arrays, actions, self.auto_restart) != layout.OK:
+            game, seat = np.argwhere((actions < 0) | (actions >= self.task.num_actions))[0]
+            raise ValueError(
+                f"an action of {self.task.agent_names[seat]} in game {game} is out of range; "
+                f"actions are 0 to {self.task.num_actions - 1}"
+                + ("" if self.task.stay_action else " (4, stay, needs stay_action=True)")
+            )
 
     def _checked_actions(self, actions: ArrayLike) -> NDArray[np.int32]:
         array = as_array("actions", actions, "iu", "give integers")
@@ -190,18 +194,6 @@ class Simulator(GameArrays):
             shape = self._actions_shape
             raise ValueError(f"actions of shape {array.shape}; [num_games, num_agents] is {shape}")
         return np.ascontiguousarray(np.clip(array, -1, self.task.num_actions), dtype=np.int32)
-
-    def _check(self, outcome: int, actions: NDArray[np.int32] | None = None) -> None:
-        if outcome == layout.NO_PLACEMENT:
-            task, arrays = self.task, self._kernel_arrays
-            place_the_unplaced(task.apart, task.teams, self.games, self._coming, arrays)
-        if outcome == layout.BAD_ACTION and actions is not None:
-            game, seat = np.argwhere((actions < 0) | (actions >= self.task.num_actions))[0]
-            raise ValueError(
-                f"an action of {self.task.agent_names[seat]} in game {game} is out of range; "
-                f"actions are 0 to {self.task.num_actions - 1}"
-                + ("" if self.task.stay_action else " (4, stay, needs stay_action=True)")
-            )
 
     # -- the next episode ------------------------------------------------------------------------
 

@@ -96,6 +96,5 @@ def difficulty_table(mazes: Sequence[Maze]) -> str:
 
 
 if __name__ == "__main__":
-    freeze(
-        {f"{_n}-difficulty.csv": difficulty_table(load_suite(_n)).encode() for _n in suite_names()}
-    )
+    for _name in suite_names():
+        freeze({f"{_name}-difficulty.csv": difficulty_table(load_suite(_name)).encode()})
