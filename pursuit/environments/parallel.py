@@ -309,13 +309,18 @@ class PursuitParallelEnv(SimulatorParallelEnv):
         return scene_of(self.simulator)
 
 
-def begin(simulator: Simulator, seed: int | None, options: Mapping[str, Any] | None) -> None:
-    """Begin new episodes as the options of an environment's `reset` say."""
+def begin(
+    simulator: Simulator,
+    seed: int | None,
+    options: Mapping[str, Any] | None,
+    games: NDArray[np.bool_] | None = None,
+) -> None:
+    """Begin new episodes, in the games of a mask, as the options of a `reset` say."""
     given = reset_options(options, ("positions",), ("goals", "maze"))
     if given:
-        simulator.place(given["positions"], given.get("goals"), given.get("maze"), seed)
+        simulator.place(given["positions"], given.get("goals"), given.get("maze"), seed, games)
     else:
-        simulator.reset(seed=seed)
+        simulator.reset(seed, games)
 
 
 def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:

@@ -78,8 +78,10 @@ def row_of(observations: Any, game: Any) -> Any:
 class GamesOfWorld:
     """What a world says of its games, one or many; all arrays are [games, ...]."""
 
-    def _begin(self, seed: int | None, options: Any) -> None:
-        """Begin new episodes in all games; ValueError for options that make no start."""
+    def _begin(
+        self, seed: int | None, options: Any, games: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Begin new episodes in all games, or those of a mask; ValueError for options of none."""
         raise NotImplementedError
 
     def _checked(self, actions: Any) -> Any:

@@ -269,13 +269,19 @@ class ReacherSimulator:
         rules.find_all_ends(self.angles, self.ends)
         self.last_seed = None
 
-    def place(self, angles: ArrayLike, targets: ArrayLike, seed: int | None = None) -> None:
-        """Put every arm at the beginning of an episode in this pose, with this target.
+    def place(
+        self,
+        angles: ArrayLike,
+        targets: ArrayLike,
+        seed: int | None = None,
+        games: ArrayLike | None = None,
+    ) -> None:
+        """Put arms at the beginning of an episode in this pose, with this target.
 
         Args:
             angles: [num_games, joints] radians, or one row for all.
             targets: [num_games, 2], or one for all; within reach.
-            seed: as in `reset`.
+            seed, games: as in `reset`; poses and targets are given for all arms.
 
         Raises:
             ValueError: a wrong shape, what is no number, a target out of reach, or a locked joint
@@ -289,9 +295,9 @@ class ReacherSimulator:
         self.task.check_targets(places, free, tolerance)
         if poses[np.arange(self.task.joints) >= free[:, None]].any():
             raise ValueError(f"angles={angles!r}; joints that are locked are straight: angle 0")
-        self.reset(seed)
-        self.angles[:] = poses
-        self.targets[:] = places
+        self.reset(seed, games)
+        chosen = slots(games, self.num_games)
+        self.angles[chosen], self.targets[chosen] = poses[chosen], places[chosen]
         rules.find_all_ends(self.angles, self.ends)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -294,23 +294,27 @@ class Simulator(GameArrays):
         goals: ArrayLike | None = None,
         maze: ArrayLike | None = None,
         seed: int | None = None,
+        games: ArrayLike | None = None,
     ) -> None:
-        """Put every game at the beginning of an episode with these cells, however far apart.
+        """Put games at the beginning of an episode with these cells, however far apart.
 
         Args:
             positions: [num_games, num_agents] cells (or one row for all games).
             goals: [num_games, num_goals] cells, -1 for an absent goal; needed if there are goals.
             maze: index into `task.mazes`, for all games or for each; needed where there are
                 several, unless `configure` has chosen.
-            seed: as in `reset`.
+            seed, games: as in `reset`; cells are given for all games.
 
         Raises:
             ValueError: a cell out of range, two agents or goals in one cell, or goals or the maze
                 left out. Nothing is changed then.
         """
         start = next_episode.start_at(self.task, self._coming, positions, goals, maze)
-        self.reset(seed)
-        self.positions[:], self.goals[:], self.maze_index[:] = start
+        self.reset(seed, games)
+        chosen = slots(games, self.num_games)
+        live = (self.positions, self.goals, self.maze_index)
+        for array, given in zip(live, start, strict=True):
+            array[chosen] = given[chosen]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For `copy` and `pickle`, which would tear the arrays that share memory apart."""
