@@ -14,7 +14,7 @@ from pursuit.memory import check_memory
 from pursuit.observations.observations import Encoder
 from pursuit.rules import layout
 from pursuit.simulator import next_episode
-from pursuit.simulator.next_episode import Shares, slots
+from pursuit.simulator.next_episode import slots
 from pursuit.simulator.policy import GameArrays, GameView, Policy, play_all
 from pursuit.simulator.state import (
     SimulatorState,
@@ -125,8 +125,8 @@ class Simulator(GameArrays):
 
     @property
     def epsilon(self) -> NDArray[np.float64]:
-        """See the attributes; a live array that refuses what is no share."""
-        return self._epsilon.view(Shares)
+        """See the attributes; a live array."""
+        return self._epsilon
 
     @epsilon.setter
     def epsilon(self, shares: ArrayLike) -> None:
