@@ -18,7 +18,7 @@ from pursuit.compilation.compiled import allocating, compiled
 from pursuit.mazes.maze import LIBRARY, Maze
 from pursuit.memory import check_memory
 from pursuit.rules import EAST, NORTH, SOUTH, next_below
-from pursuit.validation import is_number, is_whole, truth
+from pursuit.validation import is_number, is_whole, one_of, truth, whole
 
 MAX_CELLS = 4_000_000
 """The largest maze that is generated; 2000×2000 cells take some seconds and 500 MB."""
@@ -253,12 +253,8 @@ def check_arguments(
     seed: int | np.random.Generator,
 ) -> None:
     """Raise ValueError if `generate_maze` cannot take these."""
-    if not isinstance(algorithm, str) or algorithm not in ALGORITHMS:
-        raise ValueError(f"unknown algorithm {algorithm!r}; choose one of {', '.join(ALGORITHMS)}")
-    for side, length in (("height", height), ("width", width)):
-        if not is_whole(length) or length < 1:
-            raise ValueError(f"{side} {length!r}; give a whole number of cells, 1 or more")
-    cells = int(height) * int(width)
+    one_of("algorithm", algorithm, tuple(ALGORITHMS))
+    cells = whole("height", height, 1) * whole("width", width, 1)
     if cells > MAX_CELLS:
         raise ValueError(
             f"{height}x{width} is {cells} cells; they need {cells * BYTES_PER_CELL:,} bytes, and a "

@@ -12,9 +12,10 @@ from pursuit.reacher import rules
 from pursuit.reacher.observations import encode
 from pursuit.reacher.policy import ArmView
 from pursuit.reacher.rules import Arms, Coming, Outcome
-from pursuit.reacher.state import ArmState, check_fits
+from pursuit.reacher.state import check_fits
 from pursuit.reacher.task import LEAST_TOLERANCE, ReacherTask
 from pursuit.simulator.next_episode import slots
+from pursuit.simulator.state import SimulatorState
 from pursuit.validation import as_array, truth, whole
 
 
@@ -245,15 +246,15 @@ class ReacherSimulator:
         arms = {name: array for name, array in self.arms._asdict().items() if name != "ends"}
         return {**arms, **{name: getattr(self, name) for name in own}, **waiting}
 
-    def get_state(self, games: ArrayLike | None = None) -> ArmState:
+    def get_state(self, games: ArrayLike | None = None) -> SimulatorState:
         """Copies of all arms, or of those of the index list `games`, exact to the last bit."""
         chosen = slots(games, self.num_games)
-        state = ArmState(**{name: array[chosen] for name, array in self._live().items()})
+        state = SimulatorState(**{name: array[chosen] for name, array in self._live().items()})
         if self.auto_restart:  # the episodes that ended are over, these arms are not
             state.terminated[:] = state.truncated[:] = False
         return state
 
-    def set_state(self, state: ArmState, games: ArrayLike | None = None) -> None:
+    def set_state(self, state: SimulatorState, games: ArrayLike | None = None) -> None:
         """Put copied arms into all slots, or into those of `games`; they go on as they would have.
 
         Raises:
@@ -357,7 +358,7 @@ def _copied(
     num_games: int,
     first_game: int,
     auto_restart: bool,
-    state: ArmState,
+    state: SimulatorState,
     written: tuple[NDArray[Any], ...],
 ) -> ReacherSimulator:
     simulator = ReacherSimulator(task, num_games, 0, first_game, auto_restart)

@@ -16,13 +16,7 @@ from pursuit.rules import layout
 from pursuit.simulator import next_episode
 from pursuit.simulator.next_episode import slots
 from pursuit.simulator.policy import GameArrays, GameView, Policy, play_all
-from pursuit.simulator.state import (
-    SimulatorState,
-    arrays_of,
-    bytes_of_game,
-    check_fits,
-    live_state,
-)
+from pursuit.simulator.state import OWN, SimulatorState, check_fits
 from pursuit.tasks.payments import step_games_of
 from pursuit.tasks.task import Task, checked_task
 from pursuit.validation import as_array, truth, whole
@@ -82,11 +76,14 @@ class Simulator(GameArrays):
         task, num_games = checked_task(task), whole("num_games", num_games, 1, 2**63 - 1)
         first_game = whole("first_game", first_game, 0, 2**62)
         seed, auto_restart = whole("seed", seed, 0, 2**64 - 1), truth("auto_restart", auto_restart)
-        check_memory(f"num_games={num_games}", num_games * bytes_of_game(task), "take fewer games")
+        one = layout.allocate(1, task.num_agents, task.num_goals)
+        bytes_of_game = sum(array.nbytes for array in one)
+        check_memory(f"num_games={num_games}", num_games * bytes_of_game, "take fewer games")
         self.task, self.num_games, self.num_agents = task, num_games, task.num_agents
         self.first_game, self.auto_restart = first_game, auto_restart
         self._actions_shape = (num_games, task.num_agents)
         memory = layout.allocate(num_games, task.num_agents, task.num_goals)
+        self._memory = memory
         self._mazes = lay_out(task.mazes)
         # What every kernel over the batch is given: the batch, the rules, the mazes, room to work.
         self._kernel_arrays = (
@@ -263,11 +260,15 @@ class Simulator(GameArrays):
 
     # -- copies ----------------------------------------------------------------------------------
 
+    def _live(self) -> dict[str, NDArray[Any]]:
+        """All that makes the games: the arrays themselves."""
+        waiting = {f"next_{name}": array for name, array in self._coming._asdict().items()}
+        return {**{name: getattr(self, name) for name in OWN}, "epsilon": self._epsilon, **waiting}
+
     def get_state(self, games: ArrayLike | None = None) -> SimulatorState:
         """Copies of all games, or of those of the index list `games`, exact to the last bit."""
         chosen = slots(games, self.num_games)
-        live = vars(live_state(self, self._epsilon, self._coming))
-        state = SimulatorState(**{name: array[chosen] for name, array in live.items()})
+        state = SimulatorState(**{name: array[chosen] for name, array in self._live().items()})
         if self.auto_restart:  # the episodes that ended are over, these games are not
             state.terminated[:] = state.truncated[:] = False
         return state
@@ -279,12 +280,11 @@ class Simulator(GameArrays):
             ValueError: the number of games, or the task, is another one; or a game is over, and
                 this simulator restarts games by itself. Nothing is changed then.
         """
-        chosen = slots(games, self.num_games)
-        live = live_state(self, self._epsilon, self._coming)
+        chosen, live = slots(games, self.num_games), self._live()
         check_fits(state, live, self.task, len(chosen))
         if self.auto_restart and (state.terminated | state.truncated).any():
             raise ValueError("a game of this state is over; reset it, or take auto_restart=False")
-        for name, array in vars(live).items():
+        for name, array in live.items():
             array[chosen] = getattr(state, name)
         self.last_seed = None
 
@@ -319,7 +319,7 @@ class Simulator(GameArrays):
     def __reduce__(self) -> tuple[Any, ...]:
         """For `copy` and `pickle`, which would tear the arrays that share memory apart."""
         batch = (self.task, self.num_games, self.first_game, self.auto_restart)
-        return _copied, (*batch, self.get_state(), self._outcome)
+        return _copied, (*batch, self._memory)
 
     # -- what agents see -------------------------------------------------------------------------
 
@@ -381,15 +381,10 @@ class Simulator(GameArrays):
 
 
 def _copied(
-    task: Task,
-    num_games: int,
-    first_game: int,
-    auto_restart: bool,
-    state: SimulatorState,
-    outcome: layout.Outcome,
+    task: Task, num_games: int, first_game: int, auto_restart: bool, memory: layout.Memory
 ) -> Simulator:
     simulator = Simulator(task, num_games, first_game=first_game, auto_restart=auto_restart)
-    simulator.set_state(state)
-    for array, copied in zip(arrays_of(simulator._outcome), arrays_of(outcome), strict=True):
+    simulator.last_seed = None
+    for array, copied in zip(simulator._memory, memory, strict=True):
         array[:] = copied
     return simulator

@@ -181,7 +181,7 @@ def test_a_bad_file_is_named_with_line_and_remedy(
 
 
 def test_what_is_no_file_is_named_with_the_remedy(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="a directory; give a maze file inside it"):
+    with pytest.raises(ValueError, match="a directory or device; give a maze file"):
         load_maze(tmp_path)
     for missing in ("5x6", str(tmp_path / "missing.txt"), ""):
         with pytest.raises(ValueError, match=r"directory|shipped mazes: 2x2, .*; or give a path"):
@@ -326,10 +326,10 @@ def test_wilson_is_uniform_over_spanning_trees_and_prim_is_not() -> None:
 @pytest.mark.parametrize(
     ("arguments", "remedy"),
     [
-        ({"algorithm": "kruskal"}, "'kruskal'; choose one of prim, backtracker, wilson, open"),
-        ({"height": 0}, "height 0; give a whole number"),
-        ({"width": -3}, "width -3; give a whole number"),
-        ({"height": 2.5}, "height 2.5; give a whole number"),
+        ({"algorithm": "kruskal"}, "'kruskal'; one of prim, backtracker, wilson, open"),
+        ({"height": 0}, "height=0; it is at least 1"),
+        ({"width": -3}, "width=-3; it is at least 1"),
+        ({"height": 2.5}, "height=2.5; it is a whole number"),
         (
             {"height": 3000, "width": 2000},
             "6000000 cells; they need 600,000,000 bytes.* at most 4000000: make it smaller",
