@@ -14,7 +14,6 @@ from .mazes.maze import Maze as Maze
 from .mazes.maze import library_names as library_names
 from .mazes.maze import load_maze as load_maze
 from .mazes.suites import load_suite as load_suite
-from .mazes.suites import suite_difficulty as suite_difficulty
 from .mazes.suites import suite_names as suite_names
 from .plugins import allow as allow
 from .reacher.simulator import ReacherSimulator as ReacherSimulator

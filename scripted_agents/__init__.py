@@ -27,17 +27,9 @@ from scripted_agents.duel.best_response import PairValues as PairValues
 from scripted_agents.duel.best_response import best_response as best_response
 from scripted_agents.duel.best_response import evaluate_exactly as evaluate_exactly
 from scripted_agents.duel.best_response import mean_over_starts as mean_over_starts
-from scripted_agents.duel.regret import DuelRegret as DuelRegret
-from scripted_agents.duel.regret import duel_regret as duel_regret
-from scripted_agents.duel.wins import duel_wins as duel_wins
 from scripted_agents.graphs.cops_and_robbers import TurnBasedSolution as TurnBasedSolution
 from scripted_agents.graphs.cops_and_robbers import cop_number as cop_number
 from scripted_agents.graphs.cops_and_robbers import solve_in_turns as solve_in_turns
-from scripted_agents.graphs.difficulty import Difficulty as Difficulty
-from scripted_agents.graphs.difficulty import maze_difficulty as maze_difficulty
-from scripted_agents.graphs.worst_case import SearchPlan as SearchPlan
-from scripted_agents.graphs.worst_case import fewest_searchers as fewest_searchers
-from scripted_agents.graphs.worst_case import fewest_steps_to_find as fewest_steps_to_find
 from scripted_agents.hidden.beliefs import BeliefChaser as BeliefChaser
 from scripted_agents.hidden.beliefs import BeliefFilter as BeliefFilter
 from scripted_agents.hidden.beliefs import why_no_belief as why_no_belief
@@ -53,8 +45,6 @@ from scripted_agents.joint.equilibrium import solve_chase as solve_chase
 from scripted_agents.joint.equilibrium import solve_matrix_game as solve_matrix_game
 from scripted_agents.joint.game import JointGame as JointGame
 from scripted_agents.joint.game import solve_joint_game as solve_joint_game
-from scripted_agents.joint.independent import IndependentTeam as IndependentTeam
-from scripted_agents.joint.independent import independent_team as independent_team
 from scripted_agents.joint.nash_conv import JointNashConv as JointNashConv
 from scripted_agents.joint.nash_conv import joint_nash_conv as joint_nash_conv
 from scripted_agents.joint.opponents import why_no_distribution as why_no_distribution

@@ -151,12 +151,10 @@ REFUSED = [
     ["train", "--episodes", "1"],
     ["train", "--out", "README.md"],
     ["train", "--resume", "no/such/folder"],
-    ["train", "--format", "bmp"],
     ["self-play", "--sampling", "bogus"],
     ["self-play", "--out", "README.md"],
     ["evaluate", "no/such/folder"],
     ["evaluate"],
-    ["regret", "no/such/folder"],
     ["baseline", "--episodes", "1"],
     ["play", "--port", "-1"],
     ["view", "no/such/folder"],
@@ -168,9 +166,8 @@ REFUSED = [
     ["ablate", "opponent-epsilon", "--workers", "-1"],
     ["race", "--workers", "0"],
     ["report"],
-    ["levels", "no/such/folder"],
+    ["report", "no/such/folder", "--x", "hours"],
     ["solve", "--maze", "5x6"],
-    ["bench", "--seconds", "0"],
     ["maze", "5x6"],
 ]
 

@@ -111,15 +111,6 @@ def read_rows(suite: str) -> tuple[Row, ...]:
     )
 
 
-@cache
-def difficulty_of(suite: str) -> dict[str, NDArray[np.float64]]:
-    """The frozen measures of every maze of a suite by name, [mazes] float64 each."""
-    rows = list(csv.reader(io.StringIO((SUITES / f"{suite}-difficulty.csv").read_text())))
-    table = np.array([[float(value) for value in row[1:]] for row in rows[1:]])
-    table.flags.writeable = False
-    return {name: table[:, column] for column, name in enumerate(rows[0][1:])}
-
-
 def grids_of_row(
     row: Row,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:

@@ -1,7 +1,7 @@
 """Frozen suites of mazes: to train on, to choose by, and to report on mazes that were never seen.
 
 `python -m pursuit.mazes.suites` writes the mazes of `pursuit/mazes/files/suites/` anew from their
-seeds, `python -m scripted_agents.graphs.difficulty` the measures; `git diff` says what changed.
+seeds; `git diff` says what changed.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import Maze, load_maze
@@ -24,7 +23,6 @@ from pursuit.mazes.suite_files import (
     SPLITS,
     SUITES,
     SUMS,
-    difficulty_of,
     grids_of_row,
     is_suite,
     rows_of,
@@ -70,20 +68,6 @@ def load_mazes(given: str | Path | Maze | Sequence[str | Path | Maze]) -> tuple[
     if isinstance(given, (str, Path, Maze)):
         return (load_maze(given),)
     return tuple(maze for each in given for maze in load_mazes(each))
-
-
-def suite_difficulty(name: str) -> dict[str, NDArray[np.float64]]:
-    """How hard the mazes of a whole suite are, [mazes] float64 by measure, as frozen with it.
-
-    The measures are those of `scripted_agents.maze_difficulty`.
-
-    Raises:
-        ValueError: as `load_suite`.
-    """
-    suite = name.removeprefix("suite:")
-    if suite not in suite_names():
-        raise ValueError(f"unknown suite {name!r}; suites: {', '.join(suite_names())}")
-    return difficulty_of(suite)
 
 
 # -- how they are made -----------------------------------------------------------------------------
@@ -138,12 +122,7 @@ def suite_tables() -> dict[str, bytes]:
     return tables
 
 
-def freeze(made: dict[str, bytes]) -> None:
-    """Write these files of the suites, and the sums of all."""
-    shipped = {path.name: path.read_bytes() for path in SUITES.glob("*.csv")}
-    for name, content in {**made, SUMS: sums_text(shipped | made).encode()}.items():
-        (SUITES / name).write_bytes(content)
-
-
 if __name__ == "__main__":
-    freeze(suite_tables())
+    _made = suite_tables()
+    for _name, _content in {**_made, SUMS: sums_text(_made).encode()}.items():
+        (SUITES / _name).write_bytes(_content)

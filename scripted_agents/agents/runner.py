@@ -15,7 +15,7 @@ from pursuit.tasks.task import Task
 from scripted_agents.agents import kernels
 from scripted_agents.agents.scripted import Scripted
 from scripted_agents.tours.kernels import first_of_tour, plan_next_goals
-from scripted_agents.tours.tour import MAX_EXACT_GOALS, shortest_tour
+from scripted_agents.tours.tour import MAX_EXACT_GOALS
 
 
 class Plans(NamedTuple):
@@ -53,9 +53,8 @@ class NearestGoalRunner(Scripted):
 class TourRunner(Scripted):
     """Optimal where it is alone: follows a shortest tour through all goals that are left.
 
-    Exact up to `scripted_agents.tours.tour.MAX_EXACT_GOALS` goals, a heuristic tour beyond. It
-    keeps the plans of the games that it last saw, for speed only: what it does depends on the state
-    alone.
+    For up to `scripted_agents.tours.tour.MAX_EXACT_GOALS` goals. It keeps the plans of the games
+    that it last saw, for speed only: what it does depends on the state alone.
     """
 
     kind, role = kernels.RUNNER, "runner"
@@ -66,13 +65,21 @@ class TourRunner(Scripted):
         self._kept_for: object = None
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32, an action for every game; random numbers from the seat's stream."""
+        """[num_games] int32, an action for every game; random numbers from the seat's stream.
+
+        Raises:
+            ValueError: more than MAX_EXACT_GOALS goals.
+        """
         goals = view.task.num_goals
+        if goals > MAX_EXACT_GOALS:
+            raise ValueError(
+                f"{self!r}: {goals} goals; shortest tours are known of up to {MAX_EXACT_GOALS}"
+            )
         if goals == 0:
             return super().act(view)
         if self._kept_for is not view.mazes or self._kept.goals.shape != view.goals.shape:
             self._kept_for, self._kept = view.mazes, Plans.empty(view.num_games, goals)
-        if goals <= MAX_EXACT_GOALS and (view.mazes.world.table >= 0).all():
+        if (view.mazes.world.table >= 0).all():
             room = (
                 np.empty((1 << goals, goals), dtype=np.int32),
                 np.empty((1 + goals, 1 + goals), dtype=np.int32),
@@ -101,7 +108,7 @@ class TourRunner(Scripted):
         return super().moves(task, games, seat)
 
     def _plan_one_by_one(self, view: GameView) -> None:
-        """The same where mazes have no distance table, or goals are too many to be exact."""
+        """The same where mazes have no distance table."""
         kept = self._kept
         for game, (own, maze) in enumerate(
             zip(view.positions[:, view.seat].tolist(), view.maze_index.tolist(), strict=True)
@@ -121,8 +128,6 @@ def _next_goal(maze: Maze, own: int, goals: list[int]) -> int:
     """The goal that a shortest tour visits first, of several the first in `goals`; -1 for none."""
     if not goals:
         return -1
-    if len(goals) > MAX_EXACT_GOALS:
-        return shortest_tour(maze, own, goals).order[0]
     cells = np.array([own, *goals])
     between = np.stack([maze.distances_from(int(cell))[cells] for cell in cells])
     best = np.empty((1 << len(goals), len(goals)), dtype=np.int32)

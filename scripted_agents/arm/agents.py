@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -86,7 +87,7 @@ class Aims(NamedTuple):
     max_turn: NDArray[Any]
 
 
-class Planned:
+class Planned(ABC):
     """Plans all of an episode at its start, and again where an arm is not as the plan has it.
 
     Plans are kept by the number of the arm in the batch. A plan is a constant action for a number
@@ -128,12 +129,12 @@ class Planned:
         self._angles += view.task.max_turn * actions
         return actions
 
+    @abstractmethod
     def plan(
         self, angles: NDArray[np.float64], aims: Aims
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """[games, joints] float64 actions in [-1, 1] from these angles [games, joints], and [games]
         float64, how many steps of them."""
-        raise NotImplementedError
 
 
 class LeastStepsPolicy(Planned):

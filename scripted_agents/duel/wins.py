@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,8 +12,8 @@ from scipy.sparse import block_diag, csr_array, diags_array
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.memory import check_memory
 from pursuit.validation import whole
+from scripted_agents.duel.action_values import outcomes
 from scripted_agents.duel.best_response import MoveOrder, checked_table
-from scripted_agents.duel.regret import transitions
 
 NEGLIGIBLE = 1e-12
 """The chance of being still free below which a game counts as over."""
@@ -94,3 +94,28 @@ def duel_wins(
 def _mixed(moves: list[csr_array], chances: NDArray[np.float64]) -> csr_array:
     """[pairs, pairs], the transitions of a player that moves by `chances` [pairs, actions]."""
     return sum(diags_array(own) @ move for own, move in zip(chances.T, moves, strict=True))
+
+
+def transitions(
+    role: Literal["chaser", "evader"],
+    maze: Maze,
+    other: NDArray[np.float64],
+    actions: int,
+    move_order: MoveOrder,
+) -> list[csr_array]:
+    """For each own action the chances [pairs, pairs] of the pair of cells that follows.
+
+    Pairs are numbered own cell * cells + other cell; rows sum to less than 1 where it may be a
+    capture.
+    """
+    cells, pairs = maze.num_cells, maze.num_cells**2
+    parts: list[list[Any]] = [[] for _ in range(actions)]
+    for action, chance, mine, theirs, caught in outcomes(role, maze, other, actions, move_order):
+        free = np.flatnonzero(~caught & (chance > 0.0))
+        after = (mine * cells + theirs).ravel()[free]
+        parts[action].append((chance.ravel()[free], free, after))
+    steps = []
+    for replies in parts:  # what two replies lead to alike is summed up
+        chances, before, following = (np.concatenate(each) for each in zip(*replies, strict=True))
+        steps.append(csr_array((chances, (before, following)), (pairs, pairs)))
+    return steps

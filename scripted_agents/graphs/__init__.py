@@ -1,1 +1,1 @@
-"""Cops and robbers, worst-case search, and the difficulty of mazes."""
+"""Cops and robbers."""

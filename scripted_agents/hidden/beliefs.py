@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any, Literal
 
 import numpy as np
@@ -109,7 +110,7 @@ class BeliefFilter:
         return checked_table(maze, table, "the opponent's table")
 
 
-class BeliefAgent:
+class BeliefAgent(ABC):
     """The common ground of agents that act on what a `BeliefFilter` tells them.
 
     Args:
@@ -145,9 +146,9 @@ class BeliefAgent:
         """ValueError where it does not play in a view."""
         check_plays(self, view.task, view.seat)
 
+    @abstractmethod
     def _moves(self, view: GameView, belief: NDArray[np.float64]) -> NDArray[np.uint8]:
         """[num_games] uint8, the moves that are best under `belief` [num_games, cells]."""
-        raise NotImplementedError
 
 
 class BeliefChaser(BeliefAgent):

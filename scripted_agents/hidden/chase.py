@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +16,6 @@ from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.simulator.policy import GameView
 from scripted_agents.duel.best_response import MoveOrder, checked_table
 from scripted_agents.hidden.beliefs import BeliefAgent, BeliefFilter
-from scripted_agents.hidden.files import load_search, save_search
 from scripted_agents.hidden.game import Role, SightRules, hidden_chase
 from scripted_agents.hidden.kernels import choose_actions
 from scripted_agents.hidden.layout import room_for
@@ -26,7 +24,7 @@ from scripted_agents.hidden.search import DEFAULT_MEMORY, HiddenSearch, Report
 
 @dataclass(frozen=True, eq=False)
 class HiddenChaseSolution:
-    """What `solve_hidden_chase` has found so far; given back as `resume` it goes on.
+    """What `solve_hidden_chase` has found so far; `improve` goes on.
 
     All values are expected discounted steps until capture: the step t = 0, 1, ... counts
     discount**t, that of the capture included.
@@ -94,26 +92,12 @@ class HiddenChaseSolution:
         """
         return POLICIES[self.role](self)
 
-    def save(self, path: str | Path) -> Path:
-        """Write everything to a file (.npz), beside it and renamed.
-
-        Raises:
-            OSError: it cannot be written.
-        """
-        return save_search(Path(path), self.maze, self.rules, self.opponent_table, self.search)
-
-    @classmethod
-    def load(cls, path: str | Path, memory: int = DEFAULT_MEMORY) -> HiddenChaseSolution:
-        """Read a file that `save` wrote, to go on with `resume` or to play its policy.
-
-        What a file says cannot be proven again without searching again: take it from whom you
-        trust.
-
-        Raises:
-            ValueError: it is no such file, a damaged one, or larger than `memory` allows.
-            OSError: it cannot be read.
-        """
-        return cls(*load_search(Path(path), memory))
+    def improve(
+        self, seconds: float, width: float | None = None, report: Report | None = None
+    ) -> None:
+        """Search on, with the arguments of `solve_hidden_chase`; `policy` is made anew after it."""
+        self.__dict__.pop("policy", None)
+        self.search.improve(seconds, width, report)
 
 
 def solve_hidden_chase(
@@ -129,7 +113,6 @@ def solve_hidden_chase(
     move_order: MoveOrder = "simultaneous",
     min_start_distance: int = 1,
     memory: int = DEFAULT_MEMORY,
-    resume: HiddenChaseSolution | None = None,
     report: Report | None = None,
 ) -> HiddenChaseSolution:
     """Bound what an agent with limited sight can achieve against an opponent that plays a table.
@@ -153,12 +136,11 @@ def solve_hidden_chase(
         move_order: as in `Task`.
         min_start_distance: least path distance at the start, as in `Task`.
         memory: bytes that the bounds take at most; when they are full, what says least is dropped.
-        resume: a solution of the same problem, which is searched further and returned.
         report: told the seconds, and both bounds of the responder's costs, as it goes on.
 
     Raises:
-        ValueError: an argument outside these limits, a table of a wrong shape or with a row that is
-            no distribution, or a solution of another problem to resume.
+        ValueError: an argument outside these limits, or a table of a wrong shape or with a row that
+            is no distribution.
     """
     maze = load_maze(maze)
     if maze.num_cells > MAX_TABLE_CELLS:
@@ -173,20 +155,11 @@ def solve_hidden_chase(
         table.shape[2] == 5 if stay_action is None else stay_action,
         min_start_distance,
     )
-    if resume is not None and not isinstance(resume, HiddenChaseSolution):
-        raise ValueError(f"resume={resume!r}; give what solve_hidden_chase gave, or leave it out")
-    if resume is None:
-        search = HiddenSearch(hidden_chase(maze, table, rules), memory)
-        resume = HiddenChaseSolution(maze, rules, table, search)
-    elif (resume.maze, resume.rules) != (maze, rules) or (resume.opponent_table != table).any():
-        raise ValueError(
-            f"resume: a solution of another problem ({resume.maze.name}, {resume.rules}); give "
-            "the arguments that it was made with"
-        )
-    else:
-        resume.__dict__.pop("policy", None)  # a new one will be better
-    resume.search.improve(seconds, width, report)
-    return resume
+    solution = HiddenChaseSolution(
+        maze, rules, table, HiddenSearch(hidden_chase(maze, table, rules), memory)
+    )
+    solution.search.improve(seconds, width, report)
+    return solution
 
 
 # -- who plays it ----------------------------------------------------------------------------------

@@ -173,7 +173,8 @@ def _solve(task: Task, discount: float, horizon: int | None, report: Report) -> 
     twins = np.ravel_multi_index((*np.sort(cells[:, :-1], axis=1).T, cells[:, -1]), shape)
     seats, everybody = (num_chasers, *range(num_chasers)), [1] * (num_chasers + 1)
     paid = Quantity([0] * (num_chasers + 1), everybody)
-    game = StochasticGame(states, seats, paid, discount, twins, report)
+    same = None if num_chasers == 1 else twins
+    game = StochasticGame(states, seats, paid, discount, same, report)
     if horizon is None:
         values, sweeps = solve_for_ever(game)
     else:

@@ -5,7 +5,7 @@ cells of all free agents. Captured evaders have no cell. States are numbered gro
 within them, and cells within those, the last agent's fastest. Groups of fewer free evaders and sets
 of fewer goals come first: a step leads to a state of the same set, or to one of a smaller number.
 
-Transitions are those of `pursuit.rules.step.step`; those of all states are stored where they fit.
+Transitions are those of `pursuit.rules.step.step`, and are stored for all states.
 """
 
 from __future__ import annotations
@@ -206,13 +206,12 @@ def list_options(rules: Rules, world: World, players: Players, state: int, room:
 
 
 @inlined
-def take(players: Players, room: Room, first: int, last: int, number: int, actions: int) -> float:
-    """Write the actions of these players in a combination of their options; its chance."""
+def take(players: Players, room: Room, first: int, last: int, actions: int) -> float:
+    """Write the actions of these players in the options that they pick; the chance of the picks."""
     chance = 1.0
     for back in range(last - first):
         player = last - 1 - back
-        option = number % room.many[player]
-        number //= room.many[player]
+        option = room.pick[player]
         joint, seat = room.option[player, option], players.begins[player + 1] - 1
         while seat > players.begins[player]:
             room.actions[0, players.seats[seat]] = joint % actions
@@ -224,11 +223,22 @@ def take(players: Players, room: Room, first: int, last: int, number: int, actio
 
 
 @inlined
+def pick_next(room: Room, first: int, last: int) -> None:
+    """The next combination of options of these players, the last one's counting fastest."""
+    for back in range(last - first):
+        player = last - 1 - back
+        room.pick[player] += 1
+        if room.pick[player] < room.many[player]:
+            return
+        room.pick[player] = 0
+
+
+@inlined
 def expand(
     games: Games, rules: Rules, world: World, plan: Plan, outcome: Outcome, numbering: Numbering,
-    players: Players, quantities: Quantities, room: Room, store: Store, state: int, at: int,
+    players: Players, quantities: Quantities, room: Room, store: Store, state: int,
 ) -> None:  # fmt: skip
-    """Store what follows the state in which the game stands, as number `at`."""
+    """Store what follows the state in which the game stands."""
     agents, cells, number = players.seats.shape[0], int(world.num_cells[0]), room.sums.shape[0]
     for agent in layout.agents_of(rules.teams):
         room.cells[agent] = games.position[0, agent]
@@ -238,14 +248,17 @@ def expand(
     list_options(rules, world, players, state, room)
     ours, theirs, all_players = 1, 1, players.begins.shape[0] - 1
     for player in range(all_players):
+        room.pick[player] = 0
         if player < players.deciding:
             ours *= room.many[player]
         else:
             theirs *= room.many[player]
-    store.shape[at, 0], store.shape[at, 1] = ours, theirs
-    pair, edge = store.pairs[at], store.edges[at]
+    store.shape[state, 0], store.shape[state, 1] = ours, theirs
+    store.shape[state, 2] = room.many[0]
+    pair, edge = store.pairs[state], store.edges[state]
     for own in range(ours):
-        take(players, room, 0, players.deciding, own, rules.num_actions)
+        take(players, room, 0, players.deciding, rules.num_actions)
+        pick_next(room, 0, players.deciding)
         joint = 0
         for seat in range(players.deciding):
             joint = joint * rules.num_actions + room.actions[0, players.seats[seat]]
@@ -256,7 +269,8 @@ def expand(
                 lasts |= quantities.lasting[q, agent] & room.active[agent]
             store.sides[edge + own * number + q] = lasts
         for other in range(theirs):
-            chance = take(players, room, players.deciding, all_players, other, rules.num_actions)
+            chance = take(players, room, players.deciding, all_players, rules.num_actions)
+            pick_next(room, players.deciding, all_players)
             put_back(games, rules, room)
             ended = step(games, 0, room.actions, rules, world, plan, outcome) == layout.TERMINATED
             following = int(np.int64(-1))
@@ -271,11 +285,46 @@ def expand(
                 store.sides[edge + own * number + q] += chance * worth
 
 
+def entry_for(duel: bool) -> Any:
+    """The kernel that fills a store: of duels, or of any games. Teams that the compiler knows halve
+    its time."""
+
+    @compiled
+    def fill_store(
+        memory: layout.Memory, numbers: Any, pay: Any, mazes: Any, scratch: Any,
+        numbering: Numbering, players: Players, quantities: Quantities, room: Room, store: Store,
+        first: int, last: int,
+    ) -> None:  # fmt: skip
+        """Store what follows the states from `first` to `last` - 1 that the store has room for."""
+        teams = Teams(1, 1, 0, 0) if duel else layout.teams_of(numbers)
+        games, rules = layout.games_of(memory), layout.rules_of(teams, numbers, pay)
+        world = layout.world_of(mazes.mazes, mazes.neighbors, mazes.facts, mazes.tables)
+        outcome, plan = layout.outcome_of(memory), layout.plan_of(scratch)
+        group = 0
+        for state in range(first, last):
+            if store.pairs[state + 1] == store.pairs[state]:
+                continue
+            group = group_at(state, group, numbering)
+            put(games, 0, state, group, teams, int(world.num_cells[0]), numbering)
+            expand(
+                games, rules, world, plan, outcome, numbering, players, quantities, room, store,
+                state,
+            )  # fmt: skip
+
+    return fill_store
+
+
+FILL_STORE = {duel: entry_for(duel) for duel in (True, False)}
+
+
+# -- sweeps ----------------------------------------------------------------------------------------
+
+
 @inlined
-def back_up(store: Store, at: int, room: Room, values: Any, sign: float, discount: float) -> int:
+def back_up(store: Store, state: int, room: Room, aim: Aim, values: Any) -> int:
     """Fill `room.best` with what a state is worth by what follows it; the joint action chosen."""
-    number, ours, theirs = room.sums.shape[0], store.shape[at, 0], store.shape[at, 1]
-    edge, pair = store.edges[at], store.pairs[at]
+    number, ours, theirs = room.sums.shape[0], store.shape[state, 0], store.shape[state, 1]
+    edge, pair = store.edges[state], store.pairs[state]
     chances, chosen, bound, least = edge + ours * number, 0, np.inf, np.inf
     for own in range(ours):
         for q in range(number):
@@ -286,8 +335,8 @@ def back_up(store: Store, at: int, room: Room, values: Any, sign: float, discoun
                 for q in range(number):
                     room.sums[q] += store.sides[chances + other] * values[after, q]
         for q in range(number):
-            room.sums[q] = store.sides[edge + own * number + q] + discount * room.sums[q]
-        first = sign * room.sums[0]
+            room.sums[q] = store.sides[edge + own * number + q] + aim.discount * room.sums[q]
+        first = aim.sign * room.sums[0]
         if first < bound:
             bound, chosen = first - TIE * max(1.0, abs(first)), own
         if first < least or own == 0:
@@ -297,61 +346,25 @@ def back_up(store: Store, at: int, room: Room, values: Any, sign: float, discoun
     return int(store.joints[edge + chosen])
 
 
-# -- sweeps ----------------------------------------------------------------------------------------
-
-
-@inlined
-def settle(
-    store: Store, state: int, at: int, room: Room, aim: Aim, values: Any, target: Any, choice: Any,
-    changes: Any,
-) -> None:  # fmt: skip
-    """Write a state's worth into `target`; `changes` [2] takes the largest change and value."""
-    choice[state] = back_up(store, at, room, values, aim.sign, aim.discount)
-    for q in range(room.best.shape[0]):
-        worth = room.best[q]
-        if aim.only_whether:
-            worth = 1.0 if worth > 0.0 else 0.0
-        changes[0] = max(changes[0], abs(worth - values[state, q]))
-        changes[1] = max(changes[1], abs(worth))
-        target[state, q] = worth
-
-
 @compiled
 def sweep(
-    memory: layout.Memory, numbers: Any, pay: Any, mazes: Any, scratch: Any, numbering: Numbering,
-    players: Players, quantities: Quantities, room: Room, store: Store, aim: Aim, values: Any,
-    target: Any, choice: Any, segments: Any, changes: Any,
-) -> None:  # fmt: skip
-    """Back up all states of `segments` [n, 2] (first state, and the one after the last) once.
-
-    What follows them is stored. `target` may be `values`. `choice` [states] gets the joint actions;
-    `changes` [n, 2] zeros, the largest change of each segment, and the largest value.
-    """
-    games, rules = layout.games_of(memory), layout.rules_of(layout.teams_of(numbers), numbers, pay)
-    world = layout.world_of(mazes.mazes, mazes.neighbors, mazes.facts, mazes.tables)
-    outcome, plan = layout.outcome_of(memory), layout.plan_of(scratch)
-    for segment in range(segments.shape[0]):
-        group = 0
-        for state in range(segments[segment, 0], segments[segment, 1]):
-            at = state if store.whole else 0
-            group = group_at(state, group, numbering)
-            put(games, 0, state, group, rules.teams, int(world.num_cells[0]), numbering)
-            if can_be(games, 0, rules.teams):
-                expand(
-                    games, rules, world, plan, outcome, numbering, players, quantities, room, store,
-                    state, at,
-                )  # fmt: skip
-                settle(store, state, at, room, aim, values, target, choice, changes[segment])
-
-
-@compiled
-def sweep_stored(
     room: Room, store: Store, aim: Aim, values: Any, target: Any, choice: Any, segments: Any,
     changes: Any,
 ) -> None:  # fmt: skip
-    """`sweep` where what follows every state has been stored: so many arguments take longer to hand
-    over than a small game to sweep."""
+    """Back up all states of `segments` [n, 2] (first state, and the one after the last) once.
+
+    `target` may be `values`. `choice` [states] gets the joint actions; `changes` [n, 2] zeros, the
+    largest change of each segment, and the largest value.
+    """
     for segment in range(segments.shape[0]):
         for state in range(segments[segment, 0], segments[segment, 1]):
-            if store.shape[state, 0] > 0:
-                settle(store, state, state, room, aim, values, target, choice, changes[segment])
+            if store.shape[state, 0] == 0:
+                continue
+            choice[state] = back_up(store, state, room, aim, values)
+            for q in range(room.best.shape[0]):
+                worth = room.best[q]
+                if aim.only_whether:
+                    worth = 1.0 if worth > 0.0 else 0.0
+                changes[segment, 0] = max(changes[segment, 0], abs(worth - values[state, q]))
+                changes[segment, 1] = max(changes[segment, 1], abs(worth))
+                target[state, q] = worth

@@ -71,17 +71,17 @@ class Aim(NamedTuple):
 
 
 class Store(NamedTuple):
-    """What follows each state: of all of them, or (not `whole`) of the one that is looked at.
+    """What follows each state.
 
-    A state with `shape` (ours, theirs) of joint actions has room in `following` from `pairs` on and
-    in `sides` and `joints` from `edges` on: the next state of each pair, -1 for the end; what ours
-    are worth at once, [ours, Q]; the chances of theirs. The shape of a state that cannot be is 0.
+    A state with `shape` (ours, theirs, the first player's) of joint actions has room in `following`
+    from `pairs` on and in `sides` and `joints` from `edges` on: the next state of each pair, -1 for
+    the end; what ours are worth at once, [ours, Q]; the chances of theirs. The shape of a state
+    that cannot be is 0.
 
-    pairs, edges: [states + 1] int64; shape: [states, 2] int32; following: int32; sides: float64;
+    pairs, edges: [states + 1] int64; shape: [states, 3] int32; following: int32; sides: float64;
     joints: int16.
     """
 
-    whole: bool
     pairs: Any
     edges: Any
     shape: Any
@@ -95,7 +95,8 @@ class Room(NamedTuple):
 
     cells, active: [agents] int64; goals: [goals] int64; actions: [1, agents] int32.
     option: [players, joint actions] int64, those that lead to different cells; `many` [players] of
-    them, with their `chance` [players, joint actions]. sums, best: [Q] float64.
+    them, with their `chance` [players, joint actions], and `pick` [players] int64, one of them.
+    sums, best: [Q] float64.
     """
 
     cells: Any
@@ -104,6 +105,7 @@ class Room(NamedTuple):
     actions: Any
     option: Any
     many: Any
+    pick: Any
     chance: Any
     sums: Any
     best: Any

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pursuit.compilation.compiled import allocating, compiled
+from pursuit.compilation.compiled import allocating, compiled, inlined
 from scripted_agents.joint.layout import Store
 
 SADDLE = 1e-12
@@ -18,6 +18,35 @@ TIE = 1e-12
 
 BLAND_AFTER = 40
 """Pivots by the largest coefficient; from then on by Bland's rule (1977), which cannot cycle."""
+
+
+@inlined
+def pivot(tableau: Any, rows: int, last: int, entering: int, leaving: int) -> None:
+    """One pivot of the simplex method: the row `leaving` solved for the column `entering`."""
+    divisor = tableau[leaving, entering]
+    for j in range(last + 1):
+        tableau[leaving, j] /= divisor
+    for i in range(rows + 1):
+        factor = tableau[i, entering]
+        if i != leaving and factor != 0.0:
+            for j in range(last + 1):
+                tableau[i, j] -= factor * tableau[leaving, j]
+
+
+@inlined
+def write_first_tableau(payoff: Any, lowest: float, span: float, tableau: Any, basis: Any) -> None:
+    """The tableau in which the slack variables are the basis."""
+    m, n = payoff.shape
+    last = n + m
+    for i in range(m):
+        for j in range(n):
+            tableau[i, j] = (payoff[i, j] - lowest) / span + 1.0
+        for j in range(m):
+            tableau[i, n + j] = 1.0 if i == j else 0.0
+        tableau[i, last] = 1.0
+        basis[i] = n + i
+    for j in range(last + 1):
+        tableau[m, j] = -1.0 if j < n else 0.0
 
 
 @compiled
@@ -63,15 +92,7 @@ def solve_matrix(payoff: Any, tableau: Any, basis: Any, row: Any, column: Any) -
         return lower, upper - lower
 
     last = n + m
-    for i in range(m):
-        for j in range(n):
-            tableau[i, j] = (payoff[i, j] - lowest) / span + 1.0
-        for j in range(m):
-            tableau[i, n + j] = 1.0 if i == j else 0.0
-        tableau[i, last] = 1.0
-        basis[i] = n + i
-    for j in range(last + 1):
-        tableau[m, j] = -1.0 if j < n else 0.0
+    write_first_tableau(payoff, lowest, span, tableau, basis)
     for pivots in range(100 * (m + n)):
         entering = -1
         least = -SMALLEST_PIVOT
@@ -91,14 +112,7 @@ def solve_matrix(payoff: Any, tableau: Any, basis: Any, row: Any, column: Any) -
                     leaving, ratio = i, mine
         if leaving < 0:
             break
-        divisor = tableau[leaving, entering]
-        for j in range(last + 1):
-            tableau[leaving, j] /= divisor
-        for i in range(m + 1):
-            factor = tableau[i, entering]
-            if i != leaving and factor != 0.0:
-                for j in range(last + 1):
-                    tableau[i, j] -= factor * tableau[leaving, j]
+        pivot(tableau, m, last, entering, leaving)
         basis[leaving] = entering
     total_row, total_column = 0.0, 0.0
     for i in range(m):
@@ -119,7 +133,6 @@ def sweep_games(
     values: Any,
     target: Any,
     store: Store,
-    rows: Any,
     discount: float,
     least_mixed: float,
     chances: Any,
@@ -135,7 +148,6 @@ def sweep_games(
     Args:
         values, target: [states] float64.
         store: what follows each state, the options of the row player counting slowest.
-        rows: [states] int64, the options of the row player.
         least_mixed: difference of minimax and maximin above which there is no pure saddle point.
         chances: [pairs] float64, written: the chance of each pair of options.
         mixed: [states] bool, written: whether there is no pure saddle point.
@@ -143,20 +155,22 @@ def sweep_games(
     Returns:
         The largest change.
     """
-    most_rows, most_columns = 1, 1
+    most_rows: Any = 1
+    most_columns: Any = 1
     for state in range(first, last):
-        most_rows = max(most_rows, rows[state])
-        most_columns = max(most_columns, store.shape[state, 0] // rows[state])
+        m = np.int64(store.shape[state, 2])
+        most_rows = max(most_rows, m)
+        most_columns = max(most_columns, store.shape[state, 0] // max(m, 1))
     payoffs = np.empty((most_rows, most_columns))
     tableau = np.empty((most_rows + 1, most_columns + most_rows + 1))
     basis = np.empty(most_rows, dtype=np.int64)
     row, column = np.empty(most_rows), np.empty(most_columns)
     change = 0.0
     for state in range(first, last):
-        m, pair, edge = rows[state], store.pairs[state], store.edges[state]
-        n = store.shape[state, 0] // m
-        if n == 0:
+        m, pair, edge = np.int64(store.shape[state, 2]), store.pairs[state], store.edges[state]
+        if m == 0:
             continue
+        n = store.shape[state, 0] // m
         for i in range(m):
             for j in range(n):
                 after = store.following[pair + i * n + j]

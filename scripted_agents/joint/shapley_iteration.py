@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 from scripted_agents.joint.matrix_games import fill_strategies, sweep_games
 from scripted_agents.joint.opponents import Others
 from scripted_agents.joint.states import JointStates
-from scripted_agents.joint.sweeps import Problem, Quantity, filled_store, ways_of
+from scripted_agents.joint.sweeps import Problem, Quantity, filled_store
 
 TOLERANCE = 1e-10
 """How exact the values are, relative to the largest, where floats allow it."""
@@ -79,9 +79,6 @@ class StochasticGame:
         following = self.store.following
         if twins is not None:
             following[:] = np.where(following < 0, -1, twins[following])
-        self.rows = np.concatenate(
-            [ways_of(task)[games.position[:, seats[0]]] for _, games, _ in states.chunks()]
-        )
         self.playing = self.store.shape[:, 0] > 0
         self.mixed = np.zeros(self.count, dtype=bool)
         self._chances = np.zeros(len(following))
@@ -97,7 +94,7 @@ class StochasticGame:
         for first in range(0, self.count, STATES_A_REPORT):
             last = min(first + STATES_A_REPORT, self.count)
             found = sweep_games(
-                values, target, self.store, self.rows, self.discount, least_mixed, self._chances,
+                values, target, self.store, self.discount, least_mixed, self._chances,
                 self.mixed, first, last,
             )  # fmt: skip
             change = max(change, float(found))

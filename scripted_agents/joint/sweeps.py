@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze_arrays import lay_out
-from pursuit.memory import free_memory
+from pursuit.memory import check_memory
 from pursuit.rules import layout
-from pursuit.tasks.task import Task
-from scripted_agents.joint.kernels import sweep, sweep_stored
+from scripted_agents.joint.kernels import FILL_STORE, sweep
 from scripted_agents.joint.layout import Aim, Players, Quantities, Room, Store
 from scripted_agents.joint.opponents import Others
 from scripted_agents.joint.states import JointStates
@@ -28,8 +27,8 @@ SAME = 1e-14
 WINDOW = 9
 """How many changes in a row tell the rate at which they shrink."""
 
-MAX_STORE_BYTES = 2 * 10**9
-"""Bound on what is kept of the steps that follow each state."""
+MAX_STORE_BYTES = 8 * 10**9
+"""Bound on the memory of what follows each state."""
 
 TOLERANCE = 1e-10
 """How exact a settled state is, relative to the largest value beside it."""
@@ -121,6 +120,7 @@ class Problem:
             actions=np.zeros((1, agents), dtype=np.int32),
             option=np.zeros((agents, most), dtype=np.int64),
             many=np.zeros(agents, dtype=np.int64),
+            pick=np.zeros(agents, dtype=np.int64),
             chance=np.zeros((agents, most)),
             sums=np.zeros(number),
             best=np.zeros(number),
@@ -162,8 +162,9 @@ class Sweeper:
         problem: what is swept over.
         values: [states, quantities] float64, where it begins.
         choice: [states] int16, which gets the joint actions of those who decide.
-        store: what follows each state is kept there; if left out, in one of its own where that fits
-            into MAX_STORE_BYTES: then only the first sweep steps.
+
+    Raises:
+        ValueError: what follows all states does not fit into memory.
     """
 
     def __init__(
@@ -171,24 +172,13 @@ class Sweeper:
         problem: Problem,
         values: NDArray[np.float64],
         choice: NDArray[np.int16],
-        store: Store | None = None,
     ) -> None:
         self.problem, self.values, self.choice = problem, values, choice
-        threads = 1
-        if len(values) >= THREADED_STATES:
-            threads = min(os.cpu_count() or 1, MAX_THREADS)
-        self._pool = ThreadPoolExecutor(threads)
-        self.store = store or store_for(problem)
-        self._workers = [self._worker() for _ in range(threads)]
-        self._known = False
-
-    def _worker(self) -> tuple[Any, ...]:
-        """What one thread gives `sweep`, its own room first."""
-        problem, task = self.problem, self.problem.states.task
-        store = self.store or _store_of_one(problem)
-        memory = layout.allocate(1, task.num_agents, task.num_goals)
-        aim = Aim(problem.sign, problem.discount, problem.only_whether)
-        return memory, *problem.for_kernels(), problem.room(), store, aim
+        self.store = filled_store(problem)
+        self._aim = Aim(problem.sign, problem.discount, problem.only_whether)
+        self._threads = threads_for(len(values))
+        self._rooms = [problem.room() for _ in range(self._threads)]
+        self._pool = ThreadPoolExecutor(self._threads)
 
     def __enter__(self) -> Sweeper:
         return self
@@ -203,10 +193,8 @@ class Sweeper:
             going = np.arange(len(level))
             before, past, now = np.zeros((3, len(level)))
             past[:] = 1.0
-            self._known = False
             for number in range(1, MAX_SWEEPS + 1):
                 change, largest = self.sweep(level[going], self.values)
-                self._known = self.store is not None
                 scale = np.maximum(largest, 1.0)
                 # The changes to come are about a geometric series; its rate is that of two windows.
                 rate = np.divide(change, before[going], out=np.zeros_like(change), where=number > 1)
@@ -235,7 +223,6 @@ class Sweeper:
         target = self.values.copy()
         for step in range(1, horizon + 1):
             change, largest = self.sweep(parts, target)
-            self._known = self.store is not None
             self.values, target = target, self.values
             yield step
             if (change <= SAME * np.maximum(largest, 1.0)).all():
@@ -246,21 +233,25 @@ class Sweeper:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Sweep once; the largest change of each segment [n], and its largest value [n]."""
         changes = np.zeros((len(segments), 2))
-        threads = len(self._workers)
-        bounds = [len(segments) * i // threads for i in range(threads + 1)]
+        bounds = [len(segments) * i // self._threads for i in range(self._threads + 1)]
 
         def part(number: int) -> None:
             some = slice(bounds[number], bounds[number + 1])
-            arrays = (self.values, target, self.choice, segments[some], changes[some])
-            kernel: Any = sweep_stored if self._known else sweep
-            given = self._workers[number]
-            kernel(*(given[-3:] if self._known else given), *arrays)
+            sweep(
+                self._rooms[number], self.store, self._aim, self.values, target, self.choice,
+                segments[some], changes[some],
+            )  # fmt: skip
 
-        if threads == 1:
+        if self._threads == 1:
             part(0)
         else:
-            list(self._pool.map(part, range(threads)))
+            list(self._pool.map(part, range(self._threads)))
         return changes[:, 0], changes[:, 1]
+
+
+def threads_for(states: int) -> int:
+    """How many threads share so many states."""
+    return min(os.cpu_count() or 1, MAX_THREADS) if states >= THREADED_STATES else 1
 
 
 def _cut(level: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -274,18 +265,32 @@ def _cut(level: NDArray[np.int64]) -> NDArray[np.int64]:
 # -- what is kept ----------------------------------------------------------------------------------
 
 
-def ways_of(task: Task) -> NDArray[np.int64]:
-    """[cells] int64, how many different cells the actions lead to."""
-    neighbors = task.mazes[0].neighbors[:, : task.num_actions]
-    return np.array([len(set(row)) for row in neighbors.tolist()], dtype=np.int64)
+def filled_store(problem: Problem, wanted: NDArray[np.bool_] | None = None) -> Store:
+    """What follows each state, or each of the `wanted` ones [states].
+
+    Raises:
+        ValueError: it does not fit into memory.
+    """
+    store = _empty_store(problem, wanted)
+    task, count = problem.states.task, problem.states.count
+    threads = threads_for(count)
+    bounds = [count * i // threads for i in range(threads + 1)]
+
+    def part(number: int) -> None:
+        memory = layout.allocate(1, task.num_agents, task.num_goals)
+        some = bounds[number], bounds[number + 1]
+        FILL_STORE[task.is_duel](memory, *problem.for_kernels(), problem.room(), store, *some)
+
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(part, range(threads)))
+    return store
 
 
-def store_for(problem: Problem, wanted: NDArray[np.bool_] | None = None) -> Store | None:
-    """Room for what follows each state, or the `wanted` ones [states]; None for too much."""
-    states, number, ways = problem.states, len(problem.quantities), ways_of(problem.states.task)
-    most = min(MAX_STORE_BYTES, free_memory() // 2)
-    if 40 * states.count > most:
-        return None
+def _empty_store(problem: Problem, wanted: NDArray[np.bool_] | None) -> Store:
+    """Room for what follows the states."""
+    states, number, task = problem.states, len(problem.quantities), problem.states.task
+    cells = task.mazes[0].neighbors[:, : task.num_actions].tolist()
+    ways = np.array([len(set(row)) for row in cells])  # different cells that actions lead to
     pairs, edges = np.zeros((2, states.count + 1), dtype=np.int64)
     for first, games, real in states.chunks():
         last = first + len(real)
@@ -297,48 +302,17 @@ def store_for(problem: Problem, wanted: NDArray[np.bool_] | None = None) -> Stor
         edges[first + 1 : last + 1] = (ours * number + theirs) * some
     np.cumsum(pairs, out=pairs)
     np.cumsum(edges, out=edges)
-    if 24 * states.count + 4 * pairs[-1] + 10 * edges[-1] > most:
-        return None
-    return _store(True, pairs, edges, states.count, int(pairs[-1]), int(edges[-1]))
-
-
-def filled_store(problem: Problem, wanted: NDArray[np.bool_]) -> Store:
-    """What follows each `wanted` state [states].
-
-    Raises:
-        ValueError: it does not fit into memory.
-    """
-    states, store = problem.states, store_for(problem, wanted)
-    if store is None:
-        raise ValueError(
-            f"task {states.task.name!r}: what follows {states.count:,} states does not fit into "
-            "memory; take a smaller maze, or fewer agents or goals"
-        )
-    values, choice = np.zeros((states.count, 1)), np.zeros(states.count, dtype=np.int16)
-    bounds = np.flatnonzero(np.diff(wanted, prepend=False, append=False))
-    with Sweeper(problem, values, choice, store) as sweeper:
-        sweeper.sweep(bounds.reshape(-1, 2), values)
-    return store
-
-
-def _store_of_one(problem: Problem) -> Store:
-    """Room for what follows one state."""
-    task, deciding = problem.states.task, len(problem.deciding)
-    ours, theirs = task.num_actions**deciding, task.num_actions ** (task.num_agents - deciding)
-    begins = np.zeros(1, dtype=np.int64)
-    edges = ours * len(problem.quantities) + theirs
-    return _store(False, begins, begins, 1, ours * theirs, edges)
-
-
-def _store(
-    whole: bool, pairs: NDArray[Any], edges: NDArray[Any], states: int, following: int, sides: int
-) -> Store:
+    check_memory(
+        f"task {task.name!r}: what follows {states.count:,} states",
+        24 * states.count + 4 * int(pairs[-1]) + 10 * int(edges[-1]),
+        "take a smaller maze, or fewer agents or goals",
+        MAX_STORE_BYTES,
+    )
     return Store(
-        whole,
         pairs,
         edges,
-        np.zeros((states, 2), dtype=np.int32),
-        np.zeros(following, dtype=np.int32),
-        np.zeros(sides),
-        np.zeros(sides, dtype=np.int16),
+        np.zeros((states.count, 3), dtype=np.int32),
+        np.zeros(pairs[-1], dtype=np.int32),
+        np.zeros(edges[-1]),
+        np.zeros(edges[-1], dtype=np.int16),
     )

@@ -1,4 +1,4 @@
-"""Compiled kernels of `tour`: Held-Karp, a local search, and the sum over all placements.
+"""Compiled kernels of `tour`: Held-Karp, and the sum over all placements.
 
 `between` is always an int32 matrix of path distances with the start in row 0 and the goals in the
 rows from 1 on.
@@ -59,123 +59,12 @@ def held_karp_order(between: Any, num_goals: int, best: Any, order: Any) -> None
         mask &= ~(1 << chosen)
 
 
-@compiled
-def length_of(between: Any, order: Any) -> int:
-    """The length of the open path from row 0 through the rows in `order`."""
-    length, here = 0, 0
-    for row in order:
-        length += between[here, row]
-        here = row
-    return length
-
-
-@compiled
-def reverse(order: Any, first: int, last: int) -> None:
-    """Turn the section from `first` to `last` round, in place."""
-    while first < last:
-        order[first], order[last] = order[last], order[first]
-        first += 1
-        last -= 1
-
-
-@compiled
-def better_place(between: Any, order: Any, first: int, last: int) -> Any:
-    """Where to move a section so that the path gets shorter (-1: nowhere), and whether turned."""
-    size = order.shape[0]
-    before = order[first - 1] if first > 0 else 0
-    head, tail = order[first], order[last]
-    saved = between[before, head]
-    if last + 1 < size:
-        saved += between[tail, order[last + 1]] - between[before, order[last + 1]]
-    for place in range(size + 1):
-        if first <= place <= last + 1:
-            continue
-        left = order[place - 1] if place > 0 else 0
-        straight, turned = between[left, head], between[left, tail]
-        if place < size:
-            right = order[place]
-            straight += between[tail, right] - between[left, right]
-            turned += between[head, right] - between[left, right]
-        if min(straight, turned) < saved:
-            return place, turned < straight
-    return -1, False
-
-
-@compiled
-def improve(between: Any, order: Any) -> None:
-    """Shorten an open path in place until no 2-opt and no Or-opt move helps any more."""
-    size = order.shape[0]
-    improved = True
-    while improved:
-        improved = False
-        for first in range(size):
-            for last in range(first, size):
-                before = order[first - 1] if first > 0 else 0
-                # 2-opt: walk the section from `first` to `last` backwards.
-                gain = between[before, order[first]] - between[before, order[last]]
-                if last + 1 < size:
-                    gain += between[order[last], order[last + 1]]
-                    gain -= between[order[first], order[last + 1]]
-                if gain > 0:
-                    reverse(order, first, last)
-                    improved = True
-                elif last - first < 3:
-                    # Or-opt: move one to three goals elsewhere; turning a part round and then its
-                    # two halves exchanges these.
-                    place, turned = better_place(between, order, first, last)
-                    if place < 0:
-                        continue
-                    improved = True
-                    length = last - first + 1
-                    if place < first:
-                        reverse(order, place, last)
-                        reverse(order, place + length, last)
-                        if not turned:
-                            reverse(order, place, place + length - 1)
-                    else:
-                        reverse(order, first, place - 1)
-                        reverse(order, first, place - 1 - length)
-                        if not turned:
-                            reverse(order, place - length, place - 1)
-
-
 @allocating
-def local_search(between: Any, num_goals: Any, streams: Any, restarts: int, order: Any) -> int:
-    """A short path by `improve`, from the nearest-goal path and from random ones."""
-    trial = np.empty(num_goals, dtype=np.int64)
-    for place in range(num_goals):
-        trial[place] = place + 1
-    best = -1
-    for restart in range(restarts):
-        here = 0
-        for place in range(num_goals):
-            chosen = place + next_below(streams, 0, num_goals - place)
-            if restart == 0:
-                for other in range(place, num_goals):
-                    if between[here, trial[other]] < between[here, trial[chosen]]:
-                        chosen = other
-            here = trial[chosen]
-            trial[chosen], trial[place] = trial[place], here
-        improve(between, trial)
-        length = length_of(between, trial)
-        if best < 0 or length < best:
-            best = length
-            for place in range(num_goals):
-                order[place] = trial[place]
-    return best
-
-
-@allocating
-def tours_by_table(
-    table: Any, starts: Any, goals: Any, max_exact: int, streams: Any, restarts: int, lengths: Any
-) -> int:
-    """Fill `lengths` (-1 where a goal cannot be reached); how many of them are not exact."""
-    most = goals.shape[1]
+def tours_by_table(table: Any, starts: Any, goals: Any, most: int, lengths: Any) -> None:
+    """Fill `lengths` (-1 where a goal cannot be reached) of placements of at most `most` goals."""
     cells = np.empty(most + 1, dtype=np.int64)
     between = np.empty((most + 1, most + 1), dtype=np.int32)
-    best = np.empty((1 << min(most, max_exact), min(most, max_exact)), dtype=np.int32)
-    order = np.empty(most, dtype=np.int64)
-    inexact = 0
+    best = np.empty((1 << most, most), dtype=np.int32)
     for game in range(starts.shape[0]):
         cells[0] = starts[game]
         count = np.int64(0)
@@ -191,14 +80,7 @@ def tours_by_table(
             for j in range(count + 1):
                 between[i, j] = table[cells[i], cells[j]]
                 reachable &= between[i, j] != UNREACHABLE
-        if not reachable:
-            lengths[game] = -1
-        elif count <= max_exact:
-            lengths[game] = held_karp(between, count, best)
-        else:
-            lengths[game] = local_search(between, count, streams, restarts, order)
-            inexact += 1
-    return inexact
+        lengths[game] = held_karp(between, count, best) if reachable else -1
 
 
 @allocating

@@ -4,7 +4,6 @@ over all placements.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import comb
@@ -19,19 +18,15 @@ from scripted_agents.tours.kernels import (
     draw_placements,
     held_karp,
     held_karp_order,
-    local_search,
     sum_of_tours,
     tours_by_table,
 )
 
 MAX_EXACT_GOALS = 18
-"""Up to this number of distinct goals a tour is exact."""
+"""More goals than these are refused."""
 
 MAX_ENUMERATED_PLACEMENTS = 2_000_000_000
 """Above this number of placements `expected_tour_length` draws samples."""
-
-RESTARTS = 20
-"""Random beginnings of the local search beyond MAX_EXACT_GOALS."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +36,10 @@ class Tour:
     Attributes:
         length: its steps.
         order: the distinct goal cells as visited.
-        exact: True if no tour is shorter; False if the length is only an upper bound.
     """
 
     length: int
     order: tuple[int, ...]
-    exact: bool
 
 
 class Estimate(float):
@@ -103,18 +96,17 @@ def shortest_path(maze: Maze, start: int, goal: int) -> list[int]:
 # -- single tours ----------------------------------------------------------------------------------
 
 
-def shortest_tour(maze: Maze, start: int, goals: Iterable[int], seed: int = 0) -> Tour:
+def shortest_tour(maze: Maze, start: int, goals: Iterable[int]) -> Tour:
     """The shortest path from `start` through all `goals`, which ends at the last of them.
 
     A travelling-salesman path on the matrix of path distances: exact by dynamic programming over
-    sets of goals (Held and Karp, 1962; Bellman, 1962) up to MAX_EXACT_GOALS distinct goals, some
-    30 ms and 19 MB for 18. Beyond, the best of RESTARTS local searches with 2-opt (Croes, 1958)
-    and Or-opt (Or, 1976) moves, drawn with `seed`: an upper bound, and `exact` is False. A goal
-    named twice, or on the start, costs nothing. Works for mazes of any size, with one
+    sets of goals (Held and Karp, 1962; Bellman, 1962), some 30 ms and 19 MB for MAX_EXACT_GOALS
+    goals. A goal named twice, or on the start, costs nothing. Works for mazes of any size, with one
     breadth-first search a goal.
 
     Raises:
-        ValueError: a cell is not in the maze, or a goal cannot be reached.
+        ValueError: a cell is not in the maze, a goal cannot be reached, or there are more than
+            MAX_EXACT_GOALS goals.
     """
     maze = load_maze(maze)
     start = maze.check_cell(start)
@@ -129,44 +121,33 @@ def shortest_tour(maze: Maze, start: int, goals: Iterable[int], seed: int = 0) -
             "goals of the start's part of the maze, or open a wall between the parts"
         )
     count = len(cells) - 1
+    _check_number(maze, count)
     order = np.zeros(count, dtype=np.int64)
-    if count <= MAX_EXACT_GOALS:
-        best = np.empty((1 << count, max(count, 1)), dtype=np.int32)
-        length = held_karp(between, count, best)
-        held_karp_order(between, count, best, order)
-    else:
-        length = local_search(between, count, _streams(seed), RESTARTS, order)
-    return Tour(int(length), tuple(cells[order].tolist()), count <= MAX_EXACT_GOALS)
+    best = np.empty((1 << count, max(count, 1)), dtype=np.int32)
+    length = held_karp(between, count, best)
+    held_karp_order(between, count, best, order)
+    return Tour(int(length), tuple(cells[order].tolist()))
 
 
 def tour_length(maze: Maze, start: int, goals: Iterable[int]) -> int:
-    """The steps of `shortest_tour(maze, start, goals)`; raises what that raises.
-
-    Beyond MAX_EXACT_GOALS goals it is an upper bound, and a UserWarning says so.
-    """
-    tour = shortest_tour(maze, start, goals)
-    if not tour.exact:
-        _warn_inexact(len(tour.order))
-    return tour.length
+    """The steps of `shortest_tour(maze, start, goals)`; raises what that raises."""
+    return shortest_tour(maze, start, goals).length
 
 
-def tour_lengths(
-    maze: Maze, starts: ArrayLike, goals: ArrayLike, seed: int = 0
-) -> NDArray[np.int64]:
+def tour_lengths(maze: Maze, starts: ArrayLike, goals: ArrayLike) -> NDArray[np.int64]:
     """The shortest tours of many placements at once.
 
     Args:
         maze: the maze that all of them are in.
         starts: [placements] integers, the cell of each start.
         goals: [placements, goals] integers, the cells of the goals; -1 for an absent one.
-        seed: draws the beginnings of the local search beyond MAX_EXACT_GOALS goals.
 
     Returns:
-        [placements] int64, the length of each tour; 0 without goals. An upper bound where there
-        are more than MAX_EXACT_GOALS goals, and a UserWarning then says so.
+        [placements] int64, the length of each tour; 0 without goals.
 
     Raises:
-        ValueError: wrong shapes, a cell that is not in the maze, or a goal out of reach.
+        ValueError: wrong shapes, a cell that is not in the maze, a goal out of reach, or more than
+            MAX_EXACT_GOALS goals.
     """
     maze = load_maze(maze)
     start_cells = as_array("starts", starts, "iu", "cells are integers")
@@ -188,41 +169,28 @@ def tour_lengths(
     start_cells, goal_cells = start_cells.astype(np.int64), goal_cells.astype(np.int64)
     if maze.num_cells > MAX_TABLE_CELLS:
         tours = [
-            shortest_tour(maze, start, [goal for goal in row if goal >= 0], seed)
+            tour_length(maze, start, [goal for goal in row if goal >= 0])
             for start, row in zip(start_cells.tolist(), goal_cells.tolist(), strict=True)
         ]
-        if not all(tour.exact for tour in tours):
-            _warn_inexact(max(len(tour.order) for tour in tours))
-        return np.array([tour.length for tour in tours], dtype=np.int64)
+        return np.array(tours, dtype=np.int64)
+    most = int((goal_cells >= 0).sum(axis=1).max(initial=0))
+    _check_number(maze, most)
     lengths = np.zeros(len(start_cells), dtype=np.int64)
-    inexact = tours_by_table(
-        maze.distances, start_cells, goal_cells, MAX_EXACT_GOALS, _streams(seed), RESTARTS, lengths
-    )
+    tours_by_table(maze.distances, start_cells, goal_cells, most, lengths)
     if (lengths < 0).any():
         wrong = int(np.argmax(lengths < 0))
         raise ValueError(
             f"{maze.name}: placement {wrong}: no path joins the start {start_cells[wrong]} and all "
             f"of the goals {goal_cells[wrong].tolist()}; place them in one part of the maze"
         )
-    if inexact:
-        _warn_inexact(goal_cells.shape[1])
     return lengths
 
 
-def _streams(seed: int) -> NDArray[np.uint64]:
-    """One seeded random stream for the kernels."""
-    seed = whole("seed", seed, 0, 2**63 - 1)
-    streams = np.empty(1, dtype=np.uint64)
-    seed_streams(streams[None], seed, 0)
-    return streams
-
-
-def _warn_inexact(num_goals: int) -> None:
-    warnings.warn(
-        f"{num_goals} goals: more than {MAX_EXACT_GOALS}, so the tour length is a heuristic upper "
-        "bound, not the exact optimum",
-        stacklevel=3,
-    )
+def _check_number(maze: Maze, num_goals: int) -> None:
+    if num_goals > MAX_EXACT_GOALS:
+        raise ValueError(
+            f"{maze.name}: {num_goals} goals; shortest tours are known of up to {MAX_EXACT_GOALS}"
+        )
 
 
 # -- the mean over placements ----------------------------------------------------------------------
@@ -254,12 +222,11 @@ def expected_tour_length(
     of `samples` drawn with `seed`, with a 95 % confidence interval (normal approximation).
 
     A sample costs one tour: microseconds up to 8 goals, milliseconds from 14 on, and in a maze
-    beyond MAX_TABLE_CELLS a breadth-first search for each of its cells. Beyond MAX_EXACT_GOALS
-    goals the mean is that of upper bounds, and a UserWarning says so.
+    beyond MAX_TABLE_CELLS a breadth-first search for each of its cells.
 
     Raises:
-        ValueError: fewer than 1 goal or more than cells - 1, fewer than 2 samples, or a maze that
-            falls into parts.
+        ValueError: fewer than 1 goal, or more than cells - 1 or MAX_EXACT_GOALS; fewer than 2
+            samples, or a maze that falls into parts.
     """
     maze, num_goals = load_maze(maze), whole("num_goals", num_goals, 1)
     samples = whole("samples", samples, 2)
@@ -278,12 +245,11 @@ def expected_tour_length(
     if num_goals <= 3 and fits:
         total = int(sum_of_tours(maze.distances, num_goals))
         return Estimate(total / placements, ci95=0.0, exact=True, samples=placements)
+    _check_number(maze, num_goals)
     drawn = np.empty((samples, num_goals + 1), dtype=np.int64)
-    draw_placements(maze.num_cells, _streams(seed), drawn)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        lengths = tour_lengths(maze, drawn[:, 0], drawn[:, 1:], seed)
-    if num_goals > MAX_EXACT_GOALS:
-        _warn_inexact(num_goals)
+    streams = np.empty((1, 1), dtype=np.uint64)
+    seed_streams(streams, whole("seed", seed, 0, 2**63 - 1), 0)
+    draw_placements(maze.num_cells, streams[0], drawn)
+    lengths = tour_lengths(maze, drawn[:, 0], drawn[:, 1:])
     half_width = 1.96 * float(lengths.std(ddof=1)) / samples**0.5
     return Estimate(float(lengths.mean()), ci95=half_width, exact=False, samples=samples)

@@ -1,14 +1,13 @@
-"""Agents of limited sight, and worst cases: `python tests/benchmarks/bench_searchers.py`.
+"""Agents of limited sight: `python tests/benchmarks/bench_searchers.py`.
 
 Game steps a second on 5x5 with 4096 games and a scripted agent in either seat, beside A* in the
-same run; and seconds of worst-case searches.
+same run.
 """
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
+from bench_simulator import rate
 
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
@@ -22,9 +21,7 @@ from scripted_agents import (
     SearchingRunner,
     SweepingChaser,
     WaryEvader,
-    fewest_searchers,
 )
-from train.commands.bench import rate
 
 GAMES = 4096
 
@@ -58,15 +55,6 @@ def main() -> None:
         for runner in (NearestGoalRunner(), SearchingRunner(view_radius=radius)):
             speed = steps_a_second(maze, [runner]) / 1e6
             print(f"maze, radius {radius}:  {runner!r:60s} {speed:8.2f} M steps/s", flush=True)
-    for name, radius in (("5x5", 0), ("5x5-tree", 0), ("6x6", 0), ("7x7", 1), ("8x8", 2)):
-        began = time.perf_counter()
-        plan = fewest_searchers(name, view_radius=radius)
-        seconds = time.perf_counter() - began
-        print(
-            f"fewest_searchers {name}, radius {radius}: {plan.searchers} in {plan.steps} steps, "
-            f"{plan.states} states, {seconds:.2f} s",
-            flush=True,
-        )
 
 
 if __name__ == "__main__":

@@ -13,16 +13,86 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from functools import partial
+from itertools import cycle
 from time import perf_counter
 
 import gymnasium
 import numpy as np
 from in_turns import add_options, compare
 
+from pursuit import chase_v0
 from pursuit.mazes.generation import generate_maze
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, make_task
-from train.commands.bench import parallel_env_rate, rate, simulator_rate
+from scripted_agents.environments import default_policies
+
+
+def rate(step: Callable[[], object], per_call: int, seconds: float) -> float:
+    """How many of `per_call` things a call there are in a second; best of three tries."""
+    step()
+    best = 0.0
+    for _ in range(3):
+        calls, began = 0, perf_counter()
+        while perf_counter() - began < seconds / 3:
+            for _ in range(8):
+                step()
+            calls += 8
+        best = max(best, calls * per_call / (perf_counter() - began))
+    return best
+
+
+def simulator_rate(
+    task: Task,
+    num_games: int,
+    seconds: float = 1.0,
+    scripted: bool = True,
+    encoding: str | None = None,
+) -> float:
+    """Game steps a second: one seat plays random moves, scripted agents fill the others.
+
+    Args:
+        task: the task.
+        num_games: games in the batch.
+        seconds: time of the measurement.
+        scripted: False has all seats play random moves drawn beforehand.
+        encoding: also encode what the first seat observes in each step.
+    """
+    simulator = Simulator(task, num_games)
+    generator = np.random.default_rng(0)
+    shape = (16, num_games, task.num_agents)
+    drawn = generator.integers(task.num_actions, size=shape, dtype=np.int32)
+    policies = default_policies(task, 0.2)
+    seats = [policies[role] if scripted else None for role in task.seat_roles]
+    seats[0] = None
+    out = simulator.observe(encoding, 0) if encoding else None
+    turns = cycle(drawn)
+
+    def step() -> None:
+        actions = next(turns)
+        simulator.act(seats, actions)
+        simulator.step(actions)
+        if encoding:
+            simulator.observe(encoding, 0, out=out)
+
+    return rate(step, num_games, seconds)
+
+
+def parallel_env_rate(seconds: float = 1.0) -> float:
+    """Steps a second through the PettingZoo environment: chase 5x5, default observation."""
+    env = chase_v0.parallel_env(maze="5x5")
+    env.reset(seed=0)
+    generator = np.random.default_rng(0)
+    turns = cycle(
+        dict(zip(env.possible_agents, pair, strict=True))
+        for pair in generator.integers(4, size=(256, 2)).tolist()
+    )
+
+    def step() -> None:
+        env.step(next(turns))
+        if not env.agents:
+            env.reset()
+
+    return rate(step, 1, seconds)
 
 
 def peers() -> dict[str, Callable[[float], float]]:
@@ -131,6 +201,7 @@ import json, sys
 from time import perf_counter
 import numpy as np
 from pursuit import Simulator, Task, chase_v0, make_task
+from pursuit import chase_v0
 from pursuit.mazes.generation import generate_maze
 from scripted_agents.environments import default_policies
 

@@ -26,7 +26,6 @@ BASES = (
     "self-play --resume PLAY",
     "evaluate RUN --episodes 20",
     "evaluate RUN --opponent-epsilon 0.5 --out OUT.json",
-    "levels RUN --count 2",
     "render RUN --out OUT.gif --episodes 1",
     "render --task race --maze 3x3 --out OUT.gif --episodes 1",
     "maze 5x5",

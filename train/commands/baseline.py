@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from math import inf
-from typing import Annotated, Any
+from typing import Annotated
 
-from scripted_agents import AStarChaser, AStarEvader, why_not_team_chase
+from scripted_agents import why_not_team_chase
 from scripted_agents.tours.tour import MAX_EXACT_GOALS, expected_tour_length, num_states
-from train.commands.blindness import print_blindness
 from train.commands.parse import default_task, options_in, parse
 from train.commands.scores import (
     certificate_of,
@@ -19,14 +17,11 @@ from train.commands.scores import (
 )
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
-from train.evaluation.games import other_role
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.runs.effects import check_task_effects
-from train.settings.checks import Settings, at_least, check, rule
+from train.settings.checks import Settings, at_least
 from train.settings.task import AnyTask, TaskSettings
-
-SECONDS = rule(lambda value: 0.0 <= value < inf, "seconds, 0 or more")
 
 
 @dataclass(frozen=True)
@@ -37,8 +32,6 @@ class BaselineCommand(Settings):
     task: AnyTask = field(default_factory=TaskSettings)
     episodes: Annotated[int, at_least(2)] = 10_000
     """Episodes played where there is no exact answer."""
-    blindness: Annotated[float, SECONDS] = 0.0
-    """Seconds a view radius: also what is proven of the optimum of a duel by radius of sight."""
     seed: int = 0
     """Of those episodes: 0 for those of every evaluation, or others; none is ever trained on."""
 
@@ -51,11 +44,6 @@ def baseline(arguments: Sequence[str]) -> None:
     from train.runs.parts import contest_of  # torch is slow to import
 
     contest = contest_of(given.task, given.episodes, given.seed)
-    if given.blindness > 0.0:
-        check(
-            isinstance(contest, GameContest) and contest.task.is_duel,
-            "blindness is for duels in one maze: one chaser, one evader, no goals; leave it out",
-        )
     if isinstance(contest, SuiteContest):
         contest = replace(contest, exact=True)
     if isinstance(contest, GameContest):
@@ -71,12 +59,9 @@ def baseline(arguments: Sequence[str]) -> None:
     task = contest.task
     maze = task.mazes[0]
     if (task.num_agents, task.num_runners) == (1, 1):
-        mean = expected_tour_length(maze, task.num_goals)
-        how = "exact" if mean.exact else f"±{mean.ci95:.2f}, sampled"
-        if task.num_goals > MAX_EXACT_GOALS:
-            how = f"{how}; heuristic above {MAX_EXACT_GOALS} goals, an upper bound"
-            print(f"mean heuristic tour over all placements: {mean:.4f} ({how})")
-        else:
+        if task.num_goals <= MAX_EXACT_GOALS:
+            mean = expected_tour_length(maze, task.num_goals)
+            how = "exact" if mean.exact else f"±{mean.ci95:.2f}, sampled"
             print(f"mean optimal tour over all placements: {mean:.4f} ({how})")
         print(f"distinct states: {num_states(maze.num_cells, task.num_goals):,}")
     elif why_not_team_chase(task) is None:
@@ -84,14 +69,3 @@ def baseline(arguments: Sequence[str]) -> None:
         print(f"distinct states: {(cells - 1) ** chasers * cells:,}")
     elif len(task.mazes) == 1:
         print_whole_game(contest)
-    if given.blindness > 0.0:
-        role: Any = contest.role
-        check(role in ("chaser", "evader"), "blindness is for chasers and evaders")
-        other = contest.opponents.get(other_role(role))
-        check(
-            isinstance(other, (AStarChaser, AStarEvader)),
-            f"blindness is what {role}s lose against A*, and {other!r} plays; leave opponent out",
-        )
-        epsilon = float(other.epsilon)
-        rest = (given.blindness, 0.95, task.stay_action, task.move_order)
-        print_blindness(maze, [0, 1, 2, 3, None], role, epsilon, *rest)

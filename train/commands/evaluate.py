@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import tyro
 
 from pursuit.replays.replay import with_suffix
-from pursuit.validation import one_of
 from train.commands.parse import heard, parse, warn
 from train.commands.scores import (
     certificate_of,
@@ -28,7 +27,6 @@ from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.files import check_folder, check_new_files, reserved, write_json
-from train.reports.figures import FORMATS
 from train.runs.effects import check_task_effects
 from train.runs.tasks import agent_of, task_of
 from train.settings.checks import Settings, at_least, check
@@ -48,8 +46,6 @@ class Evaluated(Settings):
     """Of those episodes: 0 for those of every evaluation, or others; none is ever trained on."""
     table: Path | None = None
     """Of a suite: write the figures of every maze to this new .csv file."""
-    picture: Path | None = None
-    """Of a suite: draw the gap of every maze over its difficulty into this new .png file."""
     out: Path | None = None
     """Write the figures to this new .json file as well."""
     replays: Path | None = None
@@ -57,7 +53,7 @@ class Evaluated(Settings):
     replay_episodes: Annotated[int, at_least(1)] = 10
     """How many of them."""
     overwrite: bool = False
-    """Replace --out, --replays, --table and --picture where they exist."""
+    """Replace --out, --replays and --table where they exist."""
 
 
 @dataclass(frozen=True)
@@ -89,10 +85,8 @@ def evaluate(arguments: Sequence[str]) -> None:
     if not is_model:
         check_folder(given.run)
     replays = None if given.replays is None else with_suffix(given.replays)
-    check_new_files([given.out, replays, given.table, given.picture], given.overwrite)
-    if given.picture is not None:
-        one_of("format of a figure", given.picture.suffix[1:], FORMATS)
-    with reserved(given.out, replays, given.table, given.picture, overwrite=given.overwrite):
+    check_new_files([given.out, replays, given.table], given.overwrite)
+    with reserved(given.out, replays, given.table, overwrite=given.overwrite):
         carry_out(given, replays)
 
 
@@ -113,7 +107,7 @@ def carry_out(given: Any, replays: Path | None) -> None:
     print(contest.line())
     if isinstance(contest, SuiteContest):
         contest = exact_where_known(contest, list(policies.values()))
-        found = judged(contest, policies, given.table, given.picture)
+        found = judged(contest, policies, given.table)
         scores = [each.score(given.episodes) for each in found]
         more["suite"] = {each.name: summary_of(contest, each) for each in found}
         if not is_model and given.maze is not None:
@@ -121,10 +115,7 @@ def carry_out(given: Any, replays: Path | None) -> None:
             shown = next(each for each in found if each.name == evaluated)
             more["generalisation"] = compared(contest, shown, own, policies[evaluated])
     else:
-        check(
-            given.table is None and given.picture is None,
-            "--table and --picture are of a suite of mazes; give --maze suite:7x7-test",
-        )
+        check(given.table is None, "--table is of a suite of mazes; give --maze suite:7x7-test")
         scores = [*contest.baselines(), *(contest.score(*each) for each in policies.items())]
         print_scores(scores, certificate_of(contest), contest.measure)
     if isinstance(contest, ArmContest):

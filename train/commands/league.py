@@ -12,9 +12,8 @@ import tyro
 
 from pursuit.tasks.task import Task
 from scripted_agents.environments import is_agent
-from train.commands.parse import Formats, heard, parse
+from train.commands.parse import heard, parse
 from train.files import check_output_folder, hold, write_json, write_text
-from train.reports.figures import Look
 from train.reports.tables import ResultTable, print_table
 from train.runs.provenance import command_line
 from train.settings.checks import Settings, at_least, check
@@ -56,10 +55,8 @@ class LeagueCommand(Settings):
     model_observations: tuple[str, ...] = ()
     """Likewise, what they observe, such as one_hot."""
     out: Path = Path("league")
-    """Folder for league.json, league.png, the tables (table, chasers and evaders, each as .csv and
-    .tex) and methods.md."""
-    format: Formats = ()
-    """pdf, svg, or both: the figure is saved so, too, beside its .png."""
+    """Folder for league.json, league.png, the tables (table.csv, chasers.csv and evaders.csv) and
+    methods.md."""
     overwrite: bool = False
     """Write into --out though it holds files of others, and replace those of the same names."""
 
@@ -68,7 +65,7 @@ def league(arguments: Sequence[str]) -> None:
     """`pursuit league`."""
     given = parse(LeagueCommand, arguments, "league")
     check(len(given.entries) > 0, "nobody to play; give folders of runs, or astar, random, optimal")
-    look, out = Look(given.format), given.out
+    out = given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     from train.experiments.methods import METHODS, league_methods  # torch is slow to import
     from train.runs.loop import machine, versions
@@ -94,7 +91,7 @@ def league(arguments: Sequence[str]) -> None:
         "machine": machine(),
     }
     write_json(out / LEAGUE, content)
-    draw_league(out / "league.png", table, f"League on {task.mazes[0].name}", look)
+    draw_league(out / "league.png", table, f"League on {task.mazes[0].name}")
     tables = {"table": league_table(table, content)}
     tables |= {f"{role}s": ratings_table(role, content) for role in ROLES}
     for stem, each in tables.items():

@@ -36,8 +36,6 @@ Train an agent, and see how far it is from the exact optimum:
               pursuit train --task chase --role chaser --maze 5x5 --seconds 30 --out runs/first
   evaluate  evaluate a trained run again, on as many episodes as you like
               pursuit evaluate runs/first --episodes 10000
-  regret    say in which states a trained policy loses what it loses
-              pursuit regret runs/first
   baseline  random, scripted and optimal agents on a task: what can be reached
               pursuit baseline --task maze --maze 5x5 --num-goals 3
   play      play a game by hand: any seat, the optimum beside your steps
@@ -63,17 +61,13 @@ Compare, with seeds and intervals:
   race      PPO of several libraries against each other, settings searched alike
               pursuit race ppo --dry-run
   report    figures and tables of a sweep; curves of runs laid over each other
-              pursuit report runs/first runs/second --x seconds --log --format pdf
-  levels    the levels that a replaying curriculum kept
-              pursuit levels runs/replayed --count 3
+              pursuit report runs/first runs/second --x seconds --log
 
 Look at the game itself:
   maze      show, check or generate a maze
               pursuit maze --generate prim --height 9 --loops 0.1
   solve     the exact game of a maze: value, mixed states, cop number, pictures
               pursuit solve --maze 5x5-tree
-  bench     how fast this machine plays and learns
-              pursuit bench --seconds 2
 """
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 from PIL import Image
@@ -13,11 +13,10 @@ from PIL import Image
 from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.rendering.rendering import Scene, draw_scene
-from scripted_agents import fewest_searchers, fewest_steps_to_find
 from scripted_agents.tours.tour import expected_tour_length
-from train.commands.parse import Formats, parse
+from train.commands.parse import parse
 from train.files import check_new_files, write_beside, write_text
-from train.reports.figures import BLUE, FORMATS, GREEN, Look, draw_walls, pyplot, save
+from train.reports.figures import BLUE, FORMATS, GREEN, draw_walls, pyplot, save
 from train.settings.checks import check, check_default
 
 
@@ -43,23 +42,10 @@ class MazeCommand:
     """Open walls until no dead end is left."""
     seed: int = 0
     """Of the generator."""
-    search_number: bool = False
-    """Say how few searchers surely find an evader whom nobody sees before, and in how few steps."""
-    searchers: int | None = None
-    """With --search-number: this many searchers, instead of the fewest."""
-    view_radius: int | None = None
-    """With --search-number: path steps that every searcher sees; its own cell if left out."""
-    line_of_sight: bool = False
-    """With --search-number: searchers see along rows and columns until a wall."""
-    evader_speed: Literal["one", "unbounded"] = "one"
-    """With --search-number: cells that the evader moves in a step: one, or any number out of
-    view."""
     out: Path | None = None
     """Write the maze to this file."""
     picture: Path | None = None
-    """Draw the maze into this .png file, or as lines into this .pdf or .svg file."""
-    format: Formats = ()
-    """pdf, svg or png: --picture is drawn so, too."""
+    """Draw the maze into this .png file, or as lines into this .svg file."""
     overwrite: bool = False
     """Replace --out and --picture where they exist."""
 
@@ -71,9 +57,6 @@ def maze(arguments: Sequence[str]) -> None:
         (given.maze is None) != (given.generate is None),
         "give a maze (a name or a file), or --generate; not both",
     )
-    if not given.search_number:
-        of_search = ("searchers", "view_radius", "line_of_sight", "evader_speed")
-        check_default(given, MazeCommand, of_search, "it goes with --search-number")
     if given.generate is None:
         names = ("height", "width", "loops", "no_dead_ends", "seed")
         check_default(given, MazeCommand, names, "it is of --generate")
@@ -87,32 +70,16 @@ def maze(arguments: Sequence[str]) -> None:
             no_dead_ends=given.no_dead_ends,
             seed=given.seed,
         )
-    pictures = pictures_of(given.picture, given.format)
-    check_new_files([given.out, *pictures.values()], given.overwrite)
+    picture = given.picture
+    check(picture is None or picture.suffix[1:] in FORMATS, f"{picture}: give a .png or .svg file")
+    check_new_files([given.out, picture], given.overwrite)
     if max(made.height, made.width) <= 60:
         print(made.to_text(), end="")
     print(describe_maze(made))
-    if given.search_number:
-        print(describe_search(made, given))
     if given.out is not None:
         write_text(given.out, made.to_text())
-    for form, path in pictures.items():
-        draw_maze(made, path, form)
-
-
-def describe_search(maze: Maze, given: MazeCommand) -> str:
-    """The worst-case search of a maze, a line each, and where its searchers go."""
-    how = (given.view_radius, given.line_of_sight)
-    if given.searchers is None:
-        plan = fewest_searchers(maze, *how, given.evader_speed)
-    else:
-        plan = fewest_steps_to_find(maze, *how, given.searchers, None, given.evader_speed)
-    steps = "never" if plan.steps is None else str(plan.steps)
-    told = {"searchers": str(plan.searchers), "steps to find for certain": steps}
-    if plan.steps is not None:
-        for searcher, cells in enumerate(plan.cells.T.tolist()):
-            told[f"  cells of searcher {searcher}"] = " ".join(map(str, cells))
-    return in_lines(told)
+    if picture is not None:
+        draw_maze(made, picture)
 
 
 def in_lines(told: Mapping[str, str]) -> str:
@@ -120,24 +87,9 @@ def in_lines(told: Mapping[str, str]) -> str:
     return "\n".join(f"{name:<26}{text}" for name, text in told.items())
 
 
-def pictures_of(picture: Path | None, formats: Formats) -> dict[str, Path]:
-    """The files in which a maze is drawn, by their formats.
-
-    Raises:
-        ValueError: a format that there is none of, or formats of no picture.
-    """
-    look = Look(formats)
-    check(picture is not None or not formats, "--format is of a picture; give --picture FILE too")
-    if picture is None:
-        return {}
-    check(picture.suffix[1:] in FORMATS, f"{picture}: give a .png, .pdf or .svg file")
-    names = dict.fromkeys([picture.suffix[1:], *look.formats])
-    return {name: picture.with_suffix(f".{name}") for name in names}
-
-
-def draw_maze(maze: Maze, path: Path, form: str) -> None:
-    """A maze as it is rendered (.png), or as lines (.pdf, .svg), with the marks S and G."""
-    if form == "png":
+def draw_maze(maze: Maze, path: Path) -> None:
+    """A maze as it is rendered (.png), or as lines (.svg), with the marks S and G."""
+    if path.suffix == ".png":
         picture = Image.fromarray(draw_scene(Scene(maze, (), maze.goal_marks, 0, 0)))
         write_beside(path, lambda beside: picture.save(beside, format="png"))
         return

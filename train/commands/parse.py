@@ -16,8 +16,6 @@ from pursuit.plugins import ALLOW, allow
 from train.settings.task import AnyTask, task_form
 
 Form = TypeVar("Form")
-Formats = tuple[str, ...]
-"""Of --format: formats of figures, as `train.reports.figures.Look` takes them."""
 OF_EVERYBODY = ("--line-of-sight", "--unknown-maze")
 """Options that name agents, and without a name mean all."""
 

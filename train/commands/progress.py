@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from train.commands.parse import Formats, heard
+from train.commands.parse import heard
 from train.files import check_folder
-from train.reports.figures import Look
 from train.runs.folder import CONFIG, check_new, load_final, load_results
 from train.runs.forms import Final
 from train.runs.provenance import allow_options
@@ -100,9 +99,6 @@ class RunCommand:
     episodes: int | None = None
     """Episodes of the final evaluation, where it is not exact; if left out 1000, or with --resume
     those of the first command."""
-    format: Formats = ()
-    """pdf, svg, or both: the learning curve is saved so, too, beside its .png; if left out with
-    --resume, those of the first command."""
 
 
 def begun(kind: str, settings: Any, given: RunCommand, name: str) -> tuple[Run, Final]:
@@ -115,14 +111,14 @@ def begun(kind: str, settings: Any, given: RunCommand, name: str) -> tuple[Run, 
         name: of the folder of a new one, but for the time.
 
     Raises:
-        ValueError: settings that cannot run, too few episodes, an unknown format, a folder that
-            holds anything, or no run to resume.
+        ValueError: settings that cannot run, too few episodes, a folder that holds anything, or no
+            run to resume.
     """
-    before, folder = Final(), given.resume
+    final, folder = Final(), given.resume
     if folder is not None and (folder / CONFIG).exists():
-        before = load_final(folder)
-    episodes = before.episodes if given.episodes is None else given.episodes
-    final = Final(episodes, Look(given.format or before.formats).formats)
+        final = load_final(folder)
+    if given.episodes is not None:
+        final = Final(given.episodes)
     out = given.out or Path("runs") / f"{name}-{strftime('%Y%m%d-%H%M%S')}"
     if folder is None:
         check_new(out)

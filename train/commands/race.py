@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from train.commands.parse import Formats, parse
+from train.commands.parse import parse
 from train.commands.sweep import SweepWatch, resumable
 from train.files import check_output_folder
-from train.reports.figures import Look
 from train.settings.checks import Settings, at_least
 
 if TYPE_CHECKING:
@@ -45,8 +44,6 @@ class RaceCommand(Settings):
     believed: cores share their caches and their memory."""
     dry_run: bool = False
     """Check the file and say what would be done, but do nothing."""
-    format: Formats = ()
-    """pdf, svg, or both: the figure is saved so, too, beside its .png."""
     overwrite: bool = False
     """Use --out though it is the folder of another race: its runs stay, its report is replaced."""
 
@@ -54,7 +51,6 @@ class RaceCommand(Settings):
 def race(arguments: Sequence[str]) -> None:
     """`pursuit race`."""
     given = parse(RaceCommand, arguments, "race")
-    look = Look(given.format)
     from train.experiments.comparison.plan import load_race  # torch is slow to import
     from train.experiments.comparison.report import race_report
     from train.experiments.comparison.run import is_folder_of, run_race
@@ -72,7 +68,7 @@ def race(arguments: Sequence[str]) -> None:
 
     with resumable(f"pursuit race {shlex.join(arguments)}"):
         standing = run_race(plan, out, watch, given.workers)
-    print(f"report: {race_report(plan, standing, out, look)}")
+    print(f"report: {race_report(plan, standing, out)}")
     failed = sum(result is None for result in standing.finals.values())
     if failed:
         print(f"{failed} runs failed; the same command tries them again", file=sys.stderr)

@@ -17,7 +17,6 @@ from train.commands.parse import (
 )
 from train.commands.progress import Alive, RunCommand, begun, carry_out, leave
 from train.files import write_text
-from train.reports.figures import Look
 from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
 from train.self_play.learners import complete
@@ -84,7 +83,7 @@ def self_play(arguments: Sequence[str]) -> None:
     run.trainee.tell = Alive()
     content = carry_out(run, final.episodes, "pursuit self-play")
     title = f"Self-play on {task.mazes[0].name} ({sampling})"
-    draw_self_play(run.folder / CURVE, run.metrics.rows, title, Look(final.formats))
+    draw_self_play(run.folder / CURVE, run.metrics.rows, title)
     write_self_play_report(run.folder, run.trainee, title, content)
     show(run, content)
     leave(run)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -14,23 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze, load_maze
-from pursuit.tasks.task import make_task
-from scripted_agents import ChaseSolution, cop_number, independent_team, solve_chase
-from train.commands.blindness import print_blindness, radii_of
-from train.commands.parse import Formats, parse
+from scripted_agents import (
+    AStarChaser,
+    AStarEvader,
+    ChaseSolution,
+    cop_number,
+    solve_chase,
+    solve_hidden_chase,
+)
+from train.commands.parse import parse
 from train.commands.progress import Alive
 from train.files import check_new_files
-from train.reports.figures import (
-    BLUE,
-    FORMATS,
-    ORANGE,
-    PLAIN,
-    Look,
-    draw_cells,
-    names_of,
-    pyplot,
-    save,
-)
+from train.reports.figures import BLUE, FORMATS, ORANGE, draw_cells, pyplot, save
 from train.settings.checks import RANDOM_MOVES, Settings, check, check_default, one_of, rule
 
 SECONDS = rule(lambda value: 0.0 < value < inf, "a finite number above 0")
@@ -56,19 +51,17 @@ class SolveCommand(Settings):
     """Where the chaser stands in the right picture; a telling cell if left out."""
     evader_cell: int | None = None
     """Where the evader stands in the left picture; likewise."""
-    view_radius: str | None = None
-    """Solve for one agent with limited sight against a scripted one instead: path steps, or several
-    for a table, such as 0,1,2,full; an interval is proven."""
+    view_radius: int | None = None
+    """Solve for one agent that sees so many path steps, against a scripted one, instead; an
+    interval of its optimum is proven."""
     role: Annotated[str, one_of("chaser", "evader")] = "chaser"
     """Who has the limited sight: chaser or evader."""
     opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.2
     """Share of random moves of its A* opponent."""
     seconds: Annotated[float, SECONDS] = 20.0
-    """To search for each view radius."""
+    """To search with --view-radius."""
     out: Path | None = None
-    """The picture (.png, .pdf or .svg); solve-MAZE.png if left out."""
-    format: Formats = ()
-    """pdf, svg, or both: the picture is saved so, too."""
+    """The picture (.png or .svg); solve-MAZE.png if left out."""
     overwrite: bool = False
     """Replace the picture where it exists."""
 
@@ -79,10 +72,7 @@ def solve(arguments: Sequence[str]) -> None:
     check_options(given)
     maze = load_maze(given.maze)
     if given.view_radius is not None:
-        role: Any = given.role
-        rest = (given.seconds, given.discount, given.stay_action, given.move_order)
-        radii = radii_of(given.view_radius)
-        print_blindness(maze, radii, role, given.opponent_epsilon, *rest)
+        print(describe_limited_sight(maze, given))
         return
     cells = {"chaser_cell": given.chaser_cell, "evader_cell": given.evader_cell}
     for name, cell in cells.items():
@@ -96,9 +86,8 @@ def solve(arguments: Sequence[str]) -> None:
         f"has {maze.num_cells}",
     )
     out = given.out or Path(f"solve-{Path(given.maze).stem}.png")
-    look = Look(given.format)
-    check(out.suffix[1:] in FORMATS, f"out={out}; give a .png, .pdf or .svg file")
-    check_new_files([out.with_name(name) for name in names_of(out.name, look)], given.overwrite)
+    check(out.suffix[1:] in FORMATS, f"out={out}; give a .png or .svg file")
+    check_new_files([out], given.overwrite)
     began = perf_counter()
     order: Any = given.move_order
     alive, solving = Alive(), f"solving {maze.name}"
@@ -124,11 +113,11 @@ def solve(arguments: Sequence[str]) -> None:
     if given.num_chasers == 1:
         shown = zip(cells.values(), telling_cells(solution), strict=True)
         chaser, evader = (own if cell is None else cell for cell, own in shown)
-        draw_solution(out, solution, chaser, evader, look)
+        draw_solution(out, solution, chaser, evader)
         print(f"picture: {out}")
 
 
-PICTURE = ("chaser_cell", "evader_cell", "out", "format", "overwrite")
+PICTURE = ("chaser_cell", "evader_cell", "out", "overwrite")
 OF_ONE_SIGHT = ("role", "opponent_epsilon", "seconds")
 """Options of the picture, and of an agent with limited sight."""
 
@@ -145,6 +134,45 @@ def check_options(given: SolveCommand) -> None:
         check_default(given, SolveCommand, names, alone)
     if given.num_chasers > 1:
         check_default(given, SolveCommand, PICTURE, "there is a picture of one chaser only")
+
+
+def describe_limited_sight(maze: Maze, given: SolveCommand) -> str:
+    """What is proven of the optimum of an agent with limited sight, a line each."""
+    own: Any = given.role
+    form = AStarEvader if own == "chaser" else AStarChaser
+    opponent = form(given.opponent_epsilon)
+    table = opponent.action_probabilities(maze, given.stay_action)
+    alive, name = Alive(), f"radius {given.view_radius}"
+    how: Any = {
+        "discount": given.discount,
+        "seconds": given.seconds,
+        "role": own,
+        "move_order": given.move_order,
+    }
+
+    def report(now: float, lower: float, upper: float) -> None:
+        alive(name, min(now / given.seconds, 1.0))
+
+    full = solve_hidden_chase(maze, table, None, **how)
+    found = solve_hidden_chase(maze, table, given.view_radius, report=report, **how)
+    alive(name, 1.0)
+    low, up = (100.0 * (bound / full.upper - 1.0) for bound in (found.lower, found.upper))
+    return in_lines(
+        {
+            "game": f"{maze.name}: the {own} sees {given.view_radius} path steps, against "
+            f"{opponent!r}, {given.move_order}, discount {given.discount:g}",
+            "optimum (mean over starts)": f"{found.lower:.4f} to {found.upper:.4f} steps, "
+            f"discounted, proven ({100 * found.width:.3f} % wide)",
+            "optimum in full sight": f"{full.upper:.4f} steps, discounted",
+            "more than in full sight": f"{low:+.2f} to {up:+.2f} %",
+            "solved in": f"{found.seconds:.1f} s",
+        }
+    )
+
+
+def in_lines(told: Mapping[str, str]) -> str:
+    """What is told of each name, a line each."""
+    return "\n".join(f"{name:<32}{text}" for name, text in told.items())
 
 
 def describe(solution: ChaseSolution, seconds: float) -> str:
@@ -171,18 +199,8 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
         "optimal play must be random at": f"{mixed:,} of {places:,} places "
         f"({places - mixed:,} have a pure saddle point)",
     }
-    if chasers > 1 and horizon is None:
-        order: Any = {"stay_action": solution.stay_action, "move_order": solution.move_order}
-        team = make_task("chase", maze=maze, num_chasers=chasers, **order)
-        try:
-            alone = independent_team(team, discount)
-            wide = f"{100 * (alone.upper / alone.lower - 1):.3f} % wide"
-            bounds = f"{alone.lower:.6f} to {alone.upper:.6f}, proven ({wide})"
-        except ValueError as error:
-            bounds = f"not known ({error})"
-        told["chasers that draw on their own"] = bounds
     told["solved in"] = f"{seconds:.2f} s, {solution.sweeps} sweeps"
-    return "\n".join(f"{name:<32}{text}" for name, text in told.items())
+    return in_lines(told)
 
 
 def telling_cells(solution: ChaseSolution) -> tuple[int, int]:
@@ -191,9 +209,7 @@ def telling_cells(solution: ChaseSolution) -> tuple[int, int]:
     return int(np.nanstd(values, axis=1).argmax()), int(np.nanstd(values, axis=0).argmax())
 
 
-def draw_solution(
-    path: Path, solution: ChaseSolution, chaser: int, evader: int, look: Look = PLAIN
-) -> None:
+def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int) -> None:
     """Values as colours and policies as arrows over the maze; the other side stands still."""
     maze = solution.maze
     side = min(7.0, 1.5 + 0.45 * max(maze.height, maze.width))
@@ -217,7 +233,7 @@ def draw_solution(
     unit = "steps" if solution.horizon is not None else f"steps, discount {solution.discount:g}"
     figure.colorbar(image, ax=axes, shrink=0.8, label=f"value ({unit})")
     figure.suptitle(f"{maze.name}: the exact game, {solution.move_order}", fontsize=11)
-    save(figure, path, formats=look.formats)
+    save(figure, path)
 
 
 def _draw_arrows(axis: Any, maze: Maze, policy: NDArray[np.float64], other: int) -> None:

@@ -7,11 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from train.commands.parse import warn
 from train.commands.scores import print_scores
 from train.evaluation.suite_contest import InMazes, SuiteContest
 from train.evaluation.suite_report import (
-    draw_gaps,
     generalisation,
     kind_table,
     maze_rows,
@@ -25,16 +23,13 @@ SEEN_MAZES = 200
 """Of the training mazes, at most, in which a policy is played for comparison: evenly spread."""
 
 
-def judged(
-    contest: SuiteContest, policies: dict[str, Any], table: Path | None, picture: Path | None
-) -> list[InMazes]:
+def judged(contest: SuiteContest, policies: dict[str, Any], table: Path | None) -> list[InMazes]:
     """What these policies achieve in every maze, the references before them; printed and written.
 
     Args:
         contest: in which they play.
         policies: by name, "learned" first.
         table: the .csv file, a row a maze; None for none.
-        picture: the figure of gaps over difficulty; None for none.
     """
     own = [contest.in_mazes(name, policy) for name, policy in policies.items()]
     found = [*contest.references(), *own]
@@ -47,12 +42,6 @@ def judged(
     if table is not None:
         write_csv(table, rows)
         print(f"table: {table}")
-    if picture is not None and contest.best is None:
-        warn(f"{picture} is not drawn: it shows gaps to the optimum, which is not known here")
-    elif picture is not None:
-        title = contest.line().split(", at most")[0]
-        draw_gaps(picture, rows, contest.role, title)
-        print(f"picture: {picture}")
     return found
 
 

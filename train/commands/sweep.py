@@ -15,10 +15,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from train.commands.parse import Formats, parse
-from train.experiments.exact import write_exact
+from train.commands.parse import parse
 from train.files import check_output_folder
-from train.reports.figures import Look
 from train.settings.checks import Settings, at_least, check, one_of
 
 if TYPE_CHECKING:
@@ -50,10 +48,7 @@ class SweepCommand(Settings):
     address: str | None = None
     """Of the Ray cluster ("auto": that of this machine); one is started here if left out."""
     dry_run: bool = False
-    """Check the file and list the runs: how far each is, what varies, its folder; and what so many
-    can show. But do none."""
-    format: Formats = ()
-    """pdf, svg, or both: figures are saved so, too, beside their .png."""
+    """Check the file and list the runs (how far each is, what varies, its folder), but do none."""
     overwrite: bool = False
     """Use --out though it is the folder of another sweep: its runs stay, its report is replaced."""
 
@@ -83,7 +78,6 @@ def check_options(given: SweepCommand) -> None:
         given.address is None or given.executor == "ray",
         f"address={given.address!r} is of a Ray cluster; give --executor ray, or leave it out",
     )
-    Look(given.format)
 
 
 def carry_out(plan: Study, given: SweepCommand, again: str) -> None:
@@ -96,10 +90,9 @@ def carry_out(plan: Study, given: SweepCommand, again: str) -> None:
         KeyboardInterrupt: it was interrupted; what was learned is saved.
     """
     from train.experiments.executors import run_locally, run_on_ray  # torch is slow to import
-    from train.experiments.report import report
+    from train.experiments.report import report_on
     from train.experiments.study import is_folder_of, statuses_of
 
-    look = Look(given.format)
     stem = Path(str(given.file)).stem
     out = given.out or Path("sweeps") / (f"{stem}-{given.version}" if given.version else stem)
     check_output_folder(out, lambda folder: is_folder_of(plan, folder), given.overwrite)
@@ -107,10 +100,6 @@ def carry_out(plan: Study, given: SweepCommand, again: str) -> None:
         list_runs(plan, out)
         return
     out.mkdir(parents=True, exist_ok=True)
-    if plan.exact is not None:
-        print(write_exact(plan.title, plan.exact, out))
-    if not plan.runs:
-        return
     watch, workers = SweepWatch(), given.workers or os.cpu_count() or 1
     print(f"{plan.title}: {len(plan.runs)} runs into {out}")
     with resumable(again, lambda: f" ({counts(statuses_of(plan, out).values())})"):
@@ -120,7 +109,7 @@ def carry_out(plan: Study, given: SweepCommand, again: str) -> None:
             statuses = run_on_ray(plan, out, given.address, watch)
     print(counts(statuses.values()))
     if "complete" in statuses.values():
-        print(f"report: {report(out, look) / 'report.md'}")
+        print(f"report: {report_on(out) / 'report.md'}")
     left = {name: status for name, status in statuses.items() if status != "complete"}
     for name, status in left.items():
         folder = out / "runs" / name
@@ -147,16 +136,13 @@ def counts(statuses: Iterable[str]) -> str:
 
 
 def list_runs(plan: Study, out: Path) -> None:
-    """Print every run: how far it is, what varies, its folder; and what so many can show."""
-    from train.experiments.power import power_lines  # torch is slow to import
-    from train.experiments.study import folder_of, statuses_of
+    """Print every run: how far it is, what varies, its folder."""
+    from train.experiments.study import folder_of, statuses_of  # torch is slow to import
 
     statuses = statuses_of(plan, out)
     for run in plan.runs:
         what = " ".join(f"{n}={v}" for n, v in (run.label | {"seed": run.seed}).items())
         print(f"{statuses[run.name]:<12}{what}  {folder_of(out, run.name)}")
-    for line in power_lines(plan):
-        print(f"power: {line}")
     print(
         f"{len(statuses)} runs into {out} ({counts(statuses.values()) or 'none'}); nothing was done"
     )
@@ -169,7 +155,6 @@ class SweepWatch:
         self.began, self.told = time.monotonic(), 0.0
         self.before: dict[str, str] = {}
         self.done_before: set[str] | None = None
-        self.live = sys.stdout.isatty()
 
     def __call__(self, statuses: dict[str, str], progress: dict[str, float]) -> None:
         """Print what is new."""
@@ -181,10 +166,10 @@ class SweepWatch:
         for name, status in statuses.items():
             new = status != self.before.get(name) and name not in self.done_before
             if new and status in told:
-                print(("\r" if self.live else "") + f"{status:<12}{name}", flush=True)
+                print(f"{status:<12}{name}", flush=True)
         ended = sum(status in ENDED for status in statuses.values())
         now = time.monotonic()
-        if statuses != self.before or now - self.told > (1 if self.live else 30):
+        if statuses != self.before or now - self.told > 30:
             self.told, self.before = now, dict(statuses)
             left = self.seconds_left(statuses, progress)
             parts = [f"{ended} of {len(statuses)} done", f"{len(progress)} running"]
@@ -192,8 +177,7 @@ class SweepWatch:
                 parts.append(" ".join(f"{100 * share:.0f}%" for share in progress.values()))
             if left is not None:
                 parts.append(f"about {_span(left)} left")
-            line = ", ".join(parts)
-            print(f"\r{line:<78}" if self.live else line, end="" if self.live else "\n", flush=True)
+            print(", ".join(parts), flush=True)
 
     def seconds_left(self, statuses: dict[str, str], progress: dict[str, float]) -> float | None:
         """By how long it took what was done so far; None before there is enough of that."""

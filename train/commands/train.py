@@ -25,7 +25,6 @@ from train.commands.scores import (
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.scores import Score
 from train.files import write_text
-from train.reports.figures import PLAIN, Look
 from train.runs.folder import CURVE, REPLAY, REPORT, RUN
 from train.runs.pictures import draw_learning_curve, save_replay
 from train.runs.report import headline, loops_told, of_solved, write_report
@@ -88,7 +87,7 @@ def train(arguments: Sequence[str]) -> None:
         "pursuit train",
         lambda: say_what_is_solved(trainee.contest, run.stopped),
     )
-    show(run, content, Look(final.formats))
+    show(run, content)
     leave(run)
 
 
@@ -106,7 +105,7 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:
     return TrainCommand(settings, first.preset)
 
 
-def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
+def show(run: Run, content: dict[str, Any]) -> None:
     """Print and draw what was found: what stands at the end of every run, interrupted or not."""
     from train.experiments.methods import METHODS, methods  # torch is slow to import
     from train.runs.saved import load_settings
@@ -128,7 +127,6 @@ def show(run: Run, content: dict[str, Any], look: Look = PLAIN) -> None:
         title,
         teacher.rows if teacher is not None else None,
         teacher.describes if teacher is not None else "",
-        look,
         content["objective"]["column"],
     )
     write_text(run.folder / METHODS, methods([run.folder]))

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from pursuit.replays.recorder import Recorder
 from pursuit.replays.replay import Replay
@@ -16,72 +13,13 @@ from pursuit.tasks.task import Task
 from scripted_agents import action_values
 from train.evaluation.contest import GameContest
 from train.evaluation.games import is_exact, table_in
-from train.evaluation.scores import BY_LONG_LIFE, BY_STEPS, Contest, Measure, told
+from train.evaluation.scores import told
 from train.evaluation.suite_contest import SuiteContest
 
 MOST_OVERLAY_CELLS = 225
 """Tables of larger mazes would make a page heavy: they grow with the square."""
 MOST_BOTH_CELLS = 100
 """Up to here both sides of a duel are laid over the board."""
-LOST = 1e-6
-"""Steps; what is lost by less is rounding."""
-
-
-@dataclass(frozen=True)
-class Losses:
-    """How long a policy takes from every start of a contest.
-
-    Attributes:
-        lengths: [episodes], expected ones where they are known.
-        optimal: [episodes], the optimum of each start; None where it is not known.
-        few_steps_are_good: whether they are; not so of an evader that lives on.
-        values: [episodes], the goals or the return of each; None where steps are the measure.
-        measure: what the contest is compared by.
-    """
-
-    lengths: NDArray[np.float64]
-    optimal: NDArray[np.float64] | None
-    few_steps_are_good: bool
-    values: NDArray[np.float64] | None = None
-    measure: Measure = BY_STEPS
-
-    @property
-    def lost(self) -> NDArray[np.float64]:
-        """[episodes], steps worse than the optimum; than nothing at all where it is not known."""
-        sign = 1.0 if self.few_steps_are_good else -1.0
-        known = np.zeros_like(self.lengths) if self.optimal is None else self.optimal
-        return sign * (self.lengths - known)
-
-    def notable(self) -> dict[str, int]:
-        """The episodes worth a look by what they are: best, median and worst."""
-        badness = self.lost if self.values is None else -self.values
-        order = np.argsort(badness, kind="stable").tolist()
-        return {
-            "best": order[0],
-            "median": order[len(order) // 2],
-            "worst": order[-1],
-        }
-
-    def worst(self, count: int) -> list[int]:
-        """The starts that lose most steps, the worst first; those that lose none are left out."""
-        order = np.argsort(-self.lost, kind="stable")
-        return [int(game) for game in order[:count] if self.lost[game] > LOST]
-
-    @property
-    def share_of_worst_tenth(self) -> float:
-        """What part of all lost steps a tenth of the starts loses; 0 where none is lost."""
-        lost = np.sort(np.maximum(self.lost, 0.0))[::-1]
-        total = float(lost.sum())
-        return float(lost[: max(len(lost) // 10, 1)].sum()) / total if total > LOST else 0.0
-
-
-def losses_of(contest: Contest, policy: Any) -> Losses:
-    """Where a policy loses steps in a contest."""
-    measure, values = contest.measure, None
-    if isinstance(contest, (GameContest, SuiteContest)) and measure.name != "steps":
-        values = contest.values(policy)  # a short race may be lost, and a heist end by a capture
-    lengths, optimal = contest.lengths(policy), contest.optimal_lengths()
-    return Losses(lengths, optimal, measure != BY_LONG_LIFE, values, measure)
 
 
 def recorded(contest: Any, policy: Any, games: Mapping[str, int], player: str) -> Replay:

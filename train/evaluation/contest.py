@@ -184,7 +184,7 @@ class GameContest(MazeContest):
         """The exact optimum on the same starts; None where it is not known.
 
         Known for one agent of a chase of one evader (the best response to all others), for one
-        runner (the shortest tours, up to MAX_EXACT_GOALS goals: beyond, tours are heuristic), while
+        runner (the shortest tours, up to MAX_EXACT_GOALS goals), while
         `max_steps` is enough for one start at least, and for one agent among teams or rivals while
         the game is small (`why_not_joint`). Not under limited sight: see `certificate`. Nor where
         evaders collect goals: see `optimal_return`.

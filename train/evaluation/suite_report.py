@@ -3,48 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze
-from pursuit.mazes.suite_files import difficulty_of, rows_of, suite_names
+from pursuit.mazes.suite_files import rows_of, suite_names
 from train.evaluation.suite_contest import InMazes, SuiteContest
-from train.reports.figures import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    PLAIN,
-    Look,
-    gap_axis,
-    pyplot,
-    save,
-    tidy,
-)
 from train.reports.tables import ResultTable, numeric, words
 
 SOLVED = 1.0 - 1e-9
 """A maze whose share of successes is at least this is solved from everywhere."""
 
-EASE = {"runner": "mean_path", "chaser": "optimal_chase", "evader": "longest_path"}
-"""The measure that figures are drawn over, by role, where it is known."""
-
-LABELS = {
-    "mean_path": "mean shortest path (steps)",
-    "optimal_chase": "optimal chase (steps, mean over starts)",
-    "longest_path": "longest shortest path (steps)",
-}
-
 
 def measures_of(maze: Maze) -> dict[str, Any]:
-    """How a maze was made and how hard it is: frozen with its suite, else what is quickly known."""
+    """How a maze was made, where it is of a suite, its size and its paths."""
     suite, _, number = maze.name.partition("/")
-    if suite in suite_names() and number.isdigit():
-        kind, frozen = rows_of(f"{suite}/{number}")[0].kind, difficulty_of(suite)
-        return {"kind": kind} | {name: float(each[int(number)]) for name, each in frozen.items()}
-    known: dict[str, Any] = {"kind": "", "cells": maze.num_cells, "loops": maze.num_loops}
+    of_suite = suite in suite_names() and number.isdigit()
+    kind = rows_of(maze.name)[0].kind if of_suite else ""
+    known: dict[str, Any] = {"kind": kind, "cells": maze.num_cells, "loops": maze.num_loops}
     if maze.num_cells <= MAX_TABLE_CELLS:
         known["longest_path"] = maze.longest_distance
         known["mean_path"] = float(maze.distances[maze.distances > 0].mean())
@@ -138,37 +116,3 @@ def kind_table(rows: Sequence[dict[str, Any]], name: str = "learned") -> ResultT
         numeric("gap", f"{name}_gap", "+.2f", 100, " %"),
     ]
     return ResultTable(found, columns)
-
-
-def draw_gaps(
-    path: Path,
-    rows: Sequence[dict[str, Any]],
-    role: str,
-    title: str,
-    names: Sequence[str] = ("learned",),
-    look: Look = PLAIN,
-) -> None:
-    """The gap of every maze over its difficulty, a dot a maze, for some of the policies.
-
-    Args:
-        path: of the figure.
-        rows: of `maze_rows`, with gaps.
-        role: of the policy.
-        title: of the figure.
-        names: of columns.
-        look: how it is drawn.
-    """
-    ease = EASE[role] if EASE[role] in rows[0] else "optimal_steps"
-    figure, axis = pyplot().subplots(figsize=(7, 4.2), layout="constrained")
-    for name, color, mark in zip(names, (BLUE, ORANGE, GREEN), "o^s", strict=False):
-        over = [row[ease] for row in rows]
-        gaps = [100 * row[f"{name}_gap"] for row in rows]
-        axis.plot(over, gaps, mark, color=color, ms=4, alpha=0.6, label=name.replace("_", " "))
-    gap_axis(axis, "y", [100 * row[f"{name}_gap"] for row in rows for name in names])
-    axis.set_xlabel(LABELS.get(ease, "optimum of the maze (steps)"))
-    axis.set_ylabel("gap to the optimum of the maze (%)")
-    axis.set_title(title, fontsize=11, loc="left", wrap=True)
-    if len(names) > 1:
-        axis.legend(frameon=False, fontsize=9)
-    tidy(axis)
-    save(figure, path, 150, look.formats)

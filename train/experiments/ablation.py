@@ -59,7 +59,6 @@ def load_ablation(
                 arm.setdefault("curriculum", "none")
         check_hints(chosen)
         study = multiply_out(chosen, path.stem)
-        check(study.exact is None, "an ablation has no [exact]")
         check_runs(study.runs)
         report = {"arms": [arm["name"] for arm in arms], "x": study.report["x"]}
         report |= {n: getattr(file, n) for n in ("control", "primary", "margin", "threshold")}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +11,6 @@ import numpy as np
 
 from train.experiments.arms import NAN, Arms, Curve, arms_of, strata
 from train.experiments.forms import THRESHOLDS, Hints
-from train.experiments.power import power_line
 from train.experiments.statistics import (
     Interval,
     difference_interval,
@@ -26,7 +24,7 @@ from train.experiments.statistics import (
 )
 from train.experiments.tables import FinishedStudy
 from train.reports.curves import Panel, Series, draw_panels
-from train.reports.figures import GREY, PALETTE, Estimate, Look, draw_intervals
+from train.reports.figures import GREY, PALETTE, Estimate, draw_intervals
 from train.reports.tables import Column, ResultTable, Row, in_markdown
 
 LEVEL = 0.05
@@ -36,12 +34,9 @@ ARM_COLORS = tuple(color for color in PALETTE if color != GREY)
 
 
 def ablation_report(
-    study: FinishedStudy, folder: Path, look: Look
+    study: FinishedStudy, folder: Path, unit: str | None, log: bool
 ) -> tuple[ResultTable, list[str], list[str]]:
-    """Draw the figures of an ablation.
-
-    Returns:
-        The table, sentences about it, and the names of the figures.
+    """Draw the figures of an ablation; arguments and results are those of `sweep_report`.
 
     Raises:
         ValueError: hints that are not those of an ablation.
@@ -50,37 +45,27 @@ def ablation_report(
     control = arms.get(str(hints.control), [])
     rows = [summary(name, curves, control) for name, curves in arms.items()]
     correct(rows, hints)
-    if look.x is None:  # without a budget in frames all runs have the same seconds
+    if unit is None:  # without a budget in frames all runs have the same seconds
         in_frames = all(row.get("budget_frames") for row in study.rows)
-        look = replace(look, x="frames" if in_frames else "seconds")
-    draw_final(folder / "final.png", rows, arms, hints, look)
+        unit = "frames" if in_frames else "seconds"
+    draw_final(folder / "final.png", rows, arms, hints)
     figures = ["final.png"]
     for task in dict.fromkeys(curve.task for curves in arms.values() for curve in curves):
         name = re.sub(r"[^A-Za-z0-9_.+-]+", "_", f"arms{'-' + task if task else ''}.png")
         here = {arm: [c for c in curves if c.task == task] for arm, curves in arms.items()}
         title = hints.title + (f" ({task})" if task else "")
-        draw_arms(folder / name, {a: c for a, c in here.items() if c}, hints, title, look)
+        shown = {arm: curves for arm, curves in here.items() if curves}
+        grid = panels_of(shown, str(hints.control), unit)
+        draw_panels(folder / name, grid, unit, title, beside=True, log=log)
         figures.append(name)
     table = table_of(rows, hints)
-    return table, sentences(study, hints, power_told(arms, hints)), figures
-
-
-def power_told(arms: Arms, hints: Hints) -> str:
-    """The power of the test with the runs that there are."""
-    control = arms.get(str(hints.control), [])
-    sizes = [
-        tuple(zip(map(len, strata(curves)), map(len, strata(control)), strict=True))
-        for name, curves in arms.items()
-        if name != hints.control and {c.task for c in curves} == {c.task for c in control}
-    ]
-    others = len(sizes) - (hints.primary is not None)
-    return "".join(f"Power of {power_line(each, others)}. " for each in dict.fromkeys(sizes))
+    return table, sentences(study, hints), figures
 
 
 # -- figures ---------------------------------------------------------------------------------------
 
 
-def draw_final(path: Path, rows: list[Row], arms: Arms, hints: Hints, look: Look) -> None:
+def draw_final(path: Path, rows: list[Row], arms: Arms, hints: Hints) -> None:
     """Final gaps and probabilities of improvement with their intervals, one line an arm."""
     gaps, better = [], []
     for place, row in enumerate(rows):
@@ -95,15 +80,14 @@ def draw_final(path: Path, rows: list[Row], arms: Arms, hints: Hints, look: Look
         "final gap to the optimum (%)": ("gap", gaps),
         f"P(better than {hints.control})": ("share", better),
     }
-    draw_intervals(path, panels, hints.title, look)
+    draw_intervals(path, panels, hints.title)
 
 
-def draw_arms(path: Path, arms: Arms, hints: Hints, title: str, look: Look) -> None:
+def panels_of(arms: Arms, control: str, unit: str) -> list[list[Panel]]:
     """Two panels for each arm: the gaps, the control's in grey, and what was trained on.
 
     A dotted line stands where a run's last lesson began.
     """
-    unit, control = str(look.x), str(hints.control)
     names = [name for name in arms if name != control] or [control]
     grid: list[list[Panel]] = []
     for first in range(0, len(names), 4):
@@ -130,7 +114,7 @@ def draw_arms(path: Path, arms: Arms, hints: Hints, title: str, look: Look) -> N
             note = "" if taught else said
             lower.append(Panel(taught, label, marks=marks, note=note, height=1.5))
         grid += [upper, lower]
-    draw_panels(path, grid, unit, look, title, beside=True)
+    return grid
 
 
 # -- the table -------------------------------------------------------------------------------------
@@ -157,9 +141,6 @@ def summary(name: str, curves: list[Curve], control: list[Curve]) -> Row:
 
     put("gap", mean(finals), distance_interval(finals))
     row |= {"best": min(map(min, finals)), "worst": max(map(max, finals))}
-    for kind in ("greedy", "sampled"):
-        each = [getattr(curve, kind) for curve in curves]
-        row |= {f"{kind}_best": min(each), f"{kind}_worst": max(each)}
     for threshold in THRESHOLDS:
         for unit in ("seconds", "frames"):
             times = [first_below(getattr(c, unit), c.shortfall, threshold) for c in curves]
@@ -233,11 +214,8 @@ def table_of(rows: list[Row], hints: Hints) -> ResultTable:
         Column("arm", lambda row: str(row["arm"]), left=True),
         Column("runs", lambda row: str(row["runs"])),
         Column("final gap, mean, % [95 %]", partial(_with_interval, "gap")),
-        *(
-            Column(head, partial(_range, which))
-            for head, which in (
-                ("best to worst", ""), ("greedy, %", "greedy_"), ("sampled, %", "sampled_"),
-            )
+        Column(
+            "best to worst", lambda row: " to ".join(map(_number, (row["best"], row["worst"])))
         ),
         *(
             Column(f"to {t:g} %: seconds, M frames (runs)", partial(_time, f"{t:g}"))
@@ -265,11 +243,6 @@ def _settled(share: float) -> str:
     return f"{100 * share:.0f} %" + ("" if share >= SPENT else f", below {100 * SPENT:.0f} %")
 
 
-def _range(which: str, row: Row) -> str:
-    ends = (row[f"{which}best"], row[f"{which}worst"])
-    return "" if np.isnan(ends[0]) else " to ".join(map(_number, ends))
-
-
 def _time(threshold: str, row: Row) -> str:
     count = f"({row[f'reached_{threshold}']} of {row['runs']})"
     seconds, frames = row[f"seconds_to_{threshold}"], row[f"frames_to_{threshold}"]
@@ -291,25 +264,23 @@ def _number(value: float) -> str:
     return f"{value:.0f}" if size >= 100 else f"{value:.1f}" if size >= 10 else f"{value:z.2f}"
 
 
-def sentences(study: FinishedStudy, hints: Hints, power: str) -> list[str]:
-    """What the table shows; `power` has the sentences on the power of its test."""
+def sentences(study: FinishedStudy, hints: Hints) -> list[str]:
+    """What the table shows."""
     budgets = {(row["budget_seconds"], row["budget_frames"]) for row in study.rows}
     budget = "; ".join(f"{s:g} s" if s is not None else f"{f:,} frames" for s, f in budgets)
     kinds = " or ".join(sorted({str(row["evaluate"]) for row in study.rows}))
     lines = [
         f"Budget of a run: {budget}.",
-        "",
         "Every arm is evaluated on the same task at its final difficulty, throughout training. "
         f"Gap: per cent by which the {kinds} policy is worse than the exact optimum, the mean over "
         "runs with Student's interval; where some runs solve their task and some do not, count "
-        "those that reached a gap instead. Greedy takes the most probable action, sampled draws; "
-        "both from the best to the worst run. Times: first evaluation at or below the gap, medians "
+        "those that reached a gap instead. Times: first evaluation at or below the gap, medians "
         "over runs; a run that never got there counts as infinitely late, and is censored in the "
         "log-rank test (of frames, stratified by task). Optimality: optimum / steps (evaders: "
         "steps / optimum), averaged over the frames of training. P: the probability that a run of "
         "the arm ends nearer to the optimum than one of the control (Mann and Whitney; Newcombe's "
         "interval). p: two-sided permutation test of P against 0.5, corrected for the number of "
-        f"arms (Holm), but that of a primary one. Verdicts need p < {LEVEL:g}. {power}".rstrip(),
+        f"arms (Holm), but that of a primary one. Verdicts need p < {LEVEL:g}.",
     ]
     if hints.primary is None:
         lines.append("No arm was named as the primary one before the runs, so all p are corrected.")

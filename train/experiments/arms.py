@@ -29,8 +29,6 @@ class Curve:
         lesson: [evaluations] mean of what was trained on since the evaluation before; NaN without a
             curriculum.
         final: per cent short of the optimum in the final evaluation.
-        greedy, sampled: the same of the policy that takes the most probable action, and of the one
-            that draws; NaN where an algorithm has no such policy.
         seed, task: whose.
         on_hardest: [evaluations] of the frames of the episodes that ended since the evaluation
             before, the share in the hardest lesson; NaN as `lesson`.
@@ -43,8 +41,6 @@ class Curve:
     lesson: NDArray[np.float64]
     on_hardest: NDArray[np.float64]
     final: float
-    greedy: float
-    sampled: float
     seed: int
     task: str
 
@@ -91,10 +87,6 @@ def curve_of(row: Row, evaluations: list[Row], x: str | None) -> Curve:
     def column(name: str) -> NDArray[np.float64]:
         return np.array([e.get(name) for e in evaluations], dtype=np.float64)  # None becomes NaN
 
-    def short(kind: str) -> float:
-        steps = float(row.get(f"{kind}_steps") or NAN)
-        return 100.0 * sign * (steps / float(row["optimal_steps"]) - 1.0)
-
     gap = column("optimality_gap")
     return Curve(
         column("seconds"),
@@ -104,8 +96,6 @@ def curve_of(row: Row, evaluations: list[Row], x: str | None) -> Curve:
         column("lesson"),
         column("on_hardest"),
         100.0 * sign * float(row["optimality_gap"]),
-        short("greedy"),
-        short("sampled"),
         int(row["seed"]),
         str(row[x] if x else ""),
     )
@@ -114,8 +104,7 @@ def curve_of(row: Row, evaluations: list[Row], x: str | None) -> Curve:
 def arms_of(study: FinishedStudy) -> Arms:
     """The curves of every arm that has some, in the order of the file."""
     hints = study.hints
-    known = hints.x is None or hints.x in study.columns
-    check(known, f"{HINTS}: not that of this ablation; run `pursuit ablate` again")
+    check(hints.x == study.x, f"{HINTS}: not that of this ablation; run `pursuit ablate` again")
     arms: Arms = {name: [] for name in hints.arms}
     for row in study.rows:
         curve = curve_of(row, study.by_run[row["run"]], hints.x)

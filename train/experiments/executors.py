@@ -1,47 +1,132 @@
-"""Who does the jobs of a study: processes of this machine, or a Ray cluster."""
+"""The jobs of a study in processes of this machine, or as tasks of a Ray cluster."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import signal
+import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 from threading import current_thread, main_thread
-from typing import Any
+from typing import Any, Protocol
 
-from train.experiments.on_ray import check_answers, do_tasks
-from train.experiments.study import (
-    ERROR,
-    Call,
-    Study,
-    Told,
-    prepare,
-    status_of,
-    statuses_of,
-    to_do,
-)
-from train.experiments.warm import Process, starter
-from train.experiments.worker import POLL, Performed, progress_of, record_end
+from pursuit.plugins import environment
+from train.experiments.study import ERROR, Study, Told, prepare, status_of, statuses_of, to_do
+from train.experiments.worker import perform_here, progress_of, record_end, start_worker
 from train.files import only_one
+from train.settings.checks import check
+
+POLL = 0.2
+"""Seconds between two looks at the running jobs."""
+SECONDS_TO_ANSWER = 5.0
+"""How long the answer of a cluster is waited for."""
+OF_WORKERS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+"""Environment variables: one core a job; libraries' threads would get in each other's way."""
+OF_WORKERS["PYTHONSAFEPATH"] = "1"  # a train.py in the current folder does not stand in for ours
 
 
-@contextlib.contextmanager
-def opened(study: Study, out: Path) -> Iterator[tuple[dict[str, Path], list[str]]]:
-    """The folders of all jobs by name, and the names of those to be done; nobody else does them."""
+class Job(Protocol):
+    """A job that was started."""
+
+    def poll(self) -> int | None:
+        """Its exit status, negative where a signal ended it; None while it runs."""
+
+    def stop(self) -> None:
+        """Have it save and end."""
+
+
+def run_study(
+    study: Study, out: Path, slots: int, start: Callable[[Path, int], Job], told: Told
+) -> dict[str, str]:
+    """Do all jobs that are not complete, and return the status of every job by name.
+
+    Args:
+        study: the jobs.
+        out: the folder of the study.
+        slots: jobs at a time.
+        start: starts the job in a folder, given the number of its slot.
+        told: is told how far it is.
+
+    Raises:
+        KeyboardInterrupt: once the jobs have saved.
+    """
     with only_one(out, "sweep"):
         folders = {run.name: folder for run, folder in prepare(study, out)}
         waiting = to_do(folders)
         for name in waiting:  # what goes on has not failed
             (folders[name] / ERROR).unlink(missing_ok=True)
-        yield folders, waiting
+        statuses = statuses_of(study, out)
+        told(statuses, {})
+        running: dict[int, tuple[str, Job]] = {}
+        try:
+            while waiting or running:
+                for slot in set(range(slots)) - set(running):
+                    if waiting:
+                        name = waiting.pop(0)
+                        running[slot] = (name, start(folders[name], slot))
+                        statuses[name] = "running"
+                for slot, (name, job) in list(running.items()):
+                    code = job.poll()
+                    if code is not None:
+                        del running[slot]
+                        record_end(folders[name], code)
+                        statuses[name] = status_of(folders[name])
+                told(statuses, {name: progress_of(folders[name]) for name, _ in running.values()})
+                if running:
+                    time.sleep(POLL)
+        except KeyboardInterrupt:
+            for _, job in running.values():
+                job.stop()
+            while any(job.poll() is None for _, job in running.values()):
+                time.sleep(POLL)
+            raise
+        return statuses
+
+
+# -- this machine ----------------------------------------------------------------------------------
+
+
+class LocalJob:
+    """A job in a process of this machine, kept on `core` unless that is None."""
+
+    def __init__(self, folder: Path, core: int | None) -> None:
+        self.process = start_worker(folder)
+        if core is not None and hasattr(os, "sched_setaffinity"):
+            with contextlib.suppress(ProcessLookupError):
+                os.sched_setaffinity(self.process.pid or 0, {core})
+
+    def poll(self) -> int | None:
+        """As `Job`."""
+        return self.process.exitcode
+
+    def stop(self) -> None:
+        """As `Job`."""
+        if self.process.pid is not None and self.process.exitcode is None:
+            os.kill(self.process.pid, signal.SIGINT)
+
+
+class JobHere:
+    """A job that was done in this process."""
+
+    def __init__(self, folder: Path) -> None:
+        self.code = perform_here(str(folder), {})
+
+    def poll(self) -> int:
+        """As `Job`."""
+        return self.code
+
+    def stop(self) -> None:
+        """As `Job`."""
 
 
 def run_locally(study: Study, out: Path | str, workers: int, told: Told) -> dict[str, str]:
     """Do all jobs that are not complete in `workers` processes.
 
     A job that failed before is tried again. Ctrl-C lets the running ones save their checkpoints.
+    A script that calls this needs the guard `if __name__ == "__main__":`, as for
+    `multiprocessing`.
 
     Args:
         study: the jobs.
@@ -55,48 +140,15 @@ def run_locally(study: Study, out: Path | str, workers: int, told: Told) -> dict
     Raises:
         KeyboardInterrupt: once the jobs have saved.
     """
-    out = Path(out)
-    modules = {run.function.partition(":")[0] for run in study.runs if isinstance(run, Call)}
-    with opened(study, out) as (folders, waiting):
-        statuses = statuses_of(study, out)
-        told(statuses, {})
-        running: dict[int, tuple[str, Process]] = {}
-        with starter(len(waiting) if workers else 0, modules) as start_process:
-            start = start_process if workers else Performed
-            try:
-                while waiting or running:
-                    for lane in set(range(max(workers, 1))) - set(running):
-                        if waiting:
-                            name = waiting.pop(0)
-                            running[lane] = (name, start(folders[name]))
-                            statuses[name] = "running"
-                            if study.pinned and workers:
-                                pin(running[lane][1].pid, lane)
-                    for lane, (name, process) in list(running.items()):
-                        code = process.poll()
-                        if code is not None:
-                            del running[lane]
-                            record_end(folders[name], code)
-                            statuses[name] = status_of(folders[name])
-                    progress = {name: progress_of(folders[name]) for name, _ in running.values()}
-                    told(statuses, progress)
-                    if running:
-                        time.sleep(POLL)
-            except KeyboardInterrupt:
-                for _, process in running.values():
-                    process.send_signal(signal.SIGINT)
-                for _, process in running.values():
-                    process.wait()
-                raise
-        return statuses
+    if not workers:
+        return run_study(study, Path(out), 1, lambda folder, slot: JobHere(folder), told)
+    os.environ.update(OF_WORKERS)  # libraries of this process have read theirs
+    cores = sorted(os.sched_getaffinity(0), reverse=True) if study.pinned else []
 
+    def start(folder: Path, slot: int) -> LocalJob:
+        return LocalJob(folder, cores[slot % len(cores)] if cores else None)
 
-def pin(process: int, lane: int) -> None:
-    """Keep a process on one core; those of other lanes have other cores."""
-    if process and hasattr(os, "sched_setaffinity"):  # 0 would be this one
-        cores = sorted(os.sched_getaffinity(0), reverse=True)
-        with contextlib.suppress(ProcessLookupError):
-            os.sched_setaffinity(process, {cores[lane % len(cores)]})
+    return run_study(study, Path(out), workers, start, told)
 
 
 # -- Ray -------------------------------------------------------------------------------------------
@@ -112,37 +164,78 @@ def import_ray() -> Any:
     return ray
 
 
-def run_on_ray(study: Study, out: Path | str, address: str | None, told: Told) -> dict[str, str]:
-    """Do all training runs that are not complete as tasks of a Ray cluster, one core each.
+def check_answers(address: str | None) -> None:
+    """Refuse an address where nobody answers; None, "auto" and "local" are for Ray to find out.
 
-    Only this process writes into `out`: whenever a run has saved, what it saved is brought here. So
-    a run whose machine dies goes on elsewhere from there, and so does all after Ctrl-C, which lets
-    the running ones save first.
+    Raises:
+        ValueError: no address, or no answer within SECONDS_TO_ANSWER.
+    """
+    if address in (None, "auto", "local"):
+        return
+    host, _, port = str(address).removeprefix("ray://").rpartition(":")
+    check(
+        bool(host) and port.isdecimal() and 0 < int(port) < 2**16,
+        f"address={address!r}; give auto, HOST:PORT or ray://HOST:PORT",
+    )
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=SECONDS_TO_ANSWER).close()
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ValueError(
+            f"address={address!r}: no Ray cluster answers there ({reason}); start one by "
+            "`ray start --head`, or leave the address out"
+        ) from None
+
+
+class RayJob:
+    """A job as a task of a Ray cluster, done again where its machine dies."""
+
+    def __init__(self, ray: Any, folder: Path) -> None:
+        remote = ray.remote(num_cpus=1, max_retries=5)(perform_here)
+        self.ray, self.folder = ray, folder
+        self.task = remote.remote(str(folder.resolve()), environment())
+
+    def poll(self) -> int | None:
+        """As `Job`."""
+        ready, _ = self.ray.wait([self.task], timeout=0)
+        if not ready:
+            return None
+        try:
+            return int(self.ray.get(self.task))
+        except self.ray.exceptions.RayError:
+            return 1
+
+    def stop(self) -> None:
+        """As `Job`: Ray interrupts the task, which saves."""
+        self.ray.cancel(self.task)
+
+
+def run_on_ray(study: Study, out: Path | str, address: str | None, told: Told) -> dict[str, str]:
+    """Do all jobs that are not complete as tasks of a Ray cluster, one core each.
+
+    All machines of the cluster read and write the folder `out`: it lies on a disk that they share.
+    A job whose machine dies goes on elsewhere from its checkpoint, as after Ctrl-C.
 
     Args:
-        study: training runs.
+        study: the jobs.
         out: the folder of the study.
         address: of the cluster, "auto" for the one of this machine; None starts one here.
         told, returned: as `run_locally`.
 
     Raises:
-        KeyboardInterrupt: once the runs have saved, and that is here.
+        KeyboardInterrupt: once the jobs have saved.
     """
-    out = Path(out)
     check_answers(address)
     ray = import_ray()
-    with opened(study, out) as (folders, waiting):
-        told(statuses_of(study, out), {})
-        started_here = not ray.is_initialized()
+    started_here = not ray.is_initialized()
+    if started_here:
+        before = signal.getsignal(signal.SIGTERM)
+        ray.init(address=address, log_to_driver=False, include_dashboard=False)
+        if current_thread() is main_thread():  # Ray's own handler would end all without saving
+            signal.signal(signal.SIGTERM, before)
+    try:
+        slots = max(int(ray.cluster_resources().get("CPU", 1)), 1)
+        return run_study(study, Path(out), slots, lambda folder, _: RayJob(ray, folder), told)
+    finally:
         if started_here:
-            before = signal.getsignal(signal.SIGTERM)
-            ray.init(address=address, log_to_driver=False, include_dashboard=False)
-            if current_thread() is main_thread():  # Ray's own handler would end all without saving
-                signal.signal(signal.SIGTERM, before)
-        try:
-            if waiting:
-                do_tasks(ray, {name: folders[name] for name in waiting}, folders, told)
-        finally:
-            if started_here:
-                ray.shutdown()
-        return statuses_of(study, out)
+            ray.shutdown()

@@ -13,7 +13,7 @@ from train.files import read_json
 from train.schemas import read_as
 from train.settings.checks import check, check_seed
 
-HINTS, LABEL, EXACT = "sweep.json", "run.json", "exact.md"
+HINTS, LABEL = "sweep.json", "run.json"
 VERSIONS = ("short", "full")
 THRESHOLDS = (20.0, 10.0, 5.0, 2.0)
 """Gaps in per cent that an ablation waits for."""
@@ -31,18 +31,6 @@ class ReportHints(msgspec.Struct, forbid_unknown_fields=True):
     group: list[str] | None = None
 
 
-class Exact(msgspec.Struct, forbid_unknown_fields=True):
-    """[exact]: a table that needs no learning."""
-
-    mazes: list[str]
-    goals: list[int]
-
-    def __post_init__(self) -> None:
-        check(bool(self.mazes), "mazes is an empty list; give at least one maze")
-        check(bool(self.goals), "goals is an empty list; give at least one number")
-        check(min(self.goals) >= 1, f"goals={self.goals}; numbers of at least 1")
-
-
 class Version(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     """[short] or [full]: what it has lies over the rest of the file."""
 
@@ -51,7 +39,6 @@ class Version(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     seeds: list[int] | None = None
     episodes: int | None = None
     search: Table | None = None
-    exact: Exact | None = None
 
 
 class SweepFile(Version, forbid_unknown_fields=True, omit_defaults=True):

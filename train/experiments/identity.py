@@ -54,20 +54,11 @@ def named_policies(plain: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def put_policies(plain: dict[str, Any], values: Mapping[str, str]) -> dict[str, Any]:
-    """Plain settings with these policies in the place of those that they name."""
-    own = {name: value for name, value in values.items() if name != "opponent"}
-    return {**plain, **own, "task": {**plain["task"], **_task_part(values)}}
-
-
 def with_policies(settings: Any, values: Mapping[str, str]) -> Any:
-    """The same of settings."""
-    own = {name: value for name, value in values.items() if name != "opponent"}
-    return replace(settings, **own, task=replace(settings.task, **_task_part(values)))
-
-
-def _task_part(values: Mapping[str, str]) -> dict[str, str]:
-    return {name: value for name, value in values.items() if name == "opponent"}
+    """Settings with these policies in the place of those that they name."""
+    own = dict(values)
+    task = {name: own.pop(name) for name in ("opponent",) if name in own}
+    return replace(settings, **own, task=replace(settings.task, **task))
 
 
 def policy_files(path: Path) -> dict[str, bytes]:
@@ -110,9 +101,9 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
         episodes: of its final evaluation.
         inputs: what stands for the policies that the settings name.
     """
-    plain = asdict(settings)
-    named = named_policies(plain)
-    plain = put_policies(plain, {n: i.digest for n, i in inputs.items() if n in named})
+    named = named_policies(asdict(settings))
+    digests = {name: given.digest for name, given in inputs.items() if name in named}
+    plain = asdict(with_policies(settings, digests))
     if (maze := maze_text_of(settings.task)) is not None:
         plain["task"]["maze"] = maze
     mazes = plain.get("lessons", {}).get("curriculum_mazes")

@@ -1,4 +1,4 @@
-"""The report of a sweep or of an ablation."""
+"""The report of a sweep, of an ablation, or of several folders of runs."""
 
 from __future__ import annotations
 
@@ -9,55 +9,77 @@ from typing import Any
 from train.experiments.ablation_report import ablation_report
 from train.experiments.methods import METHODS, METHODS_LINE, methods
 from train.experiments.sweep_report import sweep_report
-from train.experiments.tables import read_study
-from train.files import only_one, write_text
-from train.reports.figures import PLAIN, Look
-from train.reports.pages import page_of
-from train.reports.tables import ResultTable, in_markdown
+from train.experiments.tables import FinishedStudy, read_several, read_study
+from train.files import begins_with, only_one, write_text
+from train.reports.pages import write_markdown
+from train.reports.tables import in_markdown
+
+SEVERAL = "Runs of "
+"""Begins the titles of reports on several folders."""
 
 
-def report(out: Path, look: Look = PLAIN) -> Path:
-    """Collect the runs in `out`, draw their figures and write their tables.
+def report_on(out: Path, unit: str | None = None, log: bool = False) -> Path:
+    """Collect the runs of a sweep or an ablation, draw their figures and write their tables.
+
+    Args:
+        out: the folder of the study.
+        unit: of training time in figures: frames or seconds; that of the budget if None.
+        log: whether its axis is logarithmic.
 
     Returns:
-        The folder: `report.md` and the same as a page, `report.html`; `methods.md`, `table.csv`,
-        `table.tex`, and the figures.
+        The folder: `report.md` and the same as a page, `report.html`; `methods.md`, `table.csv`
+        and the figures.
 
     Raises:
         ValueError: neither a sweep nor an ablation in `out`, or none of its runs has results.
     """
-    out = Path(out)
-    folder = out / "report"
+    return write_study(read_study(out), out / "report", unit, log)
+
+
+def report_several(
+    folders: Sequence[Path], out: Path, unit: str | None = None, log: bool = False
+) -> Path:
+    """The same of several runs, sweeps and ablations of one kind, beside each other.
+
+    Args:
+        folders: of them.
+        out: where the report is written.
+        unit, log: as `report_on`.
+
+    Raises:
+        ValueError: a folder without anything that is complete, or runs that are judged by different
+            measures.
+    """
+    study = read_several(folders)
+    study.hints.title = SEVERAL + study.hints.title
+    return write_study(study, out, unit, log)
+
+
+def is_of_several(folder: Path) -> bool:
+    """Whether `report_several` wrote this folder."""
+    return begins_with(folder / "report.md", f"# {SEVERAL}")
+
+
+def write_study(study: FinishedStudy, folder: Path, unit: str | None, log: bool) -> Path:
+    """Write the report of a study into a folder."""
     with only_one(folder, "report"):
-        study = read_study(out)
         make = sweep_report if study.hints.control is None else ablation_report
-        table, paragraphs, figures = make(study, folder, look)
-        lines = [*ran_on(study.rows), *paragraphs, "", METHODS_LINE]
+        table, paragraphs, figures = make(study, folder, unit, log)
+        parts = [table.markdown(), ran_on(study.rows), *paragraphs, METHODS_LINE]
         missing = [row for row in study.everything if row["status"] != "complete"]
         if missing:
-            lines += ["", f"Not complete: {len(missing)} runs.", ""]
             told = (f"{row['run']}: {row['status']} {row['error'] or ''}" for row in missing)
-            lines += [f"- {in_markdown(line)}" for line in told]
-        lines += ["", *(f"![{name}]({name})\n" for name in figures)]
-        runs = [out / "runs" / row["run"] for row in study.rows]
-        write_report(folder, study.hints.title, table, lines, runs)
+            parts.append(f"Not complete: {len(missing)} runs.")
+            parts.append("\n".join(f"- {in_markdown(line)}" for line in told))
+        parts += [f"![{name}]({name})" for name in figures]
+        table.write(folder)
+        write_text(folder / METHODS, methods(study.folders))
+        write_markdown(folder / "report.md", study.hints.title, parts)
     return folder
 
 
-def write_report(
-    folder: Path, title: str, table: ResultTable, lines: Sequence[str], runs: Sequence[Path | str]
-) -> None:
-    """Write a report: its table, how its `runs` were made, and the page; `lines` follow the table
-    on it."""
-    table.write(folder)
-    write_text(folder / METHODS, methods(runs))
-    head = [f"# {in_markdown(title)}", "", table.markdown(), ""]
-    write_text(folder / "report.md", "\n".join([*head, *lines]))
-    page_of(folder / "report.md")
-
-
-def ran_on(rows: list[dict[str, Any]]) -> list[str]:
+def ran_on(rows: list[dict[str, Any]]) -> str:
     """How many runs, of which seeds, on which machines."""
     seeds = ", ".join(map(str, sorted({row["seed"] for row in rows})))
     machines = "; ".join(sorted({str(row["machine"]) for row in rows}))
-    return [f"{len(rows)} runs, seeds {seeds}, on {in_markdown(machines)}."]
+    return f"{len(rows)} runs, seeds {seeds}, on {in_markdown(machines)}."

@@ -9,17 +9,16 @@ are the weights of values at the quartiles, and what takes several tasks at once
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import comb, lcm, prod
+from math import comb, prod
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
-from scipy.signal import convolve
-from scipy.stats import monte_carlo_test, norm, permutation_test, rankdata, trim_mean
+from scipy.stats import monte_carlo_test, norm, permutation_test, trim_mean
 from scipy.stats import t as student
 
-PERMUTATIONS = POWER_DRAWS = 20_000
+PERMUTATIONS = 20_000
 Interval = tuple[float, float]
 
 
@@ -184,49 +183,6 @@ def least_p(sizes: Sequence[tuple[int, int]]) -> float:
     least = 2.0 / splits
     exact = len(sizes) == 1 and splits <= PERMUTATIONS
     return least if exact else max(least, 1.0 / (PERMUTATIONS + 1))
-
-
-def u_distribution(ours: int, theirs: int) -> NDArray[np.float64]:
-    """[ours * theirs + 1]: how likely each value of Mann and Whitney's U is, if all splits of the
-    runs are equally likely and no two runs are equal."""
-    most = ours * theirs
-    ways = np.zeros((ours + 1, most + 1))  # [ours so far, U so far], the runs in ascending order
-    ways[0, 0] = 1.0
-    for seen in range(1, ours + theirs + 1):
-        for own in range(min(seen, ours), max(1, seen - theirs) - 1, -1):
-            below = seen - own  # of theirs
-            ways[own, below:] += ways[own - 1, : most + 1 - below]
-    return np.asarray(ways[ours] / ways[ours].sum())
-
-
-def power(sizes: Sequence[tuple[int, int]], effect: float, level: float = 0.05) -> float:
-    """How likely `permutation_p` is below a level, where there is an effect.
-
-    Runs are normally distributed with equal standard deviations within a task, and the means of
-    ours and theirs lie `effect` of them apart in every task. The distribution without an effect is
-    exact, also where `permutation_p` draws splits; the runs are `POWER_DRAWS` draws of a fixed
-    seed, so the standard error is at most 0.4 percentage points.
-
-    Args:
-        sizes: the runs of ours and theirs, for each task; at least one each.
-        effect: in standard deviations.
-        level: the p must be smaller. For the first step of Holm's correction divide it by the
-            number of comparisons.
-    """
-    rng, unit = np.random.default_rng(0), lcm(*(ours * theirs for ours, theirs in sizes))
-    chances, drawn = np.ones(1), np.zeros(POWER_DRAWS, dtype=np.int64)
-    for ours, theirs in sizes:  # U / (ours * theirs) of all tasks in units that they share
-        step = unit // (ours * theirs)
-        of_task = np.zeros(unit + 1)
-        of_task[::step] = u_distribution(ours, theirs)
-        chances = convolve(chances, of_task)
-        runs = rng.normal(size=(POWER_DRAWS, ours + theirs))
-        runs[:, :ours] -= effect
-        ranks = rankdata(runs, axis=1)[:, :ours].sum(axis=1)
-        drawn += step * (ranks - ours * (ours + 1) / 2).astype(np.int64)
-    distance = abs(2 * np.arange(len(chances)) - (len(chances) - 1))
-    p_of = np.bincount(distance, chances)[::-1].cumsum()[::-1]
-    return float((p_of[distance[drawn]] < level * (1.0 - 1e-9)).mean())
 
 
 def holm(ps: Sequence[float]) -> list[float]:

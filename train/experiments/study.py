@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pursuit
-from train.experiments.forms import EXACT, HINTS, LABEL, Exact, read_hints
+from train.experiments.forms import HINTS, LABEL, read_hints
 from train.experiments.identity import (
     INPUTS,
     Input,
@@ -135,14 +135,12 @@ class Study:
         title: of the report.
         runs: the jobs, each a `TrainingRun` or a `Call`, in the order in which they are done.
         report: hints for the report: "x", "group"; of an ablation "control" and more.
-        exact: a table that needs no job.
         pinned: whether every process stays on a core of its own, for jobs whose speed is compared.
     """
 
     title: str
     runs: tuple[Any, ...]
     report: dict[str, Any] = field(default_factory=dict)
-    exact: Exact | None = None
     pinned: bool = False
 
 
@@ -170,7 +168,7 @@ def prepare(study: Study, out: Path | str) -> list[tuple[Any, Path]]:
     out = Path(out)
     check(not out.is_file(), f"{out}: a file; give a folder")
     there = {path.name for path in out.iterdir()} if out.is_dir() else set[str]()
-    if there - {LOCK, EXACT, INPUTS} and "runs" not in there:
+    if there - {LOCK, INPUTS} and "runs" not in there:
         raise ValueError(f"{out}: not empty, and no sweep; give a new folder")
     check_format(out)
     out.mkdir(parents=True, exist_ok=True)
@@ -200,7 +198,7 @@ def check_format(out: Path) -> None:
 def is_folder_of(study: Study, out: Path) -> bool:
     """Whether `out` was begun for this study, or for one of the same title."""
     if not (out / HINTS).exists():  # begun, and interrupted before any job
-        return {path.name for path in out.iterdir()} <= {LOCK, EXACT, INPUTS}
+        return {path.name for path in out.iterdir()} <= {LOCK, INPUTS}
     hints = read_hints(out)
     return (hints.title, hints.control) == (study.title, study.report.get("control"))
 

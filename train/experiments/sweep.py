@@ -12,7 +12,6 @@ from typing import Any
 
 import msgspec
 
-from pursuit.mazes.maze import load_maze
 from pursuit.plugins import check_trusted
 from train.experiments.forms import (
     REMEDY,
@@ -119,9 +118,9 @@ def multiply_out(file: SweepFile, stem: str) -> Study:
             raise ValueError(
                 f"{name!r} is set by two of grid, search and variants; leave it to one"
             )
-    has_runs = bool(common or grid or variants)
+    check(bool(common or grid or variants), "nothing to do; give [settings] and [grid]")
     runs: dict[str, TrainingRun] = {}
-    for values in itertools.product(*grid.values()) if has_runs else ():
+    for values in itertools.product(*grid.values()):
         for variant, sample in itertools.product(variants or [{}], drawn):
             label = dict(zip(grid, values, strict=True)) | variant | sample
             for run in runs_of(kind, common, label, seeds, episodes_of(file)):
@@ -131,15 +130,11 @@ def multiply_out(file: SweepFile, stem: str) -> Study:
                     f"{told(same.label)} and {told(run.label)} have equal settings: they are one "
                     "run; change one of them, or leave it out",
                 )
-    check(has_runs or file.exact is not None, "nothing to do; give [settings] and [grid]")
-    for name in file.exact.mazes if file.exact else ():
-        load_maze(name)
     return Study(
         stem if file.title is None else file.title,
         # Seeds outside: whatever changes on the machine meanwhile meets all that is compared alike.
         tuple(sorted(runs.values(), key=lambda run: seeds.index(run.seed))),
         report_hints(file, tuple(runs.values()), [*grid, *drawn[0]]),
-        file.exact,
     )
 
 

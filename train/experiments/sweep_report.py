@@ -1,20 +1,24 @@
-"""The tables and figures of a sweep."""
+"""The table and the figures of a sweep, or of several folders of runs beside each other."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from train.experiments.forms import Hints
-from train.experiments.measures import GAP, STEPS, Measure, measure_of, size_of
-from train.experiments.statistics import interquartile_mean
+from train.experiments.statistics import (
+    Interval,
+    distance_interval,
+    interquartile_mean,
+    mean_interval,
+)
 from train.experiments.tables import FinishedStudy
-from train.reports.curves import Level, Panel, Series, draw_panels
-from train.reports.figures import PALETTE, Estimate, Look, draw_intervals, time_scale
+from train.reports.curves import Panel, Series, draw_panels
+from train.reports.figures import PALETTE, Estimate, draw_intervals, time_scale
 from train.reports.tables import Column, ResultTable, Row, numeric
 from train.runs.folder import RUN
 
@@ -37,127 +41,133 @@ COLUMNS = 4
 """Panels side by side, at most."""
 
 
+@dataclass(frozen=True)
+class Measure:
+    """What runs are compared by.
+
+    Attributes:
+        name: in tables.
+        column: in the tables of runs and of their evaluations, to be multiplied by `factor`.
+        label: what tables and figures call it.
+        scale: of its axis (`Panel.scale`).
+    """
+
+    name: str
+    column: str
+    label: str
+    scale: str
+    factor: float = 1.0
+
+    def interval(self, values: Sequence[float]) -> Interval:
+        """The 95 % interval of the mean over runs; only returns may lie on either side of 0."""
+        signed = self.column == "mean_return"
+        return mean_interval([values]) if signed else distance_interval([values])
+
+
+GAP = Measure("gap", "optimality_gap", "gap to the optimum, %", "gap", 100.0)
+STEPS = Measure("steps", "mean_steps", "steps", "log")
+
+
+def measure_of(rows: list[Row]) -> Measure:
+    """The gap where every run knows its optimum, steps where not; of self-play its own objective.
+
+    Args:
+        rows: complete runs of one kind. Where only some games of self-play are exact, all are
+            judged by their steps.
+    """
+    objectives = {(row["objective"], row["unit"]) for row in rows}
+    column, unit = objectives.pop() if len(objectives) == 1 else ("steps", "steps")
+    if column == "mean_steps":
+        known = all(row.get("optimality_gap") is not None for row in rows)
+        return GAP if known else STEPS
+    name = "NashConv" if column == "nash_conv" else column.replace("_", " ")
+    label = name if name.endswith(unit) else f"{name} ({unit})"
+    return Measure(column, column, label, "linear" if column == "mean_return" else "from 0")
+
+
 def sweep_report(
-    study: FinishedStudy, folder: Path, look: Look
+    study: FinishedStudy, folder: Path, unit: str | None, log: bool
 ) -> tuple[ResultTable, list[str], list[str]]:
     """Draw the figures of a sweep.
+
+    Args:
+        study: the runs.
+        folder: of the figures.
+        unit: of training time, frames or seconds; that of the budget if None.
+        log: whether its axis is logarithmic.
 
     Returns:
         The table, sentences about it, and the names of the figures.
     """
-    rows, title = study.rows, study.hints.title
-    x = put_groups(rows, study.hints, study.columns)
+    rows, x = study.rows, study.x
     groups = list(dict.fromkeys(row["_group"] for row in rows))
     colors = {name: PALETTE[place % len(PALETTE)] for place, name in enumerate(groups)}
     figures = []
     if x and len({row["_x"] for row in rows}) > 1:
-        draw_final(folder / "final.png", rows, x, colors, title, look)
+        draw_final(folder / "final.png", study, colors)
         figures.append("final.png")
-    for unit in units_of(rows) if look.x is None else (look.x,):
-        name = f"learning_curves_{unit}.png"
-        draw_curves(folder / name, study, unit, x, colors, look)
-        figures.append(name)
-    table = table_of(rows, summary(rows, x), x)
-    return table, sentences(rows, table, figures), figures
+    if unit is None:
+        in_frames = all(row["budget_frames"] is not None for row in rows)
+        unit = "frames" if in_frames else "seconds"
+    draw_curves(folder / "learning_curves.png", study, unit, colors, log)
+    table = table_of(rows, x)
+    return table, sentences(rows), [*figures, "learning_curves.png"]
 
 
-def units_of(rows: list[Row]) -> tuple[str, str]:
-    """The units of the learning curves' axes, that of the budget first; seconds if it is mixed."""
-    in_frames = all(row["budget_frames"] is not None for row in rows)
-    return ("frames", "seconds") if in_frames else ("seconds", "frames")
-
-
-def put_groups(rows: list[Row], hints: Hints, columns: Collection[str]) -> str | None:
-    """Say in every row which curve it belongs to ("_group"), and where on the axis ("_x").
-
-    Returns:
-        The column on the axis, if there is one.
-    """
-    x = hints.x if hints.x in columns else None
-    group = [name for name in hints.group if name in columns]
-    for row in rows:
-        usual = ["algorithm"] if row["kind"] == RUN else ["kind"]
-        row["_group"] = ", ".join(_word(name, row[name]) for name in group or usual)
-        row["_x"] = row[x] if x else ""
-    return x
-
-
-def _word(name: str, value: Any) -> str:
-    if isinstance(value, bool):
-        return name if value else f"no {name}"
-    return f"{name} {value:g}" if isinstance(value, int | float) else str(value)
+def size_of(value: Any) -> tuple[Any, ...]:
+    """Orders 3x3 before 10x10, and numbers as numbers."""
+    text = str(value)
+    digits = "".join(c if c.isdigit() or c == "." else " " for c in text).split()
+    return (float(digits[0]) if digits else 0.0, text)
 
 
 # -- figures ---------------------------------------------------------------------------------------
 
 
-def series_of(
-    rows: list[Row], by_run: Mapping[str, list[Row]], unit: str, measure: Measure, **style: Any
-) -> Series:
-    """The curves of runs that belong together; `style` is that of `Series`."""
-    scale = measure.scale if measure.curve == measure.final else 1.0
-    curves = []
-    for row in rows:
-        known = [e for e in by_run.get(row["run"], ()) if e.get(measure.curve) is not None]
-        times = np.array([e[unit] for e in known]) * time_scale(unit)
-        curves.append((times, scale * np.array([e[measure.curve] for e in known])))
-    return Series([curve for curve in curves if len(curve[0])], interval=measure.interval, **style)
-
-
 def draw_curves(
-    path: Path, study: FinishedStudy, unit: str, x: str | None, colors: dict[str, str], look: Look
+    path: Path, study: FinishedStudy, unit: str, colors: Mapping[str, str], log: bool
 ) -> None:
     """The measure over seconds or frames: a panel for each x, a colour for each group."""
     measure = measure_of(study.rows)
     panels: list[Panel] = []
     for value in sorted({row["_x"] for row in study.rows}, key=size_of):
-        here = [row for row in study.rows if row["_x"] == value]
-        series = [
-            series_of(
-                [row for row in here if row["_group"] == name],
-                study.by_run, unit, measure, label=name, color=color,
-            )
-            for name, color in colors.items()
-        ]  # fmt: skip
-        levels = []
-        for column, word, style in (
-            ("optimal_steps", "optimal", ":"),
-            ("scripted_steps", "scripted", "--"),
-        ):
-            known = [row[column] for row in here if row.get(column) is not None]
-            if known and measure.curve == "mean_steps":
-                levels.append(Level(float(np.mean(known)), word, style=style))
-        title = f"{x.replace('_', ' ')} {value}" if x else ""
-        first = measure.curve_label if not len(panels) % COLUMNS else ""
-        panels.append(
-            Panel([one for one in series if one.curves], first, title, measure.curve_scale, levels)
-        )
+        series = []
+        for name, color in colors.items():
+            curves = []
+            for row in study.rows:
+                if (row["_x"], row["_group"]) == (value, name):
+                    evaluations = study.by_run.get(row["run"], [])
+                    known = [e for e in evaluations if e.get(measure.column) is not None]
+                    times = np.array([e[unit] for e in known]) * time_scale(unit)
+                    values = measure.factor * np.array([e[measure.column] for e in known])
+                    curves += [(times, values)] if known else []
+            if curves:
+                series.append(Series(curves, name, color, interval=measure.interval))
+        title = f"{study.x.replace('_', ' ')} {value}" if study.x else ""
+        first = measure.label if not len(panels) % COLUMNS else ""
+        panels.append(Panel(series, first, title, measure.scale))
     grid = [panels[first : first + COLUMNS] for first in range(0, len(panels), COLUMNS)]
-    draw_panels(path, grid, unit, look, study.hints.title, beside=True)
+    draw_panels(path, grid, unit, study.hints.title, beside=True, log=log)
 
 
-def draw_final(
-    path: Path, rows: list[Row], x: str, colors: dict[str, str], title: str, look: Look
-) -> None:
+def draw_final(path: Path, study: FinishedStudy, colors: Mapping[str, str]) -> None:
     """The final measure for every x, with intervals."""
-    measure = measure_of(rows)
+    rows, measure = study.rows, measure_of(study.rows)
     keys = sorted(
         {(row["_x"], row["_group"]) for row in rows},
         key=lambda key: (size_of(key[0]), list(colors).index(key[1])),
     )
     several = len(keys) > len({value for value, _ in keys})
     estimates = []
-    for key in keys:
-        final = [measure.scale * row[measure.final] for row in rows
-                 if (row["_x"], row["_group"]) == key]  # fmt: skip
+    for x, group in keys:
+        final = [measure.factor * row[measure.column] for row in rows
+                 if (row["_x"], row["_group"]) == (x, group)]  # fmt: skip
         ends = measure.interval(final)
-        group = key[1] if several else None
-        estimates.append(
-            Estimate(str(key[0]), float(np.mean(final)), *ends, final, colors[key[1]], group)
-        )
-    scale = "gap" if measure is GAP else "linear"
-    panels = {measure.label: (scale, estimates)}
-    draw_intervals(path, panels, title, look, x.replace("_", " "))
+        legend = group if several else None
+        mean = float(np.mean(final))
+        estimates.append(Estimate(str(x), mean, *ends, final, colors[group], legend))
+    panels = {measure.label: ("gap" if measure is GAP else "linear", estimates)}
+    draw_intervals(path, panels, study.hints.title, str(study.x).replace("_", " "))
 
 
 # -- the table -------------------------------------------------------------------------------------
@@ -182,14 +192,14 @@ def summary(rows: list[Row], x: str | None) -> list[Row]:
         line: Row = {x: value} if x else {}
         line |= {"group": name, "seeds": len(chosen)}
         line |= {word: mean(column) for word, column in REFERENCES.items() if column in known}
-        values = [measure.scale * row[measure.final] for row in chosen]
+        values = [measure.factor * row[measure.column] for row in chosen]
         low, high = measure.interval(values)
         unit = measure.name
         line |= {unit: float(np.mean(values)), f"{unit}_low": low, f"{unit}_high": high}
         line[f"{unit}_iqm"] = interquartile_mean(values)
-        before = f"{measure.final}_at_start"
+        before = f"{measure.column}_at_start"
         if before in known:
-            less = [reduction(row[before], row[measure.final]) for row in chosen]
+            less = [reduction(row[before], row[measure.column]) for row in chosen]
             line |= {"less": float(np.mean(less)), "least": min(less)}
         if measure is GAP and "objective_floor" in known:
             line["floor"] = 100.0 * mean("objective_floor")
@@ -199,9 +209,9 @@ def summary(rows: list[Row], x: str | None) -> list[Row]:
     return table
 
 
-def table_of(rows: list[Row], table: list[Row], x: str | None) -> ResultTable:
-    """`summary` of runs as people read it."""
-    measure = measure_of(rows)
+def table_of(rows: list[Row], x: str | None) -> ResultTable:
+    """The summary of runs as people read it."""
+    table, measure = summary(rows, x), measure_of(rows)
     unit = measure.name
     heads = HEADS | {unit: f"{measure.label} [95 %]", f"{unit}_iqm": "interquartile mean"}
     columns = []
@@ -226,15 +236,16 @@ def _with_interval(name: str, row: Row) -> str:
     return f"{row[name]:z.2f}" + ("" if np.isnan(row[f"{name}_low"]) else ends)
 
 
-def sentences(rows: list[Row], table: ResultTable, figures: list[str]) -> list[str]:
+def sentences(rows: list[Row]) -> list[str]:
     """What the table and the figures show."""
-    measure, lines = measure_of(rows), []
+    measure = measure_of(rows)
     single = all(row["kind"] == RUN for row in rows)
-    lines.append(
+    lines = [
         "Intervals: 95 %, Student's, of the mean over seeds. Nothing is tested here: whether "
         "intervals overlap is no test of a difference"
         + (" (`pursuit ablate` makes one)." if single else ".")
-    )
+        + " Mean curves end where the shortest of their runs ends."
+    ]
     if measure in (GAP, STEPS):
         kinds = " or ".join(sorted({str(row["evaluate"]) for row in rows}))
         lines.append(
@@ -246,11 +257,9 @@ def sentences(rows: list[Row], table: ResultTable, figures: list[str]) -> list[s
             "NashConv is exact, of the two policies as they are at that moment; 0 is an "
             "equilibrium. Against A*: expected steps until capture."
         )
-    if "floor" in table.rows[0]:
+    if measure is GAP and all(row.get("objective_floor") is not None for row in rows):
         lines.append(
             "The floor of the objective is the gap of the policy that is best by the discounted "
             "rewards: exact, over all starts."
         )
-    if len(figures) > 1:
-        lines.append("Mean curves end where the shortest of their runs ends.")
     return lines

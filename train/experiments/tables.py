@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from train.files import write_beside
 from train.runs.folder import CONFIG, METRICS, RESULTS, RUN, load_results, read_config, read_metrics
 from train.runs.provenance import check_sources
 from train.runs.tasks import maze_called
+from train.self_play.names import entry_names
 from train.settings.checks import check
 from train.settings.self_play import ROLES
 from train.settings.task import who_learns
@@ -63,32 +65,88 @@ def collect(out: Path | str) -> tuple[polars.DataFrame, polars.DataFrame]:
 
 @dataclass
 class FinishedStudy:
-    """The runs of a sweep or of an ablation, as its report reads them.
+    """The runs of a sweep, of an ablation or of several folders, as a report reads them.
 
     Attributes:
         hints: what the report is to show.
-        rows: of the complete runs; `everything` of all.
-        columns: the names in them.
+        rows: of the complete runs; `everything` of all. "_group" says to which curve a run
+            belongs, "_x" where it is on the axis.
+        x: the column on the axis; None for none.
         by_run: the evaluations of each run.
+        folders: of the complete runs.
     """
 
     hints: Hints
     rows: list[dict[str, Any]]
     everything: list[dict[str, Any]]
-    columns: list[str]
+    x: str | None
     by_run: dict[str, list[dict[str, Any]]]
+    folders: list[Path]
 
 
 def read_study(out: Path) -> FinishedStudy:
     """The runs in a folder, collected; ValueError where none is complete."""
     runs, evaluations = collect(out)
-    everything = runs.to_dicts()
+    everything, hints = runs.to_dicts(), read_hints(out)
     rows = [row for row in everything if row["status"] == "complete"]
     check(bool(rows), f"{out}: no run is complete yet; the command that began it goes on with it")
     by_run: dict[str, list[dict[str, Any]]] = {}
     for row in evaluations.to_dicts():
         by_run.setdefault(row["run"], []).append(row)
-    return FinishedStudy(read_hints(out), rows, everything, runs.columns, by_run)
+    x = hints.x if hints.x in runs.columns else None
+    group = [name for name in hints.group if name in runs.columns]
+    for row in rows:
+        usual = ["algorithm"] if row["kind"] == RUN else ["kind"]
+        row["_group"] = ", ".join(in_words(name, row[name]) for name in group or usual)
+        row["_x"] = row[x] if x else ""
+    folders = [out / "runs" / row["run"] for row in rows]
+    return FinishedStudy(hints, rows, everything, x, by_run, folders)
+
+
+def in_words(name: str, value: Any) -> str:
+    """The value of a setting, with its name where the value does not say what it is."""
+    if isinstance(value, bool):
+        return name if value else f"no {name}"
+    return f"{name} {value:g}" if isinstance(value, int | float) else str(value)
+
+
+def read_several(folders: Sequence[Path]) -> FinishedStudy:
+    """Runs, sweeps and ablations as one study: a group for each run and for each setting of a
+    sweep.
+
+    Raises:
+        ValueError: a folder without anything that is complete, or runs that are judged by different
+            measures.
+    """
+    names = entry_names([str(folder) for folder in folders], lambda entry: False)
+    whole = FinishedStudy(Hints(", ".join(names)), [], [], None, {}, [])
+    for name, folder in zip(names, folders, strict=True):
+        if (folder / CONFIG).exists():
+            complete = (folder / RESULTS).exists()
+            check(complete, f"{folder}: no results yet; go on with this run by --resume {folder}")
+            run = str(folder)
+            whole.rows.append(row_of(folder) | {"run": run, "_group": name, "_x": ""})
+            whole.by_run[run] = read_metrics(folder)
+            whole.folders.append(folder)
+            continue
+        study = read_study(folder)
+        arms = study.hints.arms
+        for row in sorted(study.rows, key=lambda row: arms.index(row["variant"]) if arms else 0):
+            parts = [row["variant"] if arms else row["_group"]]
+            parts += [in_words(str(study.x), row["_x"])] if study.x else []
+            run = str(folder / row["run"])
+            whole.by_run[run] = study.by_run.get(row["run"], [])
+            group = ", ".join(parts) if len(folders) == 1 else f"{name}: {', '.join(parts)}"
+            whole.rows.append(row | {"run": run, "_group": group, "_x": ""})
+        whole.folders += study.folders
+    judged = sorted({str(row["objective"]) for row in whole.rows})
+    check(
+        len(judged) == 1,
+        f"these runs are judged by {' and '.join(judged)}, which no axis has both of; give runs of "
+        "one kind",
+    )
+    whole.everything = whole.rows
+    return whole
 
 
 def write_parquet(path: Path, frame: polars.DataFrame) -> None:

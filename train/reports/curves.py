@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from train.reports.figures import (
     BLUE,
-    PLAIN,
-    Look,
     gap_axis,
     log_axis,
     pyplot,
@@ -106,9 +104,9 @@ def draw_panels(
     path: Path,
     grid: Sequence[Sequence[Panel]],
     unit: str,
-    look: Look = PLAIN,
     title: str = "",
     beside: bool = False,
+    log: bool = False,
 ) -> None:
     """Curves over training time.
 
@@ -116,9 +114,9 @@ def draw_panels(
         path: of the figure.
         grid: the panels, line by line; a last line may be shorter.
         unit: of the times in the curves: frames (which come in millions) or seconds.
-        look: how the figure is drawn.
         title: of the whole figure.
         beside: one legend beside all panels, instead of one in each.
+        log: whether the axis of training time is logarithmic.
     """
     lines, columns = len(grid), max(map(len, grid))
     heights = [line[0].height for line in grid]
@@ -138,7 +136,7 @@ def draw_panels(
             if place >= len(line):
                 axis.set_visible(False)
                 continue
-            _draw_panel(axis, line[place], look, gaps)
+            _draw_panel(axis, line[place], log, gaps)
             if not beside and axis.get_legend_handles_labels()[1]:
                 axis.legend(frameon=False, fontsize=9)
     for axis in axes[-1]:
@@ -151,13 +149,13 @@ def draw_panels(
                 labels.setdefault(label, handle)
         where = "outside right upper"
         figure.legend(labels.values(), labels.keys(), loc=where, frameon=False, fontsize=9)
-    save(figure, path, formats=look.formats)
+    save(figure, path, also_svg=True)
 
 
-def _draw_panel(axis: Any, panel: Panel, look: Look, gaps: Sequence[NDArray[Any]]) -> None:
+def _draw_panel(axis: Any, panel: Panel, log: bool, gaps: Sequence[NDArray[Any]]) -> None:
     """One panel; `gaps` are those of all panels of the figure, which share their limits."""
     for series in panel.series:
-        _draw_series(axis, series, look.log)
+        _draw_series(axis, series, log)
     for value, label, color, style in panel.levels:
         axis.axhline(value, color=color, lw=1.3, ls=style, label=label)
     for place, color in panel.marks:
@@ -173,7 +171,7 @@ def _draw_panel(axis: Any, panel: Panel, look: Look, gaps: Sequence[NDArray[Any]
         axis.set_ylim(bottom=min(0.0, -0.03 * axis.get_ylim()[1]))  # so that 0 can be seen
     axis.set_ylabel(panel.ylabel)
     axis.set_title(panel.title, fontsize=10)
-    if look.log:
+    if log:
         log_axis(axis, "x")
     tidy(axis)
 

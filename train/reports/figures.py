@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from textwrap import fill
@@ -16,8 +15,9 @@ from pursuit.mazes.maze import Maze
 from pursuit.validation import one_of
 from train.files import write_beside
 
-FORMATS = ("pdf", "svg", "png")
-""".png is what pages show; the other two hold lines and letters, as journals ask for."""
+FORMATS = ("png", "svg")
+""".png is what pages show; .svg holds lines and letters, as journals ask for."""
+
 UNITS = ("frames", "seconds")
 """What training time is counted in."""
 
@@ -104,40 +104,6 @@ def draw_cells(axis: Any, maze: Maze, values: NDArray[np.float64], title: str, *
     return image
 
 
-@dataclass(frozen=True)
-class Look:
-    """How figures are to be drawn, where a command lets one choose.
-
-    Attributes:
-        formats: in which they are saved beside their own.
-        x: what training time is counted in, frames or seconds; None is each figure's own choice.
-        log: whether the axis of training time is logarithmic.
-
-    Raises:
-        ValueError: an unknown format or unit.
-    """
-
-    formats: tuple[str, ...] = ()
-    x: str | None = None
-    log: bool = False
-
-    def __post_init__(self) -> None:
-        for name in self.formats:
-            one_of("format", name, FORMATS)
-        if self.x is not None:
-            one_of("x", self.x, UNITS)
-
-
-PLAIN = Look()
-
-
-def names_of(name: str, look: Look) -> list[str]:
-    """The names of all the files of a figure of this name: its own, and those in other formats."""
-    path = Path(name)
-    others = [path.with_suffix(f".{form}").name for form in look.formats]
-    return list(dict.fromkeys([path.name, *others]))
-
-
 def time_scale(unit: str) -> float:
     """What seconds or frames are multiplied by on an axis."""
     return 1e-6 if unit == "frames" else 1.0
@@ -148,11 +114,10 @@ def time_head(unit: str) -> str:
     return "frames (millions)" if unit == "frames" else "training time (s)"
 
 
-def save(figure: Any, path: Path, dpi: int = 130, formats: Sequence[str] = ()) -> None:
-    """Write a figure atomically, in the format of its suffix and in `formats` beside it; close it.
+def save(figure: Any, path: Path, also_svg: bool = False, dpi: int = 130) -> None:
+    """Write a figure atomically, in the format of its suffix and as .svg beside it; close it.
 
-    The same figure makes the same bytes: without a date, and its letters embedded as they are (in
-    .pdf as TrueType, in .svg as text that can be searched).
+    The same figure makes the same bytes: without a date, and in .svg with its letters as text.
 
     Raises:
         ValueError: a suffix that is none of `FORMATS`.
@@ -160,11 +125,10 @@ def save(figure: Any, path: Path, dpi: int = 130, formats: Sequence[str] = ()) -
     import matplotlib
 
     one_of("format of a figure", path.suffix.lstrip("."), FORMATS)
-    dates: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
-    fonts = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "pursuit"}
-    for form in dict.fromkeys([path.suffix.lstrip("."), *formats]):
-        write = partial(figure.savefig, dpi=dpi, format=form, metadata=dates.get(form))
-        with matplotlib.rc_context(fonts):
+    for form in dict.fromkeys([path.suffix.lstrip("."), *["svg"] * also_svg]):
+        undated: Any = {"Date": None} if form == "svg" else None
+        write = partial(figure.savefig, dpi=dpi, format=form, metadata=undated)
+        with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "pursuit"}):
             write_beside(path.with_suffix(f".{form}"), write)
     pyplot().close(figure)
 
@@ -196,7 +160,6 @@ def draw_intervals(
     path: Path,
     panels: Mapping[str, tuple[str, Sequence[Estimate]]],
     title: str,
-    look: Look = PLAIN,
     ylabel: str = "",
 ) -> None:
     """Values with their intervals, a line each.
@@ -206,7 +169,6 @@ def draw_intervals(
         panels: what is on the axis: its scale ("linear", "gap" or "share", from 0 to 1), and what
             is drawn.
         title: of the figure.
-        look: how the figure is drawn.
         ylabel: what the lines are.
     """
     everything = [each for _, estimates in panels.values() for each in estimates]
@@ -245,7 +207,7 @@ def draw_intervals(
         where = "outside right upper"
         figure.legend(once.values(), once.keys(), loc=where, frameon=False, fontsize=9)
     figure.suptitle(title, fontsize=11)
-    save(figure, path, formats=look.formats)
+    save(figure, path, also_svg=True)
 
 
 # -- matrices --------------------------------------------------------------------------------------
@@ -258,7 +220,6 @@ def draw_matrix(
     columns: tuple[str, Sequence[str]],
     label: str,
     title: str,
-    look: Look = PLAIN,
 ) -> None:
     """A heat map with its numbers.
 
@@ -268,7 +229,6 @@ def draw_matrix(
         rows, columns: what they are, and the name of each.
         label: what the values are.
         title: of the figure.
-        look: how the figure is drawn.
     """
     down, across = values.shape
     figure, axis = pyplot().subplots(
@@ -286,4 +246,4 @@ def draw_matrix(
     axis.set_xlabel(columns[0])
     figure.colorbar(image, label=label)
     axis.set_title(title, fontsize=11)
-    save(figure, path, formats=look.formats)
+    save(figure, path, also_svg=True)

@@ -13,7 +13,7 @@ import markdown
 
 from pursuit.replays.viewer.page import PLAYER, page
 from train.files import write_text
-from train.reports.tables import ResultTable, words
+from train.reports.tables import ResultTable, in_markdown, words
 
 KINDS = {".png": "image/png", ".svg": "image/svg+xml"}
 LINK = re.compile(r'<(?P<tag>a|img)\b[^>]*? (?:href|src)="(?P<address>[^"]*)"[^>]*>')
@@ -111,3 +111,11 @@ def _embedded(path: Path) -> str:
     """The content of a picture as an address."""
     content = base64.b64encode(path.read_bytes()).decode("ascii")
     return f"data:{KINDS[path.suffix]};base64,{content}"
+
+
+def write_markdown(path: Path, title: str, parts: Iterable[str]) -> Path:
+    """Write a report as Markdown, and as a page beside it; empty parts are left out."""
+    text = "\n\n".join(part for part in [f"# {in_markdown(title)}", *parts] if part)
+    write_text(path, text + "\n")
+    page_of(path)
+    return path

@@ -1,4 +1,4 @@
-"""Tables of results: the same rows as Markdown, CSV, TeX and on the terminal."""
+"""Tables of results: the same rows as Markdown, CSV and on the terminal."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from train.files import write_csv, write_text
+from train.files import write_csv
 
 Row = dict[str, Any]
 
@@ -39,14 +39,14 @@ class ResultTable:
 
     Attributes:
         rows: plain values by name; all of them stand in the CSV file, unrounded.
-        columns: what people read of them, in Markdown, in TeX and on the terminal.
+        columns: what people read of them, in Markdown and on the terminal.
     """
 
     rows: list[Row]
     columns: list[Column] = field(default_factory=list)
 
     def cells(self) -> list[list[str]]:
-        """The texts of all rows, as Markdown and TeX show them before they escape anything."""
+        """The texts of all rows, before anything in them is escaped."""
         return [[column.cell(row) for column in self.columns] for row in self.rows]
 
     def markdown(self) -> str:
@@ -57,26 +57,9 @@ class ResultTable:
         lines += ["| " + " | ".join(map(in_markdown, cells)) + " |" for cells in self.cells()]
         return "\n".join(lines)
 
-    def tex(self) -> str:
-        """A `tabular` of LaTeX with the rules of the package booktabs, for `\\input` in a table."""
-        form = "".join("l" if column.left else "r" for column in self.columns)
-        lines = [
-            r"% needs \usepackage{booktabs}; where it is too wide, also graphicx, and then",
-            r"% \resizebox{\linewidth}{!}{\input{THIS FILE}}",
-            rf"\begin{{tabular}}{{{form}}}",
-            r"\toprule",
-            " & ".join(in_tex(column.head) for column in self.columns) + r" \\",
-            r"\midrule",
-            *(" & ".join(map(in_tex, cells)) + r" \\" for cells in self.cells()),
-            r"\bottomrule",
-            r"\end{tabular}",
-        ]
-        return "\n".join(lines) + "\n"
-
     def write(self, folder: Path, stem: str = "table") -> None:
-        """Write `STEM.csv` and `STEM.tex` into a folder, atomically."""
+        """Write `STEM.csv` into a folder, atomically."""
         write_csv(folder / f"{stem}.csv", self.rows)
-        write_text(folder / f"{stem}.tex", self.tex())
 
 
 def words(head: str, name: str | None = None) -> Column:
@@ -135,43 +118,3 @@ def one_line(text: str) -> str:
     """A text without line breaks, control characters and others that show nothing."""
     kept = (" " if c.isspace() else c for c in text)
     return " ".join("".join(c for c in kept if unicodedata.category(c)[0] != "C").split())
-
-
-_TEX = {
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    '"': r"\char`\"{}",
-    "−": "$-$",
-    "±": r"$\pm$",
-    "×": r"$\times$",
-    "·": r"$\cdot$",
-    "≤": r"$\leq$",
-    "≥": r"$\geq$",
-    "∞": r"$\infty$",
-    "→": r"$\rightarrow$",
-    "–": "--",
-    "—": "---",
-    "…": r"\ldots{}",
-    "`": r"\textasciigrave{}",
-    **{c: "\\" + c for c in "&%$#_{}"},
-    **{c: f"{{{c}}}" for c in "[]"},  # after \\ a bracket would be an optional argument
-}
-_MINUS = re.compile(r"(?<![\w.)\]-])-(?=\d)")
-
-
-def in_tex(text: str) -> str:
-    """A text as LaTeX shows it, letter by letter: nothing in it is a command.
-
-    Minus signs before numbers are set as such. Letters beyond those of pdfLaTeX's fonts (those of
-    East Asia, say) are left as they are: LuaLaTeX and XeLaTeX set them.
-    """
-    plain = _MINUS.sub("−", one_line(text))
-    parts = re.split(r"(-+)", plain)  # hyphens side by side would be set as a dash
-    return "".join(
-        "{}".join(part) if part[:1] == "-" else "".join(_TEX.get(c, c) for c in part)
-        for part in parts
-    )

@@ -70,7 +70,7 @@ def save_config(
     command that runs."""
     plain = {"format": FORMAT, "kind": kind, **asdict(settings), "maze_text": maze_text}
     if final is not None:
-        plain[FINAL] = {"episodes": final.episodes, "formats": list(final.formats)}
+        plain[FINAL] = {"episodes": final.episodes}
     write_json(folder / CONFIG, {**plain, PARTS: provenance(settings), COMMAND: command_line()})
 
 

@@ -20,10 +20,9 @@ AGAIN = "delete it and resume the run, which writes it anew"
 
 
 class Final(msgspec.Struct, frozen=True):
-    """What the final results of a run are made with: episodes, and formats of its figure."""
+    """What the final results of a run are made with."""
 
     episodes: int = 1000
-    formats: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check(self.episodes >= 2, f"episodes={self.episodes}; at least 2")

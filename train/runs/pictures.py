@@ -11,7 +11,7 @@ import numpy as np
 from pursuit.rendering.animation import save_animation
 from train.evaluation.scores import Contest
 from train.reports.curves import Level, Panel, Series, draw_panels
-from train.reports.figures import GREEN, GREY, ORANGE, PINK, PLAIN, Look, time_scale
+from train.reports.figures import GREEN, GREY, ORANGE, PINK, time_scale
 
 DASHES: tuple[Any, ...] = ("--", "-.", ":", (0, (6, 2)), (0, (3, 1, 1, 1, 1, 1)))
 """Of references of the same colour."""
@@ -26,7 +26,6 @@ def draw_learning_curve(
     title: str,
     lessons: list[dict[str, Any]] | None = None,
     taught: str = "",
-    look: Look = PLAIN,
     column: str = "mean_steps",
 ) -> None:
     """The measure over frames with the baselines as lines; gap in steps and curriculum below.
@@ -38,11 +37,9 @@ def draw_learning_curve(
         title: of the figure.
         lessons: of `curriculum.csv`; none where there is no curriculum.
         taught: what those lessons are.
-        look: how it is drawn; over frames if it does not say.
         column: of `rows` and `scores`, what the run is judged by.
     """
-    unit = look.x or "frames"
-    times = np.array([row[unit] for row in rows]) * time_scale(unit)
+    times = np.array([row["frames"] for row in rows]) * time_scale("frames")
     levels, dashes = [], itertools.cycle(DASHES)
     for score in scores:
         name, value = score["name"], score.get(column)
@@ -58,14 +55,14 @@ def draw_learning_curve(
         gap = 100 * np.array([row.get("optimality_gap", np.nan) for row in rows])
         panels.append(Panel([Series([(times, gap)])], "gap to the\noptimum (%)", scale="gap"))
     if lessons:
-        panels.append(lesson_panel(lessons, float(times[-1]), taught, unit))
-    draw_panels(path, [[panel] for panel in panels], unit, look, title)
+        panels.append(lesson_panel(lessons, float(times[-1]), taught))
+    draw_panels(path, [[panel] for panel in panels], "frames", title)
 
 
-def lesson_panel(lessons: list[dict[str, Any]], end: float, taught: str, unit: str) -> Panel:
+def lesson_panel(lessons: list[dict[str, Any]], end: float, taught: str) -> Panel:
     """What the curriculum gave, as steps: the mean, and the ends of the range where there is one;
-    up to `end`, which is in millions of frames or in seconds."""
-    places = np.array([*(row[unit] * time_scale(unit) for row in lessons), end])
+    up to `end`, which is in millions of frames."""
+    places = np.array([*(row["frames"] * time_scale("frames") for row in lessons), end])
     values = {
         name: np.repeat([row[name] for row in lessons], 2) for name in ("mean", "low", "high")
     }

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from pursuit.observations.own import OBSERVATIONS
-from pursuit.plugins import Registry, is_reference, sha256_of, source_of
+from pursuit.plugins import Registry, is_reference, sha256_of
 from pursuit.tasks.rewards import REWARDS
 from scripted_agents.environments import POLICIES
 from train.files import read_json
@@ -23,8 +23,6 @@ from train.settings.self_play import SAMPLING_PARTS
 
 PARTS, COMMAND = "parts", "command"
 """Keys of `config.json` beside the settings."""
-SOURCES = "parts"
-"""The folder beside a run's files in which users' modules travel to other machines."""
 
 KINDS: dict[str, Registry[Any]] = {
     "rewards": REWARDS,
@@ -79,25 +77,6 @@ def provenance(settings: Any) -> Records:
         setting: {"name": name, "sha256": sha256_of(module)}
         for setting, name, module in own_parts(settings)
     }
-
-
-def modules_of(settings: Any) -> list[str]:
-    """The modules of users' parts."""
-    return list(dict.fromkeys(module for _, _, module in own_parts(settings)))
-
-
-def source_files(settings: Any) -> dict[str, bytes]:
-    """The sources of users' parts, for a machine that has them not: content by relative path.
-
-    Put into a folder, that folder is where their modules are found. What is installed there by
-    itself (in site-packages) does not travel.
-    """
-    files: dict[str, bytes] = {}
-    for module in modules_of(settings):
-        root, paths = source_of(module) or (Path(), [])
-        if "site-packages" not in root.parts:
-            files |= {path.relative_to(root).as_posix(): path.read_bytes() for path in paths}
-    return files
 
 
 def command_line() -> str:

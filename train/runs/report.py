@@ -1,4 +1,4 @@
-"""The report of a run: a page with results, curve, replays, settings, and where it loses steps."""
+"""The report of a run: a page with results, curve, replays and settings."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Any
 
 from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.tasks.task import Task
-from train.evaluation.closeups import Losses, losses_of, recorded, sides_of
+from train.evaluation.closeups import recorded, sides_of
 from train.evaluation.hidden_contest import Certificate
 from train.evaluation.scores import Reference, Score, score_table
 from train.files import read_json
 from train.reports.pages import PLAYER_ROOM, details, pairs, picture, section, write_page
-from train.reports.tables import ResultTable, in_markdown, numeric, words
+from train.reports.tables import in_markdown
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
 from train.settings.run import TrainSettings
 
-WORST = 5
-"""Starts that are shown, of those that lose most."""
+EPISODES = 4
+"""Shown of the evaluation."""
 
 LEARNED = 0.9
 """Who solves a smaller share has other things to learn than not to walk to and fro."""
@@ -46,8 +46,7 @@ def write_report(
     Raises:
         OSError: they cannot be written.
     """
-    losses = losses_of(contest, policy)
-    games, notes = shown_games(contest, losses)
+    games = {f"episode {number + 1}": number for number in range(EPISODES)}
     replay = recorded(contest, policy, games, settings.algorithm)
     if path is None:
         replay.save(folder / REPLAYS)
@@ -55,7 +54,6 @@ def write_report(
     own = isinstance(contest.task, Task)
     extras = Extras(
         names=list(games),
-        notes=notes,
         sides=sides_of(contest, policy),
         seat=contest.agent if own else None,
         encoding=settings.observation if own else None,
@@ -70,42 +68,12 @@ def write_report(
         in_markdown(summary(results)),
         PLAYER_ROOM,
         *section("Scores", table.markdown()),
-        *section("Where it loses steps", *lost_parts(contest, losses)),
         *section("Learning", picture(folder / CURVE, "mean steps, gap and curriculum over frames")),
         *section("How it was made", *provenance_parts(folder, settings, results)),
     ]
     path = path or folder / REPORT
     write_page(path, title, parts, builder.data(title))
     return path
-
-
-def shown_games(contest: Any, losses: Losses) -> tuple[dict[str, int], list[str]]:
-    """Which episodes are shown, by label, and a remark for each."""
-    games = losses.notable()
-    for place, game in enumerate(worst_starts(contest, losses), start=1):
-        if game not in games.values():
-            games[f"loses most, {place}"] = game
-    notes = []
-    for game in games.values():
-        told = f"episode {game} of the evaluation"
-        if losses.values is not None:
-            told += f", {losses.measure.name} {losses.values[game]:.4g}"
-        if losses.optimal is not None:
-            steps, optimum = losses.lengths[game], losses.optimal[game]
-            expected = "" if steps == int(steps) else " expected"
-            told += f": {steps:.4g} steps{expected}, optimum {optimum:.4g}"
-        notes.append(told)
-    return games, notes
-
-
-def worst_starts(contest: Any, losses: Losses) -> list[int]:
-    """The episodes that lose most, of different starts; none where no optimum is known."""
-    if losses.optimal is None:
-        return []
-    different: dict[str, int] = {}
-    for game in losses.worst(10 * WORST):
-        different.setdefault(start_in_words(contest, game), game)
-    return list(different.values())[:WORST]
 
 
 def of_solved(evaluation: Mapping[str, Any]) -> str:
@@ -192,49 +160,6 @@ def certificate_in(results: Mapping[str, Any]) -> Certificate | None:
         return None
     interval = (found["certified_lower"], found["certified_upper"])
     return Certificate(results["role"], found["discount"], *interval)
-
-
-def lost_parts(contest: Any, losses: Losses) -> list[str]:
-    """The starts with the largest gap; nothing where no optimum is known."""
-    if losses.optimal is None:
-        return ["The optimum of single starts is not known for this task."]
-    worst, lost = worst_starts(contest, losses), losses.lost
-    if not worst:
-        return ["From every start that was played it is as good as the optimum."]
-    told = (
-        f"{100 * (lost > 0.01).mean():.1f} % of {len(lost)} starts lose more than a hundredth of a "
-        f"step; a tenth of the starts loses {100 * losses.share_of_worst_tenth:.0f} % of all that "
-        "is lost."
-    )
-    rows = [
-        {
-            "start": start_in_words(contest, game),
-            "steps": losses.lengths[game],
-            "optimum": losses.optimal[game],
-            "lost": lost[game],
-        }
-        for game in worst
-    ]
-    numbers = [numeric(name, name, ".4g") for name in ("steps", "optimum", "lost")]
-    return [told, ResultTable(rows, [words("start"), *numbers]).markdown()]
-
-
-def start_in_words(contest: Any, game: int) -> str:
-    """Where an episode of a contest begins."""
-    simulator, _ = contest.game(None, game)
-    if not isinstance(contest.task, Task):
-        angles = ", ".join(f"{angle:.2f}" for angle in simulator.angles[0])
-        x, y = simulator.targets[0]
-        return f"angles {angles}; target ({x:.2f}, {y:.2f})"
-    maze = contest.task.mazes[simulator.maze_index[0]]
-
-    def where(cell: int) -> str:
-        return f"row {maze.rows[cell] + 1}, column {maze.columns[cell] + 1}"
-
-    seats = zip(contest.task.agent_names, simulator.positions[0], strict=True)
-    told = [f"{name} {where(cell)}" for name, cell in seats]
-    goals = [where(cell) for cell in simulator.goals[0] if cell >= 0]
-    return "; ".join(told + ([f"goals {' / '.join(goals)}"] if goals else []))
 
 
 def provenance_parts(

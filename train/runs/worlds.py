@@ -6,12 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
-from pursuit.environments.parallel import scene_of
 from pursuit.environments.single_agent import fill_seats
-from pursuit.reacher import rendering as arm_rendering
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
-from pursuit.rendering.rendering import scene_to_text
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
@@ -65,9 +62,6 @@ class World(Protocol):
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> Any:
         """What is judged: the task itself, whatever the training games are."""
-
-    def level(self, task: Any, seed: int) -> str:
-        """The start that belongs to a seed in the training games of `task`, as text."""
 
 
 @dataclass(frozen=True)
@@ -126,13 +120,6 @@ class GridWorld:
             return SuiteContest(self.task, self.agent, self.opponents, episodes, seed)
         return GameContest(self.task, self.agent, self.opponents, episodes, seed, mask_bumps=masks)
 
-    def level(self, task: Task, seed: int) -> str:
-        """As `World`."""
-        simulator = Simulator(task, 1, auto_restart=False)
-        simulator.seed_starts(None, seed)
-        simulator.reset()
-        return scene_to_text(scene_of(simulator))
-
 
 @dataclass(frozen=True)
 class ArmWorld:
@@ -167,13 +154,6 @@ class ArmWorld:
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> ArmContest:
         """As `World`."""
         return ArmContest(self.task, episodes, seed)
-
-    def level(self, task: ReacherTask, seed: int) -> str:
-        """As `World`."""
-        arm = ReacherSimulator(task, 1, auto_restart=False)
-        arm.seed_starts(None, seed)
-        arm.reset()
-        return arm_rendering.scene_to_text(arm_rendering.scene_of(arm))
 
 
 def world_of(settings: AnyTask) -> World:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from train.reports.figures import PLAIN, Look, draw_matrix
+from train.reports.figures import draw_matrix
 from train.reports.tables import Column, ResultTable, Row, words
 from train.self_play.league import LeagueTable
 
@@ -78,7 +78,7 @@ def ratings_table(role: str, content: Mapping[str, Any]) -> ResultTable:
     return ResultTable(sorted(rows, key=lambda row: -row["elo"]), columns)
 
 
-def draw_league(path: Path, table: LeagueTable, title: str, look: Look = PLAIN) -> None:
+def draw_league(path: Path, table: LeagueTable, title: str) -> None:
     """The payoff matrix as a heat map."""
     names = ("chaser", table.chasers), ("evader", table.evaders)
-    draw_matrix(path, table.payoff, *names, "steps until capture", title, look)
+    draw_matrix(path, table.payoff, *names, "steps until capture", title)

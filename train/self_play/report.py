@@ -16,7 +16,7 @@ from train.evaluation.closeups import MOST_OVERLAY_CELLS, recorded, sides_of
 from train.evaluation.contest import GameContest
 from train.files import read_json
 from train.reports.curves import Panel, Series, draw_panels
-from train.reports.figures import BLACK, BLUE, ORANGE, PLAIN, Look, time_scale
+from train.reports.figures import BLACK, BLUE, ORANGE
 from train.reports.pages import PLAYER_ROOM, details, pairs, picture, section, write_page
 from train.reports.tables import in_markdown
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
@@ -44,13 +44,9 @@ EXPLOITABILITY = {
 SCRIPTED = {"astar": ("A*", "-"), "random": ("random", ":"), "optimal": ("optimal", "--")}
 
 
-def draw_self_play(
-    path: Path, rows: list[dict[str, float]], title: str, look: Look = PLAIN
-) -> None:
-    """Exploitability over time (seconds if `look` does not say), and both sides against the
-    scripted agents below."""
-    unit = look.x or "seconds"
-    times = np.array([row[unit] for row in rows]) * time_scale(unit)
+def draw_self_play(path: Path, rows: list[dict[str, float]], title: str) -> None:
+    """Exploitability over seconds, and both sides against the scripted agents below."""
+    times = np.array([row["seconds"] for row in rows])
 
     def curve(name: str, like: Series) -> list[Series]:
         if name not in rows[0]:
@@ -70,7 +66,7 @@ def draw_self_play(
         )
     ]
     panels.append(Panel(series, "steps until capture (log)", scale="log"))
-    draw_panels(path, [[panel] for panel in panels], unit, look, title)
+    draw_panels(path, [[panel] for panel in panels], "seconds", title)
 
 
 def write_self_play_report(
@@ -153,12 +149,6 @@ def told_exploitability(results: Mapping[str, Any]) -> list[str]:
     if "game_value" in found and "value" in found:
         sight = " in full sight" if limited else ""
         told.append(f"Value {found['value']:.3f}; of the game{sight} {found['game_value']:.3f}.")
-    if results.get("independent_team"):
-        lower, upper = (results["independent_team"][end] for end in ("lower", "upper"))
-        told.append(
-            f"Chasers that draw on their own can hold {lower:.3f} to {upper:.3f} at best "
-            f"(proven, {100 * (upper / lower - 1):.2f} % wide)."
-        )
     for kind in ("exact", "approximate"):
         for name, steps in results.get(f"{kind}_best_response", {}).items():
             full = " of full sight" if kind == "exact" and limited else ""

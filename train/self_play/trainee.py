@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pursuit.simulator.policy import Policy
-from scripted_agents import independent_team
 from train.evaluation.games import (
     MAX_EXACT_WORK,
     MAX_FINAL_WORK,
@@ -264,10 +263,6 @@ class SelfPlay:
             kept = {role: self.pools[role].snapshots for role in self.sides}
             discount = self.parts.discount
             content["averages"] = averages_of(self.task, discount, kept, self.mixtures)
-        game = "game_value" in content["evaluation"]
-        if exact and everything and game and self.task.num_chasers > 1:
-            alone = independent_team(self.task, self.parts.discount)
-            content["independent_team"] = {"lower": alone.lower, "upper": alone.upper}
         if is_exact_team(self.task, pair, MAX_FINAL_WORK):
             learned = {role: pair[role] for role in self.sides}
             content["exact_best_response"] = exact_best_responses(self.task, learned, self.tell)

@@ -112,7 +112,7 @@ def _optimum(task: Task, steps: Callable[..., NDArray[Any]]) -> Optimum:
 def optimum_of(task: Task, agent: str, opponents: Mapping[str, Policy]) -> Optimum | None:
     """The exact optimum of a task; None where it is not known.
 
-    Known for one runner alone up to MAX_EXACT_GOALS goals (beyond, tours are heuristic), and for
+    Known for one runner alone up to MAX_EXACT_GOALS goals, and for
     one chaser against one evader whose policy is a table.
 
     Args:

@@ -12,11 +12,10 @@ from pursuit import chase_v0
 from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.mazes.suite_files import SIZES, SPLITS, SUITES, SUMS, read_rows, suite_names, sums_text
-from pursuit.mazes.suites import least_copy, load_mazes, load_suite, suite_difficulty, suite_tables
+from pursuit.mazes.suites import least_copy, load_mazes, load_suite, suite_tables
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, make_task
-from scripted_agents import maze_difficulty, shortest_path
-from scripted_agents.graphs.difficulty import difficulty_table
+from scripted_agents import shortest_path
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -120,30 +119,6 @@ def test_a_thousand_mazes_are_played_like_each_by_itself() -> None:
                 alone.pop(number)
         for number, simulator in alone.items():
             assert (simulator.positions[0] == together.positions[number]).all()
-
-
-def test_the_frozen_measures_are_those_of_the_mazes() -> None:
-    for name, number in (("5x5-train", 31), ("7x7-test", 199), ("9x9-validation", 5)):
-        frozen, found = suite_difficulty(name), maze_difficulty(f"suite:{name}/{number}")
-        for measure, value in vars(found).items():
-            assert frozen[measure][number] == pytest.approx(value, abs=5e-5)
-
-
-def test_measures_are_means_over_all_pairs_and_the_best_chaser_is_fastest() -> None:
-    maze = load_maze("suite:7x7-test/000")
-    found = maze_difficulty(maze)
-    pairs = maze.distances[~np.eye(49, dtype=bool)]
-    assert found.mean_path == pytest.approx(pairs.mean())
-    assert (found.longest_path, found.loops) == (pairs.max(), 0)
-    looped = maze_difficulty("suite:7x7-test/002")
-    assert looped.loops > 0 and looped.optimal_chase < looped.a_star_chase
-    assert found.optimal_chase <= found.a_star_chase
-    assert difficulty_table([maze]).splitlines()[1].startswith("7x7-test/000,49,0,")
-    with pytest.raises(ValueError, match="the measures are of connected mazes of 4 cells or more"):
-        maze_difficulty(Maze.from_text("+-+-+\n|   |\n+-+-+"))
-    assert len(suite_difficulty("7x7-test")["cells"]) == 200
-    with pytest.raises(ValueError, match="unknown suite '7x7-test/3'"):
-        suite_difficulty("7x7-test/3")
 
 
 def test_the_task_counts_its_largest_maze() -> None:

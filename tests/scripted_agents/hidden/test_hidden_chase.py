@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import hidden_truth
@@ -268,39 +267,21 @@ def test_a_random_move_of_an_enclosed_cell_is_a_legal_action() -> None:
     assert (actions < 4).all()
 
 
-# -- going on, files and refusals ------------------------------------------------------------------
+# -- going on, and refusals ------------------------------------------------------------------------
 
 
-def test_a_solution_goes_on_and_comes_back_from_a_file(tmp_path: Path) -> None:
-    arguments: Any = ("4x4", opponent(load_maze("4x4"), "chaser"), 0)
-    first = solve_hidden_chase(*arguments, seconds=0.2)
-    lower, upper = first.lower, first.upper
-    read = HiddenChaseSolution.load(first.save(tmp_path / "kept"))
-    assert (read.rules, read.lower, read.upper) == (first.rules, lower, pytest.approx(upper))
-    told: list[Any] = []
-    further = solve_hidden_chase(
-        *arguments, seconds=0.3, resume=read, report=lambda *now: told.append(now)
+def test_a_solution_goes_on() -> None:
+    solution = solve_hidden_chase("4x4", opponent(load_maze("4x4"), "chaser"), 0, seconds=0.2)
+    lower, upper, seconds, policy = (
+        solution.lower,
+        solution.upper,
+        solution.seconds,
+        solution.policy,
     )
-    assert further is read and told and further.seconds > first.seconds
-    assert further.lower >= lower and further.upper <= upper + 1e-9
-    kept = (tmp_path / "kept.npz").read_bytes()
-    flipped = bytearray(kept)
-    flipped[100] ^= 0x55  # within a compressed array
-    for damaged in (kept[:-500], bytes(flipped), b""):
-        (tmp_path / "other.npz").write_bytes(damaged)
-        with pytest.raises(ValueError, match=r"other\.npz: no solution that can be read"):
-            HiddenChaseSolution.load(tmp_path / "other.npz")
-    with np.load(tmp_path / "kept.npz") as file:
-        arrays = dict(file)
-    for wrong, said in ((("chaser", "x"), "unknown role 'x'"), (("0.95", "null"), "discount=None")):
-        about = np.array(str(arrays["about"]).replace(*wrong))
-        np.savez(tmp_path / "other.npz", **{**arrays, "about": about})
-        with pytest.raises(ValueError, match=rf"other\.npz: .*{said}"):
-            HiddenChaseSolution.load(tmp_path / "other.npz")
-    with pytest.raises(ValueError, match="resume='kept'; give what solve_hidden_chase gave"):
-        solve_hidden_chase(*arguments, resume="kept")
-    with pytest.raises(ValueError, match="another problem"):
-        solve_hidden_chase(*arguments[:2], 1, seconds=0.1, resume=read)
+    told: list[Any] = []
+    solution.improve(0.3, report=lambda *now: told.append(now))
+    assert told and solution.seconds > seconds and solution.policy is not policy
+    assert solution.lower >= lower and solution.upper <= upper + 1e-9
 
 
 def test_little_memory_is_kept_to_and_bounds_stay_bounds() -> None:

@@ -263,18 +263,18 @@ def test_scripted_agents_play_their_distributions(name: str) -> None:
         np.testing.assert_allclose(shares, chances[0], atol=0.02)
 
 
-def test_what_is_stored_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_threads_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     task = make_task("heist", maze="3x3", num_goals=2)
     for horizon, discount in ((25, 1.0), (None, 0.9)):
         rest: Any = (horizon, discount, "return")
-        stored = solve_joint(task, "chaser", IN_A_HEIST, *rest)
+        alone = solve_joint(task, "chaser", IN_A_HEIST, *rest)
         with monkeypatch.context() as limits:
-            limits.setattr(joint_sweeps, "MAX_STORE_BYTES", 0)
-            stepped = solve_joint(task, "chaser", IN_A_HEIST, *rest)
-        np.testing.assert_allclose(stored.values, stepped.values, atol=1e-12)
-        monkeypatch.setattr(joint_sweeps, "THREADED_STATES", 0)
-        threaded = solve_joint(task, "chaser", IN_A_HEIST, *rest)
-        np.testing.assert_array_equal(stored.values, threaded.values)
+            limits.setattr(joint_sweeps, "THREADED_STATES", 0)
+            threaded = solve_joint(task, "chaser", IN_A_HEIST, *rest)
+        np.testing.assert_array_equal(alone.values, threaded.values)
+    monkeypatch.setattr(joint_sweeps, "MAX_STORE_BYTES", 1000)
+    with pytest.raises(ValueError, match=r"what follows .* states needs .* 1,000 are the most"):
+        solve_joint(task, "chaser", IN_A_HEIST, objective="return")
 
 
 def test_a_plan_that_does_not_fit_is_that_of_the_first_step(

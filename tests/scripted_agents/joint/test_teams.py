@@ -28,7 +28,6 @@ from scripted_agents import (
     check_optimal,
     evaluate_exactly,
     evaluate_team,
-    independent_team,
     mean_over_starts,
     mean_over_team_starts,
     solve_chase,
@@ -36,7 +35,6 @@ from scripted_agents import (
 )
 from train.evaluation import exploitability, team_exploitability
 from train.evaluation.contest import GameContest
-from train.evaluation.games import play_out
 from train.evaluation.matchups import match, play_pair
 
 ORDERS = ("simultaneous", "chasers_first")
@@ -377,31 +375,9 @@ def test_twins_of_a_team_have_each_others_policies() -> None:
             assert (solved.evader_policy[e, c, d] == solved.evader_policy[e, d, c]).all()
 
 
-def test_a_team_that_draws_alone_lies_between_two_numbers() -> None:
-    open_, plain = team_task("3x3-open"), team_task("3x3")
-    apart = independent_team(open_)
-    together = solve_chase(open_.mazes[0], num_chasers=2)
-    assert apart.lower == pytest.approx(mean_over_team_starts(together.values, open_, 1))
-    assert apart.upper > 1.01 * apart.lower  # here moves must be drawn together
-    tight = independent_team(plain)
-    assert tight.upper == pytest.approx(tight.lower, abs=1e-9)
-    # Played, against the evader who knows it best, it holds what it is said to hold.
-    evader = best_team_response(open_, "evader", {"chaser": apart.policy}, None, 0.95).policy
-    games = Simulator(open_, 4000, 5, auto_restart=False)
-    seats: list[Any] = [apart.policy, apart.policy, evader]
-    over = lambda games: games.terminated | games.truncated  # noqa: E731
-    lengths, _ = play_out(games, seats, over, over)
-    paid = (1.0 - 0.95**lengths) / 0.05
-    assert abs(paid.mean() - apart.upper) < 4.0 * paid.std() / len(paid) ** 0.5
-    # Drawn together by the same chances it holds the value of the game.
-    together_paid = best_team_response(open_, "evader", {"chaser": OptimalChaser()}, None, 0.95)
-    assert mean_over_team_starts(together_paid.values, open_, 1) == pytest.approx(apart.lower)
-
-
-def test_what_is_no_team_has_no_such_bounds() -> None:
-    with pytest.raises(ValueError, match="num_chasers=1; a team has two or more"):
-        independent_team(team_task("3x3", 1))
-    with pytest.raises(ValueError, match="without goals"):
-        independent_team(make_task("heist", maze="3x3", num_chasers=2, num_goals=1))
-    with pytest.raises(ValueError, match="discount"):
-        independent_team(team_task("3x3"), 1.0)
+def test_a_team_that_draws_together_holds_the_value_of_the_game() -> None:
+    task = team_task("3x3-open")
+    together = solve_chase(task.mazes[0], num_chasers=2)
+    answer = best_team_response(task, "evader", {"chaser": OptimalChaser()}, None, 0.95)
+    value = mean_over_team_starts(together.values, task, 1)
+    assert mean_over_team_starts(answer.values, task, 1) == pytest.approx(value)

@@ -19,7 +19,7 @@ import pytest
 import torch
 
 from train.commands.main import in_words, main
-from train.experiments.on_ray import check_answers
+from train.experiments.executors import check_answers
 from train.files import write_beside
 from train.runs.folder import load_checkpoint, read_metrics
 from train.runs.report import loops_told
@@ -416,7 +416,7 @@ def test_every_command_has_a_help_that_names_its_options(
 ) -> None:
     main(["--help"])
     assert "evaluate" in capsys.readouterr().out
-    for command in ("train", "evaluate", "baseline", "maze", "render", "bench"):
+    for command in ("train", "evaluate", "baseline", "maze", "render"):
         with pytest.raises(SystemExit) as stopped:
             main([command, "--help"])
         assert stopped.value.code == 0

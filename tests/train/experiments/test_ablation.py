@@ -21,7 +21,7 @@ from train.experiments.ablation import ABLATIONS, load_ablation
 from train.experiments.ablation_report import correct, summary, verdict
 from train.experiments.arms import Curve
 from train.experiments.forms import Hints
-from train.experiments.report import report
+from train.experiments.report import report_on
 from train.experiments.statistics import (
     first_below,
     improvement,
@@ -33,7 +33,6 @@ from train.experiments.statistics import (
 )
 from train.experiments.sweep import shipped
 from train.experiments.tables import CURVES, RUNS
-from train.reports.figures import Look
 
 TINY = """
 title = "Tiny"
@@ -124,9 +123,8 @@ def curve(shortfalls: list[float], seed: int, task: str = "") -> Curve:
     places = np.arange(1.0, len(shortfalls) + 1)
     values = np.array(shortfalls)
     optimality = 1 / (1 + values / 100)
-    ends = (values[-1], values[-1], values[-1] + 1.0)
     lessons = (values * 0, values * np.nan)
-    return Curve(places, 1e6 * places, values, optimality, *lessons, *ends, seed, task)
+    return Curve(places, 1e6 * places, values, optimality, *lessons, values[-1], seed, task)
 
 
 def test_what_was_never_reached_counts_as_late_not_as_missing() -> None:
@@ -318,17 +316,23 @@ def test_an_ablation_runs_reports_and_is_not_done_again(
     names = ["none", "fewer goals first"]
     assert [row.split(",")[0] for row in table[1:]] == names
     methods = (out / "report" / "methods.md").read_text()
-    assert "| runs | 4 (" in methods and "| role | runner |" in methods
+    assert "| runs | 4 |" in methods and "| role | runner |" in methods
 
 
 @pytest.mark.parametrize(("asked", "drawn"), [(None, "frames"), ("seconds", "seconds")])
 def test_arms_of_equal_frames_are_drawn_over_frames(
     ablated: Path, monkeypatch: pytest.MonkeyPatch, asked: str | None, drawn: str
 ) -> None:
-    looks: list[Any] = []
-    monkeypatch.setattr(ablation_report, "draw_arms", lambda *given: looks.append(given[-1].x))
-    report(ablated / "out", Look(x=asked))
-    assert looks == [drawn]
+    units: list[Any] = []
+    draw = ablation_report.draw_panels
+
+    def panels(path: Path, grid: Any, unit: str, *rest: Any, **how: Any) -> None:
+        units.append(unit)
+        draw(path, grid, unit, *rest, **how)
+
+    monkeypatch.setattr(ablation_report, "draw_panels", panels)
+    report_on(ablated / "out", asked)
+    assert units == [drawn]
 
 
 def test_all_arms_are_evaluated_at_the_same_final_difficulty(ablated: Path) -> None:

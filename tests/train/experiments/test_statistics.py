@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from train.experiments.measures import measure_of
 from train.experiments.statistics import (
     difference_interval,
     distance_interval,
@@ -18,6 +17,7 @@ from train.experiments.statistics import (
     mean_interval,
     probability_of_improvement,
 )
+from train.experiments.sweep_report import measure_of
 
 SPREAD: dict[str, tuple[float, Callable[..., Any]]] = {
     "normal": (0.0, lambda rng, size: rng.normal(size=size)),

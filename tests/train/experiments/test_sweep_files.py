@@ -75,10 +75,6 @@ def load(tmp_path: Path, **parts: str) -> Any:
         ("rest", "[report]\nx = 'variant'", r"'variant' in \[report\] is no setting"),
         ("rest", "[report]\ngroup = [5]", r"report.group\[0\]: a text expected, a whole number"),
         ("rest", "[report]\ngroup = ['bogus']", r"'bogus' in \[report\] is no setting"),
-        ("rest", "[exact]\nmazes = 3\ngoals = [1]", "exact.mazes: a list expected"),
-        ("rest", "[exact]\nmazes = ['2x2']\ngoals = [0]", "numbers of at least 1"),
-        ("rest", "[exact]\nmazes = ['2x2']\ngaols = [1]", "did you mean 'goals'"),
-        ("rest", "[exact]\nmazes = ['2x9']\ngoals = [1]", "unknown maze '2x9'"),
         ("rest", "[search]\ngamma = {low=0.1, high=0.9, scale='bogus'}", "scale='bogus'; linear"),
         ("rest", "[search]\ngamma = {low='a', high='b'}", "field low: a number expected"),
         ("rest", "[search]\ngamma = {low=0.1, high=inf}", "give finite numbers"),
@@ -116,7 +112,6 @@ def test_what_would_be_ignored_or_fail_later_is_one_line(
         ("[settings]", "[other]\n[settings]", "unknown field 'other'"),
         ("{rest}", "[report]\ngroup = ['gamma']", "its arms; leave it out"),
         ("{rest}", "[report]\nx = 'gamma'", r"none of the \[grid\]"),
-        ("{rest}", "[exact]\nmazes = ['2x2']\ngoals = [1]", "an ablation has no"),
         ("{rest}", "[grid]\nseed = [0, 1]\n[report]\nx = 'seed'", "give seeds = "),
     ],
 )
@@ -168,16 +163,14 @@ def test_a_dry_run_lists_the_runs_with_what_varies_and_does_nothing(
     (folder / "checkpoint.pt").write_bytes(b"")
     capsys.readouterr()
     main(["sweep", str(tmp_path / "s.toml"), "--out", str(out), "--dry-run"])
-    first, second, power, last = capsys.readouterr().out.splitlines()
+    first, second, last = capsys.readouterr().out.splitlines()
     assert first.split() == ["interrupted", "max_steps=50", "seed=0", str(folder)]
     assert second.split()[:3] == ["new", "max_steps=60", "seed=0"]
     assert last == f"2 runs into {out} (1 interrupted, 1 new); nothing was done"
-    assert power.startswith("power: the report of a sweep makes no test")
     (tmp_path / "a.toml").write_text(ABLATION.replace("{rest}", ""))
     main(["ablate", str(tmp_path / "a.toml"), "--out", str(out / "none"), "--dry-run"])
-    first, second, power, last = capsys.readouterr().out.splitlines()
+    first, second, last = capsys.readouterr().out.splitlines()
     assert "variant=a seed=0" in first and "gamma=0.5" in second and "2 new" in last
-    assert power.startswith("power: 1 against 1: 0 % at every effect")
 
 
 # -- what a sweep keeps ----------------------------------------------------------------------------

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import signal
 import subprocess
 import sys
@@ -16,11 +14,9 @@ from filelock import FileLock, Timeout
 
 from pursuit import load_maze
 from train.experiments.kinds import KINDS, open_run, start
-from train.experiments.on_ray import Exchange
 from train.experiments.study import prepare, status_of
 from train.experiments.sweep import load_sweep
 from train.experiments.tables import collect
-from train.experiments.worker import shipment, unpack, when_saved, work_elsewhere
 from train.runs.folder import RUN
 
 MAZE = "+-+-+\n|   |\n+ + +\n|   |\n+-+-+\n"
@@ -119,35 +115,6 @@ def test_a_sweep_over_files_is_taken_up_again_and_reads_its_own_copies(
     assert (row["maze"], row["opponent"]) == (str(given["maze"]), str(given["opponent"]))
 
 
-@pytest.mark.slow
-def test_a_run_travels_with_all_that_it_reads(given: dict[str, Any], tmp_path: Path) -> None:
-    names(tmp_path, given)
-    ((_, folder),) = prepare(load_sweep(str(tmp_path / "s.toml")), tmp_path / "out")
-    files = shipment(folder)
-    assert str(tmp_path) not in files["config.json"].decode()
-    for path in (tmp_path / "mazes", given["opponent"], tmp_path / "out"):
-        path.rename(path.with_name(f"{path.name}-gone"))
-    told: list[float] = []
-    back = work_elsewhere(files, lambda progress, saved: bool(told.append(progress)))
-    assert "error.txt" not in back, back["error.txt"].decode()
-    assert json.loads(back["results.json"])["interrupted"] is False and told
-    assert "config.json" not in back and not any("inputs" in name for name in back)
-
-
-def test_self_play_travels_with_its_frozen_side(tmp_path: Path) -> None:
-    frozen = evader(tmp_path / "evader")
-    (tmp_path / "s.toml").write_text(
-        f'kind = "self-play"\n[settings]\nmaze = "3x3"\nframes = 2000\nnum_games = 32\n'
-        f'minibatch_size = 32\nevader = "{frozen}"\n'
-    )
-    ((_, folder),) = prepare(load_sweep(str(tmp_path / "s.toml")), tmp_path / "out")
-    files = shipment(folder)
-    for path in (frozen, tmp_path / "out"):
-        path.rename(path.with_name(f"{path.name}-gone"))
-    unpack(tmp_path / "there", files)
-    assert open_run(tmp_path / "there").trainee.parts.frozen["evader"]
-
-
 # -- nothing is lost -------------------------------------------------------------------------------
 
 LONG = """
@@ -162,49 +129,6 @@ num_games = 32
 samples = 2
 gamma = {choices = [0.9, 0.95]}
 """
-
-
-def test_files_are_taken_when_a_run_has_saved_not_while_it_saves(tmp_path: Path) -> None:
-    checkpoint, progress = tmp_path / "checkpoint.pt", tmp_path / "progress.txt"
-    assert when_saved(tmp_path) is None
-    checkpoint.write_text("1")
-    assert when_saved(tmp_path) is None
-    progress.write_text("0.1")
-    first = when_saved(tmp_path)
-    assert first is not None
-    os.utime(checkpoint, ns=(first[1] + 10, first[1] + 10))
-    assert when_saved(tmp_path) is None
-    os.utime(progress, ns=(first[1] + 20, first[1] + 20))
-    assert when_saved(tmp_path) not in (None, first)
-
-
-def test_the_exchange_keeps_what_was_last_saved_until_a_run_has_ended() -> None:
-    exchange = Exchange()
-    assert not exchange.tell("a", 0.0, None) and not exchange.tell("b", 0.1, {"x": b"1"})
-    assert exchange.take() == ({"b": {"x": b"1"}}, {"a": 0.0, "b": 0.1})
-    assert exchange.take()[0] == {} and exchange.latest("b") == {"x": b"1"}
-    assert exchange.stop() == {"a": 0.0, "b": 0.1}
-    assert exchange.tell("a", 0.2, {"x": b"2"})
-    exchange.end("b")
-    assert exchange.all() == {"a": {"x": b"2"}}
-
-
-@pytest.mark.slow
-def test_a_run_elsewhere_hands_over_what_it_saved_and_stops_when_told(tmp_path: Path) -> None:
-    (tmp_path / "s.toml").write_text(LONG.replace("1000000000", "30000000"))
-    ((_, folder), *_) = prepare(load_sweep(str(tmp_path / "s.toml")), tmp_path / "out")
-    saved: list[dict[str, bytes]] = []
-
-    def tell(progress: float, files: dict[str, bytes] | None) -> bool:
-        saved.extend([files] if files else [])
-        return bool(saved)
-
-    back = work_elsewhere(shipment(folder), tell)
-    assert {"checkpoint.pt", "metrics.csv"} <= set(saved[0]) and "error.txt" not in back
-    assert "results.json" not in back
-    unpack(tmp_path / "again", shipment(folder) | back)
-    run = open_run(tmp_path / "again")
-    assert 0 < run.progress < 1 and run.metrics.rows
 
 
 @pytest.mark.slow

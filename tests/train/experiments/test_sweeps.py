@@ -18,10 +18,10 @@ from train.commands.main import main
 from train.commands.sweep import SweepWatch
 from train.experiments.executors import run_locally
 from train.experiments.identity import fingerprint
-from train.experiments.report import report
+from train.experiments.report import report_on
 from train.experiments.study import prepare, status_of
 from train.experiments.sweep import load_sweep, shipped
-from train.experiments.sweep_report import sentences, summary, table_of
+from train.experiments.sweep_report import sentences
 from train.experiments.tables import CURVES, RUNS, collect
 from train.experiments.worker import progress_of
 from train.files import only_one
@@ -189,9 +189,7 @@ def test_every_shipped_file_is_sound_in_its_full_version() -> None:
 
 
 def test_every_shipped_file_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
-    assert {"states", "tabular", "encodings", "rewards", "maze_by_size", "maze_by_goals"} <= set(
-        shipped()
-    )
+    assert {"tabular", "encodings", "rewards", "maze_by_size", "maze_by_goals"} <= set(shipped())
     assert {"chaser_by_size", "evader_by_size", "dqn_one_goal", "presets"} <= set(shipped())
     for name in shipped():
         assert load_sweep(name, "short").title
@@ -199,17 +197,6 @@ def test_every_shipped_file_is_sound(capsys: pytest.CaptureFixture[str]) -> None
     assert "maze_by_size" in capsys.readouterr().out
     with pytest.raises(ValueError, match="no such sweep file"):
         load_sweep("chasers")
-
-
-def test_the_exact_table_needs_no_learning(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    main(["sweep", "states", "--out", str(tmp_path / "out")])
-    text = (tmp_path / "out" / "exact.md").read_text()
-    assert text.strip() in capsys.readouterr().out
-    rows = [line.split("|") for line in text.splitlines() if "x" in line[:6]]
-    assert [row[1].strip() for row in rows] == [f"{n}x{n}" for n in range(3, 10)]
-    assert rows[2][3].strip() == "600" and rows[2][4].strip() == "58,100"  # formula 3.2
 
 
 # -- running ---------------------------------------------------------------------------------------
@@ -376,7 +363,7 @@ def test_the_time_left_follows_what_is_done(monkeypatch: pytest.MonkeyPatch) -> 
 def test_a_report_says_what_the_runs_found(swept: Path) -> None:
     from PIL import Image
 
-    folder = report(swept)
+    folder = report_on(swept)
     text = (folder / "report.md").read_text()
     assert text.startswith("# Tiny") and "4 runs, seeds 0, 1" in text
     runs, _ = collect(swept)
@@ -388,7 +375,7 @@ def test_a_report_says_what_the_runs_found(swept: Path) -> None:
         )
         assert row["seeds"] == 2
         assert row["gap"] == pytest.approx(100 * chosen["optimality_gap"].mean())
-    for name in ("final.png", "learning_curves_seconds.png", "learning_curves_frames.png"):
+    for name in ("final.png", "learning_curves.png"):
         with Image.open(folder / name) as picture:
             assert min(picture.size) > 300
         assert f"({name})" in text
@@ -402,8 +389,7 @@ def test_a_report_says_which_policy_was_evaluated(swept: Path) -> None:
         (("sampled", "greedy"), "Steps are those of the greedy or sampled policy; "),
     ):
         given = [row | {"evaluate": kinds[n % len(kinds)]} for n, row in enumerate(rows)]
-        table = table_of(given, summary(given, None), None)
-        assert told in " ".join(sentences(given, table, []))
+        assert told in " ".join(sentences(given))
 
 
 def test_a_report_of_nothing_is_an_error(

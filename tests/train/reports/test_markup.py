@@ -9,7 +9,6 @@ import markdown
 import pytest
 
 from train.commands.main import main
-from train.experiments.methods import commands_told
 from train.reports.pages import page_of
 from train.reports.tables import ResultTable, in_markdown, words
 
@@ -77,11 +76,6 @@ def test_nothing_on_a_page_leads_out_of_its_folder(tmp_path: Path) -> None:
     )
     page = body_of(page_of(report))
     assert set(page.addresses) <= {"methods.md"} and "methods.md" in page.addresses
-
-
-def test_a_command_stays_in_its_block() -> None:
-    told = commands_told(["pursuit train --out '\n```\n[x](javascript:alert(1))'"])
-    assert Tags(markdown.markdown("\n".join(told), extensions=["fenced_code"])).addresses == []
 
 
 def test_the_report_of_a_sweep_has_no_markup_of_others(tmp_path: Path) -> None:

@@ -225,7 +225,6 @@ def test_regrets_of_an_arm_are_against_the_least_steps_of_their_starts() -> None
     for game in range(16):
         least = max(least_steps(arms.angles[game], arms.target[game])[0], 1) + 1
         assert teacher.optima[game] == least
-    assert "distance" in parts.world.level(parts.seat.task, 5)
     with pytest.raises(ValueError, match="exact optimum"):
         plan_lessons(
             "level-replay",

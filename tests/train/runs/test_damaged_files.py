@@ -16,7 +16,6 @@ from typing import Any
 import pytest
 import torch
 
-from train.commands.levels import levels
 from train.experiments.kinds import is_complete, open_run, start
 from train.experiments.tables import row_of
 from train.runs.folder import RUN, SELF_PLAY, load_checkpoint, load_results, read_metrics
@@ -82,7 +81,7 @@ READERS: dict[str, list[Callable[[Path], object]]] = {
     ],
     "results.json": [is_complete, load_results, row_of],
     "metrics.csv": [read_metrics, open_run, lambda f: (load_results(f), row_of(f))],
-    "checkpoint.pt": [load_policy, iterate, lambda f: levels([str(f)])],
+    "checkpoint.pt": [load_policy, iterate],
     ".pt": [open_run],
 }
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +11,6 @@ import pytest
 from played_by_hand import NORTH
 
 from train.commands import play as play_command
-from train.commands import regret as regret_command
 from train.commands.main import main
 from train.files import check_new_files, check_output_folder
 from train.play.kept import PATTERN
@@ -23,7 +20,6 @@ TINY = [
     *("--num-games", "16", "--threads", "1", "--episodes", "20", "--frames", "512"),
 ]
 SWEEP = 'title = "{}"\n{}[settings]\ntask = "maze"\nmaze = "2x2"\nframes = 64\n'
-NO_RUNS = 'title = "{}"\n[exact]\nmazes = ["2x2"]\ngoals = [1]\n'
 ARMS = '[[arms]]\nname = "a"\n[[arms]]\nname = "b"\ncurriculum = "num-goals"\n'
 
 
@@ -57,18 +53,18 @@ def contents(folder: Path) -> dict[str, bytes]:
         ["evaluate", "RUN", "--episodes", "2", "--replays", "STEM"],
         ["maze", "3x3", "--out", "FILE"],
         ["solve", "--maze", "2x2", "--out", "PICTURE"],
-        ["solve", "--maze", "2x2", "--out", "OTHER", "--format", "png"],
+        ["maze", "2x2", "--picture", "PICTURE"],
     ],
     ids=" ".join,
 )
 def test_an_existing_file_is_not_replaced(
     command: list[str], trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file, picture, other = (tmp_path / name for name in ("of.json", "of.png", "of.pdf"))
+    file, picture = (tmp_path / name for name in ("of.json", "of.png"))
     file.write_text("mine")
     picture.write_text("mine")
     places = {"RUN": trained, "FILE": file, "STEM": tmp_path / "of"}
-    places |= {"PICTURE": picture, "OTHER": other}
+    places |= {"PICTURE": picture}
     said = refused(capsys, *(places.get(word, word) for word in command))
     assert "exists already; give a new file, or --overwrite" in said
     assert contents(tmp_path) == {str(file): b"mine", str(picture): b"mine"}
@@ -79,9 +75,7 @@ def test_an_existing_file_is_not_replaced(
     [
         ["league", "astar", "random", "--maze", "2x2", "--games", "2"],
         ["report", "RUN"],
-        ["regret", "RUN", "--episodes", "2"],
         ["sweep", "FOLDER/plan.toml"],
-        ["sweep", "FOLDER/exact.toml"],
         ["ablate", "FOLDER/arms.toml"],
         ["race", "ppo"],
         ["reproduce", "table-3.1"],
@@ -94,7 +88,6 @@ def test_a_folder_of_others_is_not_written_into(
     command: list[str], trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "plan.toml").write_text(SWEEP.format("one", ""))
-    (tmp_path / "exact.toml").write_text(NO_RUNS.format("two"))
     (tmp_path / "arms.toml").write_text(SWEEP.format("three", 'control = "a"\n') + ARMS)
     folder = tmp_path / "folder"
     folder.mkdir()
@@ -107,21 +100,6 @@ def test_a_folder_of_others_is_not_written_into(
     said = refused(capsys, *command, "--out", folder)
     assert f"{folder}: holds files that this command did not write; give a new folder" in said
     assert contents(tmp_path) == before
-
-
-def test_regret_that_could_not_write_its_picture_goes_on_in_its_folder(
-    trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    again = ["regret", str(trained), "--episodes", "10", "--out", str(tmp_path / "regret")]
-    with monkeypatch.context() as patched:
-        patched.setattr(regret_command, "draw_map", full)
-        with pytest.raises(SystemExit):
-            main(again)
-    main(again)
-    assert (tmp_path / "regret" / "map.png").exists()
 
 
 @pytest.mark.parametrize(
@@ -149,7 +127,6 @@ def test_a_command_writes_again_into_its_own_folder_and_overwrites_where_it_is_t
     for command in (
         ["league", "astar", "random", "--maze", "2x2", "--games", "2"],
         ["report", str(trained)],
-        ["regret", str(trained), "--episodes", "10"],
     ):
         out = tmp_path / command[0]
         for _ in range(2):
@@ -167,32 +144,28 @@ def test_a_command_writes_again_into_its_own_folder_and_overwrites_where_it_is_t
 def test_a_sweep_keeps_its_folder_and_its_title(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name, text in (("a", NO_RUNS.format("one")), ("b", NO_RUNS.format("two"))):
-        (tmp_path / f"{name}.toml").write_text(text)
+    for name, title in (("a", "one"), ("b", "two")):
+        (tmp_path / f"{name}.toml").write_text(SWEEP.format(title, ""))
     out = tmp_path / "out"
-    for _ in range(2):
-        main(["sweep", str(tmp_path / "a.toml"), "--out", str(out)])
-    (out / "sweep.json").write_text(json.dumps({"title": "one", "runs": []}))
-    main(["sweep", str(tmp_path / "a.toml"), "--out", str(out)])
+    out.mkdir()
+    (out / "runs").mkdir()
+    (out / "sweep.json").write_text(json.dumps({"title": "one", "format": 2, "runs": []}))
+    main(["sweep", str(tmp_path / "a.toml"), "--out", str(out), "--dry-run"])
     assert "did not write" in refused(capsys, "sweep", tmp_path / "b.toml", "--out", out)
-    assert (out / "exact.md").read_text().startswith("# one\n")
-    main(["sweep", str(tmp_path / "b.toml"), "--out", str(out), "--overwrite"])
-    assert (out / "exact.md").read_text().startswith("# two\n")
+    main(["sweep", str(tmp_path / "b.toml"), "--out", str(out), "--dry-run", "--overwrite"])
 
 
 def test_options_are_checked_before_anything_is_written(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = contents(trained)
-    assert "unknown format" in refused(capsys, "regret", trained, "--format", "bogus")
+    assert "hours" in refused(capsys, "report", trained, "--x", "hours")
     evaluate = ("evaluate", trained, "--episodes", "2")
     same = refused(capsys, *evaluate, "--out", tmp_path / "a.json", "--replays", tmp_path / "a")
     assert "two outputs" in same
     lost = refused(capsys, *evaluate, "--replays", tmp_path / "a", "--out", tmp_path / "no" / "b")
     assert "make it first" in lost
-    of_suites = refused(capsys, *evaluate, "--maze", "suite:7x7-test/0-1", "--table",
-                        tmp_path / "t.csv", "--picture", tmp_path / "p.txt")  # fmt: skip
-    assert "p.txt" in of_suites or "txt" in of_suites
+    assert "p.txt" in refused(capsys, "maze", "2x2", "--picture", tmp_path / "p.txt")
     assert contents(trained) == before and contents(tmp_path) == {}
 
 

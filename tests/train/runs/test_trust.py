@@ -15,15 +15,12 @@ from pursuit import plugins as parts
 from train.commands.main import main
 from train.experiments.identity import fingerprint
 from train.experiments.kinds import open_run, resume, start
-from train.experiments.study import prepare
-from train.experiments.sweep import load_sweep
 from train.experiments.tables import row_of
-from train.experiments.worker import shipment, work_elsewhere, worker_environment
 from train.files import write_json
 from train.runs.folder import RUN, load_config
 from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
-from train.runs.provenance import SOURCES, provenance, source_files
+from train.runs.provenance import provenance
 from train.runs.saved import load_settings
 from train.runs.third_party import description_of, load_stable_baselines
 
@@ -100,7 +97,7 @@ def test_no_code_that_a_strangers_file_names_is_run(
         for read in (load_settings, load_policy, open_run, lambda path: resume(path, RUN)):
             with pytest.raises(ValueError, match=r"config\.json: names 'stranger:pay'"):
                 read(tmp_path / "run")  # type: ignore[operator]
-    for command in ("evaluate run", "render run --out a.gif", "league run astar", "levels run",
+    for command in ("evaluate run", "render run --out a.gif", "league run astar",
                     "train --resume run", "baseline --opponent run"):  # fmt: skip
         with pytest.raises(SystemExit) as error:
             main(command.split())
@@ -193,12 +190,9 @@ def test_a_package_is_hashed_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.syspath_prepend(str(tmp_path))
     settings = settings_of(**FLAT, rewards="my_package.inner:pay")
     first = provenance(settings)["rewards"]["sha256"]
-    assert sorted(source_files(settings)) == [
-        f"my_package/{name}.py" for name in ("__init__", "inner", "numbers")
-    ]
     (package / "numbers.py").write_text("SCALE = 3\n")
     assert provenance(settings)["rewards"]["sha256"] != first
-    assert provenance(settings_of(**FLAT)) == {} == source_files(settings_of(**FLAT))
+    assert provenance(settings_of(**FLAT)) == {}
 
 
 def test_the_command_stands_in_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -216,7 +210,7 @@ def test_the_command_stands_in_the_folder(tmp_path: Path, monkeypatch: pytest.Mo
 def test_workers_find_and_trust_what_their_sweep_does(module: str) -> None:
     settings_of(**FLAT, rewards=f"{module}:pay")  # named by the user
     pursuit.allow(module)
-    found = worker_environment()
+    found = parts.environment()
     assert found[parts.ALLOW] == module and str(Path.cwd()) in found[parts.LOOK_IN]
 
 
@@ -233,17 +227,3 @@ def test_a_sweep_of_own_parts_runs_in_its_workers(module: str, tmp_path: Path) -
     forgotten(module)
     parts._allowed.clear()
     assert row_of(folder)["rewards"] == f"{module}:pay" and module not in sys.modules
-
-
-@pytest.mark.slow
-def test_sources_travel_to_machines_that_have_them_not(module: str, tmp_path: Path) -> None:
-    Path("sweep.toml").write_text(SWEEP.format(name=f"{module}:pay"))
-    pursuit.allow(module)
-    ((_, folder),) = prepare(load_sweep("sweep.toml"), tmp_path / "out")
-    files = shipment(folder)
-    assert f"{SOURCES}/{module}.py" in files
-    Path(f"{module}.py").unlink()
-    forgotten(module)
-    back = work_elsewhere(files, trusted=(module,))
-    assert "results.json" in back and "error.txt" not in back
-    assert not any(name.startswith(SOURCES) for name in back)

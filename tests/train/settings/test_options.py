@@ -48,11 +48,6 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
             ["baseline", *TINY[:4], "--opponent-epsilon", "0.5"],
             "no other agent",
         ),
-        (
-            ["baseline", "--maze", "suite:7x7-test/0-1", "--blindness", "1"],
-            "blindness is for duels",
-        ),
-        (["baseline", "--task", "reacher", "--blindness", "1"], "blindness is for duels"),
         (["evaluate", "RUN", "--opponent-epsilon", "0.5"], "no other agent"),
         (["render", "RUN", "--maze", "5x5", "--out", "OUT"], "--maze with"),
         (["render", "RUN", "--num_goals=1", "--out", "OUT"], "--num-goals with"),
@@ -121,7 +116,7 @@ def test_runs_that_were_saved_with_settings_without_effect_go_on(tmp_path: Path)
 
 
 @pytest.mark.parametrize("command", ["train", "self-play"])
-def test_a_resumed_run_keeps_the_episodes_and_formats_of_its_first_command(
+def test_a_resumed_run_keeps_the_episodes_of_its_first_command(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given = TINY if command == "train" else ["--maze", "3x3", "--num-games", "64"]
@@ -138,10 +133,10 @@ def test_a_resumed_run_keeps_the_episodes_and_formats_of_its_first_command(
     with monkeypatch.context() as patch:
         patch.setattr(f"train.commands.{module}.carry_out", stop)
         with pytest.raises(Stop):
-            main([command, *given, "--frames", "512", "--episodes", "7", "--format", "svg",
+            main([command, *given, "--frames", "512", "--episodes", "7",
                   "--out", str(out)])  # fmt: skip
     content = json.loads((out / "config.json").read_text())
-    assert content["final"] == {"episodes": 7, "formats": ["svg"]}
+    assert content["final"] == {"episodes": 7}
     asked: list[Any] = []
     with monkeypatch.context() as patch:
         patch.setattr(

@@ -12,19 +12,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import Any, Protocol
 
-import torch
 from torch import nn
 
 import pursuit
-from pursuit.environments.single_agent import SingleAgentVectorEnv, fill_seats
+from pursuit.environments.single_agent import SingleAgentVectorEnv
 from pursuit.simulator.policy import Policy
-from pursuit.simulator.simulator import Simulator
-from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.contest import GameContest
-from train.experiments.comparison.plain_ppo import PlainPPO
-from train.experiments.comparison.torchrl_ppo import TorchRLPPO
 from train.networks.policy import Seat
 from train.runs.parts import parts_of
 from train.runs.single import SingleAgent
@@ -45,53 +40,26 @@ OBEYED = (
 """The settings that every contestant obeys: what a search may draw."""
 
 
-class Racer:
-    """One contestant at the start: games and weights are made.
-
-    Attributes:
-        world: the games.
-        learner: with `frames`, environment steps so far, all games counted, and `iterate`.
-        network: what it learns, as policies of ours want it; it follows the learner.
-    """
-
-    world: GridWorld
-    learner: Any
-    network: Any
-
-    @property
-    def frames(self) -> int:
-        """Environment steps so far, all games counted."""
-        return int(self.learner.frames)
-
-    def iterate(self, progress: float) -> None:
-        """A rollout, and what is learned from it; `progress` in [0, 1] through the budget."""
-        self.learner.iterate(progress)
-
-    def policy(self, greedy: bool) -> Policy:
-        """What was learned so far; it follows the learner as it goes on."""
-        made: Policy = seat_of(self.world).policy(self.network, greedy)
-        return made
-
-    def close(self) -> None:
-        """Let go of whatever is held open."""
-
-
 def seat_of(world: GridWorld) -> Seat:
     """Who learns, with what the others observe."""
     return Seat(world.task, world.agent, OBSERVATION)
 
 
-class Logits(nn.Module):
-    """A network whose output is the logits, as policies of ours want it."""
+class Racer(Protocol):
+    """One contestant at the start: games and weights are made."""
 
-    def __init__(self, network: nn.Module) -> None:
-        super().__init__()
-        self.network = network
+    @property
+    def frames(self) -> int:
+        """Environment steps so far, all games counted."""
 
-    def logits(self, observation: torch.Tensor) -> torch.Tensor:
-        """[..., actions]."""
-        found: torch.Tensor = self.network(observation)
-        return found
+    def iterate(self, progress: float) -> None:
+        """A rollout, and what is learned from it; `progress` in [0, 1] through the budget."""
+
+    def policy(self, greedy: bool) -> Policy:
+        """What was learned so far; it follows the learner as it goes on."""
+
+    def close(self) -> None:
+        """Let go of whatever is held open."""
 
 
 # -- ours ------------------------------------------------------------------------------------------
@@ -103,7 +71,7 @@ class Clock:
     progress = seconds = 0.0
 
 
-class Ours(Racer):
+class Ours:
     """Our PPO as `pursuit train` makes it, with its curriculum where the preset has one."""
 
     def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
@@ -116,11 +84,18 @@ class Ours(Racer):
         )
         self.learner, self.clock = SingleAgent(parts_of(whole), "greedy"), Clock()
 
+    @property
+    def frames(self) -> int:
+        """As `Racer`."""
+        return int(self.learner.frames)
+
     def iterate(self, progress: float) -> None:
         """As `Racer`."""
         self.clock.progress = progress
         self.learner.iterate(self.clock)
-        forget_episodes(self.learner.env)
+        # Nobody asks here for returns and lengths of the training games.
+        self.learner.env.finished_returns.clear()
+        self.learner.env.finished_lengths.clear()
 
     def policy(self, greedy: bool) -> Policy:
         """As `Racer`."""
@@ -132,12 +107,6 @@ class Ours(Racer):
         self.learner.close()
 
 
-def forget_episodes(env: Any) -> None:
-    """Nobody asks here for returns and lengths of the training games."""
-    env.finished_returns.clear()
-    env.finished_lengths.clear()
-
-
 def our_defaults(world: GridWorld) -> PPOSettings:
     """Our preset of a task."""
     found = tuned("ppo", setting_of(world.settings))
@@ -145,7 +114,7 @@ def our_defaults(world: GridWorld) -> PPOSettings:
     return found
 
 
-# -- the others ------------------------------------------------------------------------------------
+# -- Stable-Baselines3 -----------------------------------------------------------------------------
 
 
 def vector_env(
@@ -156,7 +125,7 @@ def vector_env(
     return SingleAgentVectorEnv(*seats, games, observation, autoreset_mode="SAME_STEP")
 
 
-class StableBaselines(Racer):
+class StableBaselines:
     """Stable-Baselines3's PPO with an MlpPolicy."""
 
     def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
@@ -200,35 +169,13 @@ class StableBaselines(Racer):
         self.progress = progress
         self.learner.learn(self.batch, reset_num_timesteps=False)
 
-
-class CleanRL(Racer):
-    """`PlainPPO`: CleanRL's, written anew."""
-
-    def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
-        self.world = world
-        self.learner = PlainPPO(settings, vector_env(world, settings.num_games), seed)
-        self.network = self.learner.network
-
-
-class TorchRL(Racer):
-    """`TorchRLPPO`: the form of TorchRL's scripts."""
-
-    def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
-        self.world = world
-        simulator = Simulator(world.task, settings.num_games, seed, auto_restart=False)
-        _, policies = fill_seats(world.task, world.agent, world.opponents)
-        self.env = SimulatorEnv(simulator, seat_of(world), policies)
-        self.learner = TorchRLPPO(settings, self.env, seed)
-        self.network = Logits(self.learner.network)
-
-    def iterate(self, progress: float) -> None:
+    def policy(self, greedy: bool) -> Policy:
         """As `Racer`."""
-        self.learner.iterate(progress)
-        forget_episodes(self.env)
+        made: Policy = seat_of(self.world).policy(self.network, greedy)
+        return made
 
     def close(self) -> None:
         """As `Racer`."""
-        self.learner.close()
 
 
 # -- the list --------------------------------------------------------------------------------------
@@ -277,8 +224,6 @@ CONTESTANTS = {
     "stable-baselines3": Contestant(
         "Stable-Baselines3", "stable_baselines3", "sb3", StableBaselines, library_defaults
     ),
-    "cleanrl": Contestant("CleanRL, rewritten", "torch", "", CleanRL, library_defaults),
-    "torchrl": Contestant("TorchRL's script form", "torchrl", "", TorchRL, library_defaults),
 }
 """By the names that race files give them."""
 

@@ -56,18 +56,13 @@ class Budgets(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class Tuning(Budgets, forbid_unknown_fields=True, kw_only=True):
-    """[tuning]: the search; how many trials it has, and how many of them are run on all mazes."""
+    """[tuning]: the search, and how many trials it has."""
 
     trials: int
-    finalists: int | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check(self.trials > 0, f"trials={self.trials} in [tuning]; at least 1")
-        check(
-            self.finalists is None or 1 <= self.finalists <= self.trials,
-            f"finalists={self.finalists}; 1 to {self.trials}, as there are trials",
-        )
 
 
 class Final(Budgets, forbid_unknown_fields=True, kw_only=True):
@@ -150,10 +145,7 @@ class Race:
         tasks: what is learned.
         space: of the search, as the file has it.
         trials: settings by number, the same for every contestant.
-        finalists: how many of a contestant's trials, the best on the first held-out maze of a
-            task, are run on the other ones too.
-        tuning, final: the budgets.
-        seeds: of the comparison itself.
+        tuning, final: the budgets, and the seeds of the comparison itself.
         episodes: of each evaluation.
         clock: what seconds are of, "wall" or "cpu".
     """
@@ -163,24 +155,14 @@ class Race:
     tasks: tuple[RaceOn, ...]
     space: Table
     trials: tuple[Table, ...]
-    finalists: int
     tuning: Tuning
     final: Final
-    seeds: tuple[int, ...]
     episodes: int
     clock: str
 
-    def trial_jobs(
-        self, kept: dict[tuple[str, str], set[int]] | None = None
-    ) -> dict[tuple[str, str, int, int], Call]:
+    def trial_jobs(self) -> dict[tuple[str, str, int, int], Call]:
         """By task, contestant, number of the trial and of the maze: trials outside, contestants
-        inside.
-
-        Args:
-            kept: the finalists by task and contestant, to be run on all held-out mazes but the
-                first; without it all trials are run on the first.
-        """
-        places = slice(1) if kept is None else slice(1, None)
+        inside."""
         return {
             (on.name, name, number, place): self._job(
                 {"contestant": name, "task": on.name, "trial": number, "maze": place},
@@ -191,9 +173,8 @@ class Race:
             )
             for number, drawn in enumerate(self.trials)
             for on in self.tasks
-            for place, task in list(enumerate(on.held_out))[places]
+            for place, task in enumerate(on.held_out)
             for name in turned(self.contestants, number)
-            if kept is None or number in kept[on.name, name]
         }
 
     def final_jobs(self, chosen: dict[tuple[str, str], int]) -> dict[tuple[str, str, int], Call]:
@@ -210,7 +191,7 @@ class Race:
                 seed,
                 self.final,
             )
-            for turn, (seed, on) in enumerate(product(self.seeds, self.tasks))
+            for turn, (seed, on) in enumerate(product(self.final.seeds, self.tasks))
             for name in turned(self.contestants, turn)
         }
 
@@ -230,10 +211,11 @@ class Race:
 
     def count(self) -> tuple[int, int]:
         """Runs of the search, and of the comparison."""
-        each = len(self.contestants)
-        first, more = len(self.tasks), sum(len(on.held_out) - 1 for on in self.tasks)
-        trials = len(self.trials) * first + self.finalists * more
-        return trials * each, len(self.seeds) * len(self.tasks) * each
+        each, mazes = len(self.contestants), sum(len(on.held_out) for on in self.tasks)
+        return (
+            len(self.trials) * mazes * each,
+            len(self.final.seeds) * len(self.tasks) * each,
+        )
 
     def seconds(self) -> float | None:
         """What all runs take, without evaluations; None where budgets are frames."""
@@ -291,11 +273,6 @@ def race_of(file: RaceFile, version: Version) -> Race:
         same = f"tasks {one.name!r} and {other.name!r} are the same; leave one out"
         check(one.task != other.task, same)
     tuning = version.tuning
-    check(
-        tuning.finalists is None or any(len(on.held_out) > 1 for on in tasks),
-        f"finalists={tuning.finalists}, but no task has more than one held-out maze to run them "
-        "on; leave it out, or give more mazes",
-    )
     for name in file.space:
         known_to_all = f"those that every contestant obeys are {', '.join(OBEYED)}"
         check(name in OBEYED, f"[space] has {name!r}; {known_to_all}")
@@ -309,10 +286,8 @@ def race_of(file: RaceFile, version: Version) -> Race:
         tasks,
         file.space,
         tuple(drawn),
-        tuning.finalists or len(drawn),
         tuning,
         version.final,
-        tuple(version.final.seeds),
         version.episodes,
         file.clock,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -57,8 +58,8 @@ class Standing:
     """What came of a comparison.
 
     Attributes:
-        scores: of every trial by task, contestant and number: its values on the held-out mazes
-            that it was run on, None where it failed there.
+        scores: of every trial by task, contestant and number: its values on the held-out mazes,
+            None where it failed there.
         chosen: the number of the best trial by task and contestant.
         finals: the results by task, contestant and seed; None where a run failed.
     """
@@ -94,25 +95,18 @@ def run_race(race: Race, out: Path, watched: Watched, workers: int = 1) -> Stand
     standing = Standing()
     with only_one(out, "race"):
         write_json(out / RACE, msgspec.to_builtins(race))
-        first = do("search", race.trial_jobs(), TRIALS)
-        for (task, name, number, _), result in first.items():
-            standing.scores[task, name, number] = [None if result is None else result.score]
-        kept = finalists_of(race, standing.scores)
-        more = race.trial_jobs(kept)
-        for (task, name, number, _), result in (
-            do("finalists", more, TRIALS) if more else {}
-        ).items():
-            standing.scores[task, name, number].append(None if result is None else result.score)
-        for (task, name), numbers in kept.items():
-            best = best_of({n: standing.scores[task, name, n] for n in sorted(numbers)})
-            where = f"in every trial on {task!r}"
-            if numbers:
-                where = f"on further held-out mazes of {task!r} with every finalist"
+        searched = do("search", race.trial_jobs(), TRIALS)
+        for (task, name, number, _), result in searched.items():
+            scores = standing.scores.setdefault((task, name, number), [])
+            scores.append(None if result is None else result.score)
+        for on, name in product(race.tasks, race.contestants):
+            best = best_of({n: standing.scores[on.name, name, n] for n in range(len(race.trials))})
             check(
                 best is not None,
-                f"{name} failed {where}; see the error.txt files in {out / TRIALS}",
+                f"{name} failed in every trial on {on.name!r}; see the error.txt files in "
+                f"{out / TRIALS}",
             )
-            standing.chosen[task, name] = best  # type: ignore[assignment]
+            standing.chosen[on.name, name] = best  # type: ignore[assignment]
         standing.finals = do("comparison", race.final_jobs(standing.chosen), FINALS)
     return standing
 
@@ -122,19 +116,6 @@ def is_folder_of(race: Race, out: Path) -> bool:
     path = out / RACE
     kept: Any = read_json(path) if path.exists() else None
     return isinstance(kept, dict) and kept.get("title") == race.title
-
-
-def finalists_of(
-    race: Race, scores: Mapping[tuple[str, str, int], list[float | None]]
-) -> dict[tuple[str, str], set[int]]:
-    """The numbers of the best trials on the first held-out maze, by task and contestant."""
-    kept = {}
-    for on in race.tasks:
-        for name in race.contestants:
-            found = [(scores[on.name, name, n][0], n) for n in range(len(race.trials))]
-            best = sorted((score, number) for score, number in found if score is not None)
-            kept[on.name, name] = {number for _, number in best[: race.finalists]}
-    return kept
 
 
 def result_of(folder: Path) -> Result | None:

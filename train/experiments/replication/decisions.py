@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from train.experiments.replication.exact import states_table, tours_table
-from train.experiments.replication.plan import Claim, Replication, Study
+from train.experiments.replication.plan import Claim, Experiment, Replication
 from train.experiments.replication.rules import (
     THRESHOLDS,
     Cell,
@@ -46,17 +46,17 @@ class Decided:
 
 
 @dataclass(frozen=True)
-class DecidedStudy:
+class DecidedExperiment:
     """A study with what came of it."""
 
-    study: Study
+    study: Experiment
     claims: list[Decided]
     runs: list[Ran] = field(default_factory=list)
     planned: int = 0
     warning: str = ""
 
 
-def decided(study: Study, plan: Replication, out: Path) -> DecidedStudy:
+def decided(study: Experiment, plan: Replication, out: Path) -> DecidedExperiment:
     """One study; the p of its cells are not corrected yet."""
     if study.exact:
         tables = [
@@ -66,14 +66,14 @@ def decided(study: Study, plan: Replication, out: Path) -> DecidedStudy:
             Decided(claim, (), verdict, note, table)
             for claim, (verdict, note, table) in zip(study.claims, tables, strict=True)
         ]
-        return DecidedStudy(study, exact)
+        return DecidedExperiment(study, exact)
     runs = complete_runs(folder_of(study, out), plan.mazes)
     claims = [Decided(c, tuple(decide(c, runs, study.least_frames))) for c in study.claims]
     planned = len(planned_sweep(study, plan, out).runs)
-    return DecidedStudy(study, claims, runs, planned, changed_rules(study, out))
+    return DecidedExperiment(study, claims, runs, planned, changed_rules(study, out))
 
 
-def corrected(studies: Sequence[DecidedStudy]) -> list[DecidedStudy]:
+def corrected(studies: Sequence[DecidedExperiment]) -> list[DecidedExperiment]:
     """The same with the p of all cells of all studies corrected together."""
     found = iter(correct(cells_of_page(studies)))
     return [
@@ -85,12 +85,12 @@ def corrected(studies: Sequence[DecidedStudy]) -> list[DecidedStudy]:
     ]
 
 
-def cells_of_page(studies: Sequence[DecidedStudy]) -> list[Decision]:
+def cells_of_page(studies: Sequence[DecidedExperiment]) -> list[Decision]:
     """Every cell of every claim, in the order of the page."""
     return [cell for each in studies for claim in each.claims for cell in claim.cells]
 
 
-def claim_rows(studies: Sequence[DecidedStudy]) -> list[dict[str, object]]:
+def claim_rows(studies: Sequence[DecidedExperiment]) -> list[dict[str, object]]:
     """A row for each cell of each claim."""
     return [
         {
@@ -125,7 +125,7 @@ def _number(value: float) -> object:
     return "" if math.isnan(value) else value
 
 
-def value_rows(studies: Sequence[DecidedStudy]) -> list[dict[str, object]]:
+def value_rows(studies: Sequence[DecidedExperiment]) -> list[dict[str, object]]:
     """A row for each run of each cell of each claim: all that the tests are made of."""
     return [
         {

@@ -14,7 +14,7 @@ from train.experiments.ablation import load_ablation
 from train.experiments.forms import REMEDY, VERSIONS, SweepFile, Table
 from train.experiments.replication.rules import PARTS, RULES, TO, cells_of
 from train.experiments.search import draw_samples
-from train.experiments.study import Study as Runs
+from train.experiments.study import Study
 from train.experiments.sweep import (
     flat_settings,
     load_sweep,
@@ -65,7 +65,7 @@ class Claim(msgspec.Struct, forbid_unknown_fields=True):
         )
 
 
-class Study(msgspec.Struct, forbid_unknown_fields=True):
+class Experiment(msgspec.Struct, forbid_unknown_fields=True):
     """A figure or table: its claims, and the experiment that decides them.
 
     Attributes:
@@ -130,7 +130,7 @@ class ReplicationFile(msgspec.Struct, forbid_unknown_fields=True):
     """A file of studies as it is written."""
 
     title: str
-    studies: list[Study]
+    studies: list[Experiment]
     tuning: Tuning | None = None
 
     def __post_init__(self) -> None:
@@ -158,7 +158,7 @@ class Replication:
     name: str
     title: str
     version: str
-    studies: tuple[Study, ...]
+    studies: tuple[Experiment, ...]
     left_out: tuple[str, ...]
     tuning: Tuning | None
     mazes: Mapping[str, str]
@@ -232,7 +232,7 @@ def mazes_by_size(folder: Path) -> dict[str, str]:
 # -- sweeps ----------------------------------------------------------------------------------------
 
 
-def tuning_sweep(plan: Replication) -> Runs:
+def tuning_sweep(plan: Replication) -> Study:
     """The trials: as shipped, and drawn settings, for every algorithm."""
     tuning = plan.tuning
     assert tuning is not None  # only tuned studies ask for it, and they need one
@@ -258,7 +258,7 @@ def tuning_sweep(plan: Replication) -> Runs:
     )
 
 
-def sweep_of(study: Study, plan: Replication, tuned: Mapping[str, Table]) -> Runs:
+def sweep_of(study: Experiment, plan: Replication, tuned: Mapping[str, Table]) -> Study:
     """The runs of a study.
 
     Args:
@@ -280,7 +280,7 @@ def sweep_of(study: Study, plan: Replication, tuned: Mapping[str, Table]) -> Run
     return sweep
 
 
-def check_cells(study: Study, sweep: Runs, names: Mapping[str, str]) -> None:
+def check_cells(study: Experiment, sweep: Study, names: Mapping[str, str]) -> None:
     """ValueError for a claim about runs that the sweep has not; `names` of mazes by their files."""
     rows = []
     for run in sweep.runs:

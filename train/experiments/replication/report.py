@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
-from itertools import count
 from pathlib import Path
 from statistics import fmean
+from typing import Any
 
 from train.experiments.replication.decisions import (
-    DecidedStudy,
+    DecidedExperiment,
     cells_of_page,
     claim_rows,
     corrected,
@@ -27,7 +25,6 @@ from train.experiments.replication.rules import (
     REFUTED,
     UNDECIDED,
     Decision,
-    correct,
     headline,
 )
 from train.experiments.replication.run import (
@@ -41,18 +38,27 @@ from train.experiments.replication.run import (
 from train.experiments.statistics import (
     difference_interval,
     distance_interval,
-    least_p,
     mean_interval,
 )
-from train.files import begins_with, write_bytes, write_csv, write_text
-from train.reports.pages import page_of
-from train.reports.tables import Row, in_markdown, plain_table
+from train.files import begins_with, write_bytes, write_csv
+from train.reports.pages import write_markdown
+from train.reports.tables import Column, ResultTable, Row, in_markdown, plain_table, words
 
 PAGE = "replication.md"
-PICTURES = ("final.png", "learning_curves_frames.png")
+PICTURES = ("final.png", "learning_curves.png")
 """Of a study's report, the first that there is."""
 PART_WORDS = {"floor": "the objective's floor", "learning": "not learned", "loops": "loops"}
 SIDES = {True: "for", False: "against"}
+HOW = f"""## How claims are decided
+
+Each claim has one verdict for each cell, which is one task in one size. Settings are compared by a
+two-sided permutation test (of Mann and Whitney's U; runs are permuted within a maze). A claim about
+several rivals is confirmed by the largest of their p, and refuted by the smallest, times their
+number. A claim about a threshold is decided by the sign test: whether more than half of all runs
+meet it. All p are corrected together by Holm's method. **Confirmed** and **refuted** mean a
+corrected p below {LEVEL:g}; otherwise a cell is **undecided**, which does not mean that there is no
+effect. Intervals are Student's, and Welch's of a difference; they cover 95 % each and are not
+corrected."""
 REFERENCES = {
     "optimal": "the optimum",
     "scripted": "the scripted reference",
@@ -76,9 +82,7 @@ def write_replication(plan: Replication, out: Path) -> Path:
             write_bytes(folder / f"{each.study.id}.png", picture.read_bytes())
     write_csv(folder / "claims.csv", claim_rows(studies))
     write_csv(folder / "values.csv", value_rows(studies))
-    write_text(folder / PAGE, page(plan, studies, out))
-    page_of(folder / PAGE)
-    return folder / PAGE
+    return write_markdown(folder / PAGE, plan.title, page(plan, studies, out))
 
 
 def is_folder_of(plan: Replication, out: Path) -> bool:
@@ -158,10 +162,10 @@ def bounded(value: float, interval: tuple[float, float]) -> str:
     return f"{figure(value)} [{figure(interval[0])}, {figure(interval[1])}]"
 
 
-def p_words(p: float) -> str:
-    """A p with two digits."""
-    if math.isnan(p):
-        return "–"
+def p_words(p: Any) -> str:
+    """A p with two digits; empty where nothing was tested."""
+    if p == "":
+        return ""
     return f"{p:.2g}" if p >= 0.001 else "below 0.001"
 
 
@@ -172,19 +176,17 @@ def figure(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 99.5 else f"{value:.3g}"
 
 
-def page(plan: Replication, studies: Sequence[DecidedStudy], out: Path) -> str:
-    """All of it as Markdown."""
-    parts = [f"# {in_markdown(plan.title)}", *head(plan, studies, out)]
-    parts += ["## Verdicts", *summary(studies)]
-    parts += ["## How claims are decided", *how(studies)]
+def page(plan: Replication, studies: Sequence[DecidedExperiment], out: Path) -> list[str]:
+    """All of it as Markdown, a paragraph or a table each."""
+    parts = [*head(plan, studies, out), "## Verdicts", *summary(studies), HOW]
     if plan.tuning is not None:
         parts += ["## Settings", *settings_part(plan, plan.tuning, out)]
     for each in studies:
-        parts += study_part(each, out, "The thesis" if plan.name == "thesis" else "The claim")
-    return "\n\n".join(filter(None, parts)) + "\n"
+        parts += study_part(each, out)
+    return parts
 
 
-def head(plan: Replication, studies: Sequence[DecidedStudy], out: Path) -> list[str]:
+def head(plan: Replication, studies: Sequence[DecidedExperiment], out: Path) -> list[str]:
     """What was run, where and for how long."""
     runs = [run for each in studies for run in each.runs] + complete_runs(out / TUNING, {})
     planned = sum(each.planned for each in studies)
@@ -192,115 +194,35 @@ def head(plan: Replication, studies: Sequence[DecidedStudy], out: Path) -> list[
     hours = sum(float(run.row["seconds"]) for run in runs) / 3600.0
     machines = sorted({str(run.row["machine"]) for run in runs})
     commits = sorted({str(run.row["commit"])[:7] for run in runs})
-    ours = "our mazes, as the thesis' have no licence" if plan.name == "thesis" else "our mazes"
-    mazes = "the user's mazes" if plan.mazes else ours
-    search = " with the search of settings" if plan.tuning is not None else ""
-    lines = [
+    mazes = "the user's mazes" if plan.mazes else "our mazes"
+    left_out = in_markdown(", ".join(plan.left_out) or "none")
+    return [
         f"The **{plan.version}** version: {done} of {planned} runs are complete, {hours:.1f} core "
-        f"hours of learning{search}, on {in_markdown(', '.join(machines) or 'no machine')} "
-        f"(commit {', '.join(commits) or 'none'}), on {mazes}. Distances are those of the greedy "
-        "policy to the exact optimum. Again: "
-        f"`pursuit reproduce all --claims {plan.name} --version {plan.version}`."
+        f"hours of learning, on {in_markdown(', '.join(machines) or 'no machine')} (commit "
+        f"{', '.join(commits) or 'none'}), on {mazes}. Distances are those of the greedy policy to "
+        "the exact optimum. A verdict is one about our learners with these budgets. Again: "
+        f"`pursuit reproduce all --claims {plan.name} --version {plan.version}`.",
+        f"Part of the other version alone, and not run here: {left_out}.",
     ]
-    if plan.left_out:
-        left_out = in_markdown(", ".join(plan.left_out))
-        lines.append(f"Part of the other version alone, and not run here: {left_out}.")
-    if plan.version == "short" and plan.name == "thesis":
-        lines.append(
-            "Minutes, or seconds, stand here for the half hours of the thesis. A verdict is one "
-            "about our learners with these budgets: what has not been reached may be with more, "
-            "and what the thesis' own code would do is not asked."
-        )
-    return lines
 
 
-def summary(studies: Sequence[DecidedStudy]) -> list[str]:
+def summary(studies: Sequence[DecidedExperiment]) -> list[str]:
     """All verdicts in one table: a row for each cell."""
     cells = Counter(cell.verdict for cell in cells_of_page(studies))
     told = ", ".join(f"{cells[name]} {name}" for name in (CONFIRMED, REFUTED, UNDECIDED))
-    rows = []
-    for each in studies:
-        for found in each.claims:
-            start = {"study": each.study.id, "claim": found.claim.text}
-            none = dict.fromkeys(("side", "p", "p by Holm"), "–")
-            if not found.cells:
-                rows.append(start | {"cell": "no runs needed", "verdict": found.exact} | none)
-            for cell in found.cells:
-                name = named(cell.groups[0].cell) if cell.groups else "–"
-                row = start | {"cell": name, "verdict": cell.verdict} | none
-                if not math.isnan(cell.test.p):
-                    row |= {"side": SIDES[cell.test.supports], "p": p_words(cell.test.p)}
-                    row |= {"p by Holm": p_words(cell.corrected)}
-                rows.append(row)
+    columns = [
+        *(words(name) for name in ("study", "claim", "cell", "verdict")),
+        Column("side", lambda row: SIDES.get(row["supports"], ""), left=True),
+        Column("p", lambda row: p_words(row["p"])),
+        Column("p by Holm", lambda row: p_words(row["p_holm"])),
+        Column("least p", lambda row: p_words(row["least_p"])),
+    ]
     return [
-        f"Of {cells.total()} cells of claims about runs: {told}. {attainable(studies)}".rstrip(),
-        plain_table(rows).markdown(),
-        "Side: whether the runs lie on that of the claim. –: not tested, or not counted by Holm's "
-        "correction because no result could decide the cell.",
+        f"Of {cells.total()} cells of claims about runs: {told}.",
+        ResultTable(claim_rows(studies), columns).markdown(),
+        "Side: whether the runs lie on that of the claim. Least p: the smallest that so many runs "
+        f"can give; cells in which it is not below {LEVEL:g} are not counted by Holm's correction.",
     ]
-
-
-def attainable(studies: Sequence[DecidedStudy]) -> str:
-    """How many cells have too few runs for a verdict, in words."""
-    cells = [cell for cell in cells_of_page(studies) if not math.isnan(cell.test.p)]
-    late = sum(not best < LEVEL for best in at_best(cells))
-    return f"No result of so few runs could have decided {late} of them." if late else ""
-
-
-def at_best(cells: Sequence[Decision]) -> list[float]:
-    """The corrected p of cells if all had their smallest attainable p; nan where not counted."""
-    least = [replace(cell, test=replace(cell.test, p=cell.test.least)) for cell in cells]
-    return [cell.corrected for cell in correct(least)]
-
-
-def how(studies: Sequence[DecidedStudy]) -> list[str]:
-    """The tests, and what they can decide with the runs that there are."""
-    cells = [cell for cell in cells_of_page(studies) if not math.isnan(cell.test.p)]
-    family = sum(cell.test.least < LEVEL for cell in cells)
-    paragraphs = [
-        "Each claim has one verdict for each cell, which is one task in one size. Settings are "
-        "compared by a two-sided permutation test (of Mann and Whitney's U; runs are permuted "
-        "within a maze). A claim about several rivals is confirmed by the largest of their p, and "
-        "refuted by the smallest, times their number. A claim about a threshold is decided by the "
-        "sign test: whether more than half of all runs meet it. All p are corrected together by "
-        f"Holm's method for the {family} cells of this page that some result could decide. "
-        f"**Confirmed** and **refuted** mean a corrected p below {LEVEL:g}; otherwise a cell is "
-        "**undecided**, which does not mean that there is no effect. Intervals are Student's, and "
-        "Welch's of a difference; they cover 95 % each and are not corrected."
-    ]
-    kinds: dict[tuple[bool, float, str], list[float]] = {}
-    for cell, best in zip(cells, at_best(cells), strict=True):
-        compared = len(cell.groups) > 1
-        sizes = dict.fromkeys(str(len(group.runs)) for group in cell.groups)
-        told = " against ".join(sizes if len(sizes) > 1 else [*sizes] * (1 + compared)) + " runs"
-        rivals = len(cell.groups) - 1
-        told += f", {rivals} rival{'s' * (rivals > 1)}" if compared else " against a threshold"
-        kinds.setdefault((compared, cell.test.least, told), []).append(best)
-    if not kinds:
-        return paragraphs
-    rows = [
-        {
-            "runs of a cell": told,
-            "cells": len(bests),
-            "smallest attainable p": p_words(least),
-            "by Holm, if all cells had theirs": p_words(max(bests))
-            if least < LEVEL
-            else "not counted",
-            f"to decide with all {len(cells)} cells counted": runs_needed(compared, len(cells)),
-        }
-        for (compared, least, told), bests in sorted(kinds.items(), key=lambda item: item[0][1])
-    ]
-    return [*paragraphs, "What so many runs can decide:", plain_table(rows).markdown()]
-
-
-def runs_needed(compared: bool, cells: int) -> str:
-    """The fewest runs of a setting whose smallest attainable p is below `LEVEL` when corrected."""
-
-    def least(runs: int) -> float:
-        return least_p([(runs, runs)]) if compared else 2.0 ** (1 - runs)
-
-    enough = next(n for n in count(1) if cells * least(n) < LEVEL)
-    return f"{enough} against {enough} runs" if compared else f"{enough} runs"
 
 
 def settings_part(plan: Replication, tuning: Tuning, out: Path) -> list[str]:
@@ -321,12 +243,12 @@ def settings_part(plan: Replication, tuning: Tuning, out: Path) -> list[str]:
     ]
 
 
-def study_part(each: DecidedStudy, out: Path, who: str) -> list[str]:
-    """One study, and who claims it."""
+def study_part(each: DecidedExperiment, out: Path) -> list[str]:
+    """One experiment with its claims."""
     study = each.study
     parts = [
         f"## {in_markdown(f'{study.id}: {study.title}')}",
-        f"**{who}**: {in_markdown(study.thesis)} **Here**: {in_markdown(study.differs)}",
+        f"**The claim**: {in_markdown(study.thesis)} **Here**: {in_markdown(study.differs)}",
     ]
     if each.planned and len(each.runs) < each.planned:
         parts.append(f"**{len(each.runs)} of {each.planned} runs are complete.**")
@@ -334,15 +256,13 @@ def study_part(each: DecidedStudy, out: Path, who: str) -> list[str]:
         parts.append(f"**{in_markdown(each.warning)}**")
     for found in each.claims:
         claim, verdicts = found.claim, found.verdicts
-        parts.append(f"### {in_markdown(claim.text)}")
         notes = dict.fromkeys(note for note in (found.note, *(c.note for c in found.cells)) if note)
         note = f" ({in_markdown('; '.join(notes))})" if notes else ""
-        parts.append(f"{rule_words(claim)} **{headline(verdicts).capitalize()}**{note}.")
-        tested = [cell for cell in found.cells if not math.isnan(cell.test.p)]
-        parts.append(found.table or evidence(claim, found.cells))
-        if tested:
-            bullet = "- " if len(tested) > 1 else ""
-            parts.append("\n".join(bullet + cell_words(cell, bool(bullet)) for cell in tested))
+        parts += [
+            f"### {in_markdown(claim.text)}",
+            f"{rule_words(claim)} **{headline(verdicts).capitalize()}**{note}.",
+            found.table or evidence(claim, found.cells),
+        ]
         parts += [
             f"Our reading: {in_markdown(claim.cause[verdict])}"
             for verdict in dict.fromkeys(verdicts)
@@ -351,12 +271,3 @@ def study_part(each: DecidedStudy, out: Path, who: str) -> list[str]:
     if (out / "report" / f"{study.id}.png").exists():
         parts.append(f"![{in_markdown(study.title)}: all runs]({study.id}.png)")
     return parts
-
-
-def cell_words(cell: Decision, several: bool) -> str:
-    """Verdict and p of a cell, in words."""
-    start = f"{in_markdown(named(cell.groups[0].cell))}: **{cell.verdict}**, p" if several else "p"
-    words = f"{start} = {p_words(cell.test.p)}, {SIDES[cell.test.supports]} the claim"
-    if math.isnan(cell.corrected):
-        return f"{words}; so many runs cannot give less than {p_words(cell.test.least)}."
-    return f"{words}; by Holm {p_words(cell.corrected)}.".replace("= below", "below")

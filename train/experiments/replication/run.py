@@ -15,16 +15,15 @@ from train.experiments.forms import Table, read_label
 from train.experiments.replication.plan import (
     SHIPPED,
     Claim,
+    Experiment,
     Replication,
-    Study,
     sweep_of,
     tuning_sweep,
 )
 from train.experiments.replication.rules import Ran
-from train.experiments.report import report
+from train.experiments.report import report_on
 from train.experiments.search import log_gap
-from train.experiments.study import Study as Runs
-from train.experiments.study import statuses_of
+from train.experiments.study import Study, statuses_of
 from train.experiments.tables import collect
 from train.files import read_json, write_json
 from train.settings.checks import check
@@ -33,11 +32,11 @@ TUNING, STUDIES, RULES_KEPT = "tuning", "studies", "rules.json"
 SETTINGS = "settings"
 """What the search is called."""
 Tell = Callable[[str], None]
-Watched = Callable[[Runs], Callable[[dict[str, str], dict[str, float]], None]]
+Watched = Callable[[Study], Callable[[dict[str, str], dict[str, float]], None]]
 """Makes what is told how far the runs of a sweep are."""
 
 
-def folder_of(study: Study, out: Path) -> Path:
+def folder_of(study: Experiment, out: Path) -> Path:
     """Where the runs of a study are."""
     return out / STUDIES / study.id
 
@@ -59,7 +58,7 @@ def rules_of(claims: Sequence[Claim]) -> list[Table]:
     return [{name: value for name, value in claim.items() if name != "cause"} for claim in plain]
 
 
-def changed_rules(study: Study, out: Path) -> str:
+def changed_rules(study: Experiment, out: Path) -> str:
     """What is to be said of a study whose rules are not those that its runs began with."""
     path = out / RULES_KEPT
     kept = read_json(path).get(study.id) if path.exists() else None
@@ -108,7 +107,7 @@ class Stage(NamedTuple):
     name: str
     title: str
     tuned: bool
-    runs: Runs
+    runs: Study
     folder: Path
 
 
@@ -124,19 +123,19 @@ def stages(plan: Replication, out: Path) -> Iterator[Stage]:
             yield Stage(study.id, study.title, study.tuned, runs, folder_of(study, out))
 
 
-def planned_sweep(study: Study, plan: Replication, out: Path) -> Runs:
+def planned_sweep(study: Experiment, plan: Replication, out: Path) -> Study:
     """The runs of a study with the settings that the search has found so far."""
     return sweep_of(study, plan, tuned_settings(plan, out))
 
 
-def do_runs(runs: Runs, folder: Path, workers: int, watched: Watched) -> bool:
+def do_runs(runs: Study, folder: Path, workers: int, watched: Watched) -> bool:
     """Do the runs that are not done, and write their report; whether all are complete."""
     written = (folder / "report" / "report.md").exists()
     if written and {"complete"} == set(statuses_of(runs, folder).values()):
         return True
     statuses = set(run_locally(runs, folder, workers, watched(runs)).values())
     if "complete" in statuses:
-        report(folder)
+        report_on(folder)
     return statuses == {"complete"}
 
 

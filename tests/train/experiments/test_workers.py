@@ -1,0 +1,116 @@
+"""Jobs of a study in processes of their own give the results of this process, and end as told."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from train.experiments.executors import LocalJob
+from train.experiments.study import prepare, status_of
+from train.experiments.sweep import load_sweep
+from train.experiments.worker import LOG, perform
+from train.runs.folder import load_checkpoint, read_metrics
+
+SWEEP = """
+episodes = 20
+seeds = [0, 1]
+[settings]
+task = "maze"
+maze = "2x2"
+algorithm = "a2c"
+frames = {frames}
+max_steps = 40
+num_games = 32
+"""
+SHORT = 640
+LONG = 300_000  # saved for the first time after a twentieth of it
+
+
+def folders_of(tmp_path: Path, out: str, frames: int) -> list[Path]:
+    """The folders of two runs that have not begun."""
+    (tmp_path / "s.toml").write_text(SWEEP.format(frames=frames))
+    return [folder for _, folder in prepare(load_sweep(str(tmp_path / "s.toml")), tmp_path / out)]
+
+
+def until(true: Callable[[], Any]) -> None:
+    deadline = time.monotonic() + 120
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def ended(job: LocalJob) -> int:
+    until(lambda: job.poll() is not None)
+    code = job.poll()
+    assert code is not None
+    return code
+
+
+def same(first: Any, second: Any) -> bool:
+    """Whether all tensors and values are equal bit for bit, but for the seconds."""
+    if isinstance(first, dict):
+        names = set(first) - {"seconds"}
+        return names == set(second) - {"seconds"} and all(same(first[n], second[n]) for n in names)
+    if isinstance(first, list | tuple):
+        return len(first) == len(second) and all(map(same, first, second))
+    if isinstance(first, torch.Tensor):
+        return torch.equal(first.nan_to_num(), second.nan_to_num())
+    return bool(first == second)
+
+
+def test_weights_are_those_of_another_process_bit_for_bit(tmp_path: Path) -> None:
+    """Of the second one, too: nothing of the first is left."""
+    _, elsewhere = folders_of(tmp_path, "elsewhere", SHORT)
+    for folder in folders_of(tmp_path, "processes", SHORT):
+        assert ended(LocalJob(folder, None)) == 0 and status_of(folder) == "complete"
+    perform(elsewhere)
+    one, other = load_checkpoint(folder), load_checkpoint(elsewhere)
+    assert one["trainee"]["learner"]["frames"] >= SHORT and same(one, other)
+    rows = [
+        [{n: v for n, v in row.items() if "second" not in n} for row in read_metrics(each)]
+        for each in (folder, elsewhere)
+    ]
+    assert rows[0] == rows[1]
+
+
+def test_ends_are_seen_and_signals_reach_the_run_alone(tmp_path: Path) -> None:
+    first, second = folders_of(tmp_path, "out", LONG)
+    stopped, killed = LocalJob(first, None), LocalJob(second, None)
+    until(lambda: all((folder / "checkpoint.pt").exists() for folder in (first, second)))
+    number = killed.process.pid
+    assert number is not None and os.getsid(number) == number  # Ctrl-C of a terminal passes it by
+    stopped.stop()
+    assert ended(stopped) == 0 and killed.poll() is None
+    assert status_of(first) == "interrupted" and load_checkpoint(first)["trainee"]
+    os.kill(number, signal.SIGKILL)
+    assert ended(killed) == -signal.SIGKILL
+    killed.stop()  # it has ended: nobody is hit
+    (second / "checkpoint.pt").write_bytes(b"no checkpoint")
+    assert ended(LocalJob(second, None)) == 1
+    log = (second / LOG).read_text()
+    assert "Traceback" in log and "damaged" in log.splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_a_script_runs_a_study(tmp_path: Path) -> None:
+    folders_of(tmp_path, "none", SHORT)
+    (tmp_path / "script.py").write_text(
+        "from pathlib import Path\n"
+        "from train.experiments.executors import run_locally\n"
+        "from train.experiments.sweep import load_sweep\n"
+        "if __name__ == '__main__':\n"
+        f"    sweep = load_sweep({str(tmp_path / 's.toml')!r})\n"
+        f"    out = Path({str(tmp_path / 'out')!r})\n"
+        "    print(run_locally(sweep, out, 2, lambda *_: None).values())\n"
+    )
+    done = subprocess.run([sys.executable, tmp_path / "script.py"], capture_output=True, text=True)
+    assert done.stdout.count("complete") == 2, done.stderr
