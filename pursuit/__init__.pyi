@@ -10,11 +10,6 @@ from .environments.single_agent import SingleAgentVectorEnv as SingleAgentVector
 from .evaluation import Evaluation as Evaluation
 from .evaluation import evaluate as evaluate
 from .mazes.generation import generate_maze as generate_maze
-from .mazes.maps import Scenario as Scenario
-from .mazes.maps import cell_at as cell_at
-from .mazes.maps import read_grid as read_grid
-from .mazes.maps import read_map as read_map
-from .mazes.maps import read_scenarios as read_scenarios
 from .mazes.maze import Maze as Maze
 from .mazes.maze import library_names as library_names
 from .mazes.maze import load_maze as load_maze

@@ -170,7 +170,7 @@ def count_episodes(env: Broken, seed: int | None = None, options: Any = None) ->
 
 
 def in_second_run(env: Broken) -> bool:
-    return bool(env.memory["episodes"] > 3 and env.simulator.steps[0] == 2)
+    return bool(env.memory["episodes"] > 6 and env.simulator.steps[0] == 2)
 
 
 def paid_more_later(rewards: dict[str, float], env: Broken) -> dict[str, float]:
@@ -208,45 +208,39 @@ def outgrown(observed: Any) -> Any:
     return observed
 
 
-def duplicated(agents: list[str], env: Broken) -> None:
-    env.agents = env.agents + env.agents[:1]
-
-
 BROKEN: dict[str, tuple[dict[str, Any], str]] = {
     "new observation space": (
         {"observation_space": lambda env, agent: deepcopy(env.observation_spaces[agent])},
-        r"reset, chaser_0: observation_space\(\) returned another object",
+        "parallel_api_test: .* observation_space should return the exact same",
     ),
     "new action space": (
         {"action_space": lambda env, agent: gymnasium.spaces.Discrete(4)},
-        r"reset, chaser_0: action_space\(\) returned another object",
-    ),
-    "possible agents change": (
-        after_step(lambda env, _: env.possible_agents.reverse()),
-        "step 1: possible_agents is now",
-    ),
-    "duplicate agents": (
-        after_step(lambda env, before: duplicated(before, env)),
-        "step 1: agents holds duplicates",
+        "parallel_api_test: .* action_space should return the exact same",
     ),
     "unknown agent": (
         after_step(lambda env, _: env.agents.append("ghost")),
-        r"step 1: agents holds \['ghost'\]",
+        "parallel_api_test: .*Live agent was not given observation",
     ),
     "no agents": (
         {"reset": lambda env, seed=None, options=None: ({}, {})},
-        "reset: agents is empty",
+        "parallel_api_test: ValueError: step before reset",
     ),
     "reset leaves one out": (
         returning(0, without, without),
-        "reset, evader_1: is active, but has no entry in observations",
+        "parallel_api_test: AssertionError",
     ),
-    "no tuple": ({"step": lambda env, actions: {}}, "step 1: returned dict, not a tuple"),
-    "no dict": (returning(1, lambda rewards, _: [*rewards.values()]), "step 1: rewards is of type"),
+    "no tuple": (
+        {"step": lambda env, actions: {}},
+        "parallel_api_test: ValueError: not enough values",
+    ),
+    "no dict": (
+        returning(1, lambda rewards, _: [*rewards.values()]),
+        "parallel_api_test: AssertionError",
+    ),
     **{
         f"{name} left out": (
             returning(part, without),
-            f"step 1, evader_1: is active, but has no entry in {name}",
+            "parallel_api_test: .*Live agent was not given ",
         )
         for part, name in enumerate(
             ("observations", "rewards", "terminations", "truncations", "infos")
@@ -255,7 +249,7 @@ BROKEN: dict[str, tuple[dict[str, Any], str]] = {
     **{
         f"{name} of the captured": (
             returning(part, with_captured),
-            rf"step \d+, evader_\d: has an entry in {name}, but was not active",
+            "parallel_api_test: .*Agent was given .* but was dead last turn",
         )
         for part, name in enumerate(
             ("observations", "rewards", "terminations", "truncations", "infos")
@@ -263,21 +257,21 @@ BROKEN: dict[str, tuple[dict[str, Any], str]] = {
     },
     "shape": (
         entry(0, lambda observed: observed[:-1]),
-        r"step \d+, evader_1: the observation has shape \(44,\); its space has \(45,\)",
+        r"step \d+, evader_1: the observation does not lie in its space .*\(45,\)",
     ),
     "dtype": (
         entry(0, lambda observed: observed.astype(np.float64)),
-        r"step \d+, evader_1: the observation has dtype float64; its space has float32",
+        r"(?s)step \d+, evader_1: the observation does not lie .*float32.*dtype float64",
     ),
     "bounds": (
         entry(0, outgrown),
-        r"evader_1: the observation has 1.5 at \(7,\); its space goes from 0.0 to 1.0 there",
+        r"evader_1: the observation does not lie in its space Box\(0.0, 1.0.*1.5",
     ),
     "NaN": (
         entry(0, lambda observed: observed * np.float32(np.nan)),
-        r"step \d+, evader_1: the observation has nan at \(0,\)",
+        r"step \d+, evader_1: the observation does not lie .*nan",
     ),
-    "list": (entry(0, list), r"step \d+, evader_1: the observation is of type list"),
+    "list": (entry(0, list), r"step \d+, evader_1: the observation does not lie .*\(list\)"),
     "reward NaN": (entry(1, lambda _: float("nan")), r"step \d+, evader_1: the reward is nan"),
     "reward infinite": (entry(1, lambda _: np.float32("inf")), "evader_1: the reward is .*inf"),
     "reward None": (entry(1, lambda _: None), "evader_1: the reward is None"),
@@ -286,17 +280,26 @@ BROKEN: dict[str, tuple[dict[str, Any], str]] = {
     "termination int": (entry(2, lambda end: int(end)), "evader_1: the termination is [01]; it is"),
     "truncation None": (entry(3, lambda _: None), "evader_1: the truncation is None; it is a bool"),
     "both": ({"step": everything_at_once}, r"step \d+, evader_\d: terminated and truncated at"),
-    "finished stays": (after_step(keep_finished), r"evader_\d: has finished, but is still in"),
-    "finished returns": (after_step(revive), r"evader_\d: is in agents, but was not before"),
+    "finished stays": (after_step(keep_finished), "parallel_api_test: AssertionError: .*!="),
+    "finished returns": (
+        after_step(revive),
+        "parallel_api_test: AssertionError: agent cannot be revived",
+    ),
     "leaves early": (
         after_step(drop_chaser),
-        "step 1, chaser_0: left agents, but neither terminated nor truncated",
+        "parallel_api_test: AssertionError: .*!=",
     ),
     "info None": (entry(4, lambda _: None), r"step \d+, evader_1: the info is of type NoneType"),
-    "mask list": (wrong_mask([1, 1, 1, 1]), "evader_1: the action mask is of type list"),
-    "mask shape": (wrong_mask(np.ones(5, dtype=np.int8)), r"evader_1: the action mask has shape"),
+    "mask list": (wrong_mask([1, 1, 1, 1]), r"evader_1: the action mask does not lie .*\(list\)"),
+    "mask shape": (
+        wrong_mask(np.ones(5, dtype=np.int8)),
+        r"evader_1: the action mask does not lie .*\(4,\)",
+    ),
     "mask dtype": (wrong_mask(np.ones(4, dtype=bool)), "evader_1: the action mask .*dtype bool"),
-    "mask values": (wrong_mask(np.full(4, 2, dtype=np.int8)), "action mask is .*; it holds 0 and"),
+    "mask values": (
+        wrong_mask(np.full(4, 2, dtype=np.int8)),
+        "action mask does not lie in .*2 2 2 2",
+    ),
     "mask empty": (wrong_mask(np.zeros(4, dtype=np.int8)), "evader_1: the action mask allows no"),
     "seed ignored": ({"reset": ignore_seed}, "reset: the same seed and actions gave other observ"),
     "rewards change": (
@@ -333,10 +336,10 @@ BROKEN: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "state out of bounds": (
         {"state": lambda env: PursuitParallelEnv.state(env) - 3},
-        r"reset: state\(\) has -\d.0 at \(\d,\); its space goes from 0",
+        r"reset: state\(\) does not lie in its space",
     ),
     "state of another dtype": (
         {"state": lambda env: PursuitParallelEnv.state(env).astype(float)},
-        r"reset: state\(\) has dtype float64; its space has float32",
+        r"reset: state\(\) does not lie in .*float32.*dtype float64",
     ),
 }

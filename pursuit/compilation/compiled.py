@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import gc
 import sys
-import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -20,7 +19,7 @@ from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
-from pursuit.compilation.kernel_cache import KernelCache
+from pursuit.compilation.kernel_cache import PACKAGES, KernelCache
 
 ANY_ORDER = {"reassoc", "contract"}
 """What LLVM may do with sums of floating-point numbers: take them in any order, and fuse them with
@@ -132,45 +131,31 @@ class _PartCompiler(Compiler):
 
 
 class Announcer(event.Listener):
-    """Says on stderr that kernels are being compiled; on a terminal also which one.
+    """Says on stderr, once, that kernels are being compiled.
 
     Python's garbage collection pauses meanwhile: it takes a tenth of the time and finds nothing.
     """
 
     def __init__(self) -> None:
-        self.depth = self.count = 0
-        self.seconds = self.began = 0.0
-        self.collects = self.ours = self.announced = False
+        self.depth = 0
+        self.collects = self.announced = False
 
     def on_start(self, event: Any) -> None:
         """Called when Numba begins to compile (not when it loads from the cache)."""
         self.depth += 1
         if self.depth == 1:
-            self.function = event.data["dispatcher"].py_func
-            package = self.function.__module__.split(".")[0]
-            self.ours = package in ("pursuit", "scripted_agents", "train")
-            self.began, self.collects = time.monotonic(), gc.isenabled()
-            self.count += self.ours
+            self.collects = gc.isenabled()
             gc.disable()
-        if not self.ours:
-            return
-        if not self.announced:
+        package = event.data["dispatcher"].py_func.__module__.split(".")[0]
+        if not self.announced and package in PACKAGES:
             self.announced = True
             print("pursuit: compiling kernels, once, for some seconds ...", file=sys.stderr)
-        if sys.stderr.isatty():
-            seconds = self.seconds + time.monotonic() - self.began
-            line = f"\r\x1b[Kkernel {self.count}, {self.function.__name__}: {seconds:.1f} s so far"
-            print(line, end="", file=sys.stderr, flush=True)
 
     def on_end(self, event: Any) -> None:
-        """Clear the line of the terminal."""
+        """Called when it has compiled."""
         self.depth -= 1
-        if self.depth == 0:
-            self.seconds += time.monotonic() - self.began
-            if self.collects:
-                gc.enable()
-            if self.ours and sys.stderr.isatty():
-                print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+        if self.depth == 0 and self.collects:
+            gc.enable()
 
 
 event.register("numba:compile", Announcer())

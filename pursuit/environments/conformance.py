@@ -1,14 +1,16 @@
 """check_parallel_env: whether a PettingZoo parallel environment keeps its promises, step by step.
 
-PettingZoo's own `parallel_api_test` never looks whether observations lie in their spaces, and its
-`parallel_seed_test` stops after one step.
+PettingZoo's own `parallel_api_test`, which is run first, never looks whether observations lie in
+their spaces, and its `parallel_seed_test` stops after one step.
 """
 
 from __future__ import annotations
 
+import io
 import random
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from copy import deepcopy
 from dataclasses import dataclass
 from math import isfinite
@@ -19,6 +21,7 @@ import gymnasium
 import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
 from pettingzoo import ParallelEnv
+from pettingzoo.test import parallel_api_test
 
 STARTS = 16
 """How many resets are compared to see whether starts are random."""
@@ -50,11 +53,11 @@ def check_parallel_env(
 ) -> None:
     """Play whole seeded episodes with random actions, twice, and check everything that is seen.
 
-    - Spaces are the same object at every call; `possible_agents` never changes.
-    - `reset` and `step` return dicts with exactly the agents that were active before the step.
+    - PettingZoo's `parallel_api_test` passes without a warning: spaces are the same object at every
+      call, `reset` and `step` return dicts with exactly the agents that were active before the
+      step, and an agent leaves `agents` in the step that ends its episode, in no other.
     - Observations, and the state if there is a `state_space`, lie in their spaces; rewards are
       finite real numbers; terminations and truncations are bools, never both true.
-    - An agent leaves `agents` in the step that ends its episode, in no other, and stays away.
     - An "action_mask" in the info of an agent with a `Discrete` action space is int8 of 0 and 1
       with at least one 1. Every other episode follows the masks.
     - What was returned is not overwritten by later steps; the actions given are not changed; the
@@ -76,8 +79,8 @@ def check_parallel_env(
     """
     if episodes < 1 or max_steps < 1:
         raise ValueError(f"episodes={episodes}, max_steps={max_steps}; give at least 1 of both")
-    spaces = _agents_and_spaces(env)
-    first, second = (_play(env, spaces, episodes, seed, max_steps) for _ in range(2))
+    _run_parallel_api_test(env, max_steps)
+    first, second = (_play(env, episodes, seed, max_steps) for _ in range(2))
     _compare_runs(first, second)
     if random_starts:
         _check_starts(env, seed)
@@ -87,30 +90,14 @@ def _fail(where: str, problem: str) -> NoReturn:
     raise ConformanceError(f"{where}: {problem}")
 
 
-def _agents_and_spaces(env: ParallelEnv[Any, Any, Any]) -> dict[Any, tuple[Any, Any]]:
-    """For every possible agent its observation and action space."""
-    agents = env.possible_agents
-    if not agents or len(set(agents)) != len(agents):
-        _fail("possible_agents", f"{agents!r}; a list of agents without duplicates is needed")
-    return {agent: (env.observation_space(agent), env.action_space(agent)) for agent in agents}
-
-
-def _check_agents_and_spaces(
-    env: ParallelEnv[Any, Any, Any], spaces: Mapping[Any, tuple[Any, Any]], where: str
-) -> None:
-    if list(env.possible_agents) != list(spaces):
-        _fail(where, f"possible_agents is now {env.possible_agents}, and was {list(spaces)}")
-    for agent, (observation_space, action_space) in spaces.items():
-        if env.observation_space(agent) is not observation_space:
-            _fail(f"{where}, {agent}", "observation_space() returned another object than before")
-        if env.action_space(agent) is not action_space:
-            _fail(f"{where}, {agent}", "action_space() returned another object than before")
-    agents = env.agents
-    if len(set(agents)) != len(agents):
-        _fail(where, f"agents holds duplicates: {agents}")
-    strangers = [agent for agent in agents if agent not in spaces]
-    if strangers:
-        _fail(where, f"agents holds {strangers}, who are not in possible_agents {list(spaces)}")
+def _run_parallel_api_test(env: ParallelEnv[Any, Any, Any], steps: int) -> None:
+    with redirect_stdout(io.StringIO()), warnings.catch_warnings():
+        warnings.filterwarnings("error", module=r"pettingzoo\.test")
+        try:
+            parallel_api_test(env, steps)
+        except Exception as error:  # whatever an environment that breaks the rules brings about
+            problem = f"{type(error).__name__}: {error}"
+            raise ConformanceError(f"PettingZoo's parallel_api_test: {problem}") from error
 
 
 @contextmanager
@@ -128,7 +115,6 @@ def _global_random_untouched(where: str) -> Iterator[None]:
 
 def _play(
     env: ParallelEnv[Any, Any, Any],
-    spaces: Mapping[Any, tuple[Any, Any]],
     episodes: int,
     seed: int,
     max_steps: int,
@@ -141,14 +127,14 @@ def _play(
         own_seed = None if unseeded else seed + number
         name = f"episode {episode} (seed {own_seed})"
         follow_masks = episode % 4 in (1, 2)
-        moments = [_reset(env, spaces, own_seed, f"{name}, reset")]
+        moments = [_reset(env, own_seed, f"{name}, reset")]
         for step in range(1, max_steps + 1):
             infos = moments[-1].copied["infos"]
             actions = {
-                agent: _sample(spaces[agent][1], rng, infos[agent] if follow_masks else {})
+                agent: _sample(env.action_space(agent), rng, infos[agent] if follow_masks else {})
                 for agent in env.agents
             }
-            moment = _step(env, spaces, actions, f"{name}, step {step}")
+            moment = _step(env, actions, f"{name}, step {step}")
             _check_not_overwritten(moments[-1], moment.where)
             moments.append(moment)
             if not env.agents:
@@ -171,34 +157,22 @@ def _sample(space: Any, rng: np.random.Generator, info: Mapping[str, Any]) -> An
     return space.sample()
 
 
-def _reset(
-    env: ParallelEnv[Any, Any, Any],
-    spaces: Mapping[Any, tuple[Any, Any]],
-    seed: int | None,
-    where: str,
-) -> _Moment:
+def _reset(env: ParallelEnv[Any, Any, Any], seed: int | None, where: str) -> _Moment:
     with _global_random_untouched(where):
         returned = env.reset(seed=seed)
-    _check_agents_and_spaces(env, spaces, where)
     if not env.agents:
         _fail(where, "agents is empty at the beginning of an episode")
-    return _moment(env, spaces, env.agents, where, RESET_RETURNS, returned)
+    return _moment(env, env.agents, where, RESET_RETURNS, returned)
 
 
-def _step(
-    env: ParallelEnv[Any, Any, Any],
-    spaces: Mapping[Any, tuple[Any, Any]],
-    actions: dict[Any, Any],
-    where: str,
-) -> _Moment:
+def _step(env: ParallelEnv[Any, Any, Any], actions: dict[Any, Any], where: str) -> _Moment:
     active = list(env.agents)
     given = deepcopy(actions)
     with _global_random_untouched(where):
         returned = env.step(given)
     if not _same(given, actions):
         _fail(where, f"step() changed the actions it was given from {actions} to {given}")
-    _check_agents_and_spaces(env, spaces, where)
-    moment = _moment(env, spaces, active, where, STEP_RETURNS, returned)
+    moment = _moment(env, active, where, STEP_RETURNS, returned)
     for agent in active:
         reward = moment.returned["rewards"][agent]
         if isinstance(reward, bool) or not isinstance(reward, Real) or not isfinite(reward):
@@ -209,55 +183,40 @@ def _step(
                 _fail(f"{where}, {agent}", f"the {name} is {end!r}; it is a bool")
         if all(ends):
             _fail(f"{where}, {agent}", "terminated and truncated at once; it is one or the other")
-        if any(ends) and agent in env.agents:
-            _fail(f"{where}, {agent}", "has finished, but is still in agents")
-        if not any(ends) and agent not in env.agents:
-            _fail(f"{where}, {agent}", "left agents, but neither terminated nor truncated")
-    for agent in env.agents:
-        if agent not in active:
-            _fail(f"{where}, {agent}", "is in agents, but was not before this step")
     return moment
 
 
 def _moment(
     env: ParallelEnv[Any, Any, Any],
-    spaces: Mapping[Any, tuple[Any, Any]],
     active: Sequence[Any],
     where: str,
     names: tuple[str, ...],
     values: Any,
 ) -> _Moment:
-    """What was returned, once its form, the observations, the infos and the state are checked."""
-    if not isinstance(values, tuple) or len(values) != len(names):
-        _fail(where, f"returned {type(values).__name__}, not a tuple of {', '.join(names)}")
+    """What was returned, once the observations, the infos and the state are checked."""
     returned = dict(zip(names, values, strict=True))
-    for name, value in returned.items():
-        if not isinstance(value, dict):
-            _fail(where, f"{name} is of type {type(value).__name__}; it is a dict by agent")
-        for agent in active:
-            if agent not in value:
-                _fail(f"{where}, {agent}", f"is active, but has no entry in {name}")
-        for agent in value:
-            if agent not in active:
-                _fail(f"{where}, {agent}", f"has an entry in {name}, but was not active")
     for agent in active:
-        observation_space, action_space = spaces[agent]
-        problem = _outside(observation_space, returned["observations"][agent])
-        if problem:
-            _fail(f"{where}, {agent}", f"the observation {problem}")
-        info = returned["infos"][agent]
+        _check_inside(
+            f"{where}, {agent}: the observation",
+            env.observation_space(agent),
+            returned["observations"][agent],
+        )
+        info, space = returned["infos"][agent], env.action_space(agent)
         if not isinstance(info, dict):
             _fail(f"{where}, {agent}", f"the info is of type {type(info).__name__}; it is a dict")
-        if "action_mask" in info and isinstance(action_space, gymnasium.spaces.Discrete):
-            problem = _bad_mask(info["action_mask"], int(action_space.n))
-            if problem:
-                _fail(f"{where}, {agent}", f"the action mask {problem}")
+        if "action_mask" in info and isinstance(space, gymnasium.spaces.Discrete):
+            mask = info["action_mask"]
+            _check_inside(
+                f"{where}, {agent}: the action mask",
+                gymnasium.spaces.Box(0, 1, (int(space.n),), np.int8),
+                mask,
+            )
+            if not mask.any():
+                _fail(f"{where}, {agent}", "the action mask allows no action; give at least one")
     state_space = getattr(env, "state_space", None)
     if state_space is not None:
         returned["state"] = env.state()
-        problem = _outside(state_space, returned["state"])
-        if problem:
-            _fail(where, f"state() {problem}")
+        _check_inside(f"{where}: state()", state_space, returned["state"])
     returned["infos"] = {
         agent: {key: value for key, value in info.items() if _comparable(value)}
         for agent, info in returned["infos"].items()
@@ -265,31 +224,13 @@ def _moment(
     return _Moment(where, returned, deepcopy(returned))
 
 
-def _outside(space: Any, value: Any) -> str:
-    """What keeps `value` from being an element of `space`; nothing if it is one."""
-    if isinstance(space, gymnasium.spaces.Box):
-        if not isinstance(value, np.ndarray):
-            return f"is of type {type(value).__name__}; it is an array"
-        if value.shape != space.shape:
-            return f"has shape {value.shape}; its space has {space.shape}"
-        if value.dtype != space.dtype:
-            return f"has dtype {value.dtype}; its space has {space.dtype}"
-        outside = ~((value >= space.low) & (value <= space.high))
-        if outside.any():
-            place = tuple(int(i) for i in np.argwhere(outside)[0])
-            low, high = space.low[place], space.high[place]
-            return f"has {value[place]} at {place}; its space goes from {low} to {high} there"
-    return "" if space.contains(value) else f"is {value!r}; its space is {space}"
-
-
-def _bad_mask(mask: Any, num_actions: int) -> str:
-    if not isinstance(mask, np.ndarray):
-        return f"is of type {type(mask).__name__}; it is an array"
-    if mask.shape != (num_actions,) or mask.dtype != np.int8:
-        return f"has shape {mask.shape} and dtype {mask.dtype}; it is ({num_actions},) and int8"
-    if not ((mask == 0) | (mask == 1)).all():
-        return f"is {mask}; it holds 0 and 1 only"
-    return "" if mask.any() else "allows no action; at least one must be allowed"
+def _check_inside(what: str, space: Any, value: Any) -> None:
+    if not space.contains(value) or (
+        isinstance(space, gymnasium.spaces.Box)
+        and not (isinstance(value, np.ndarray) and value.dtype == space.dtype)
+    ):
+        kind = f"dtype {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise ConformanceError(f"{what} does not lie in its space {space}; it is {value} ({kind})")
 
 
 def _comparable(value: Any) -> bool:

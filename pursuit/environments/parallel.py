@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from operator import index
@@ -64,17 +65,17 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
         self._seeded = False
         self.np_random = np.random.default_rng()
 
+    @abstractmethod
     def _begin(self, seed: int | None, options: dict[str, Any] | None) -> None:
         """Begin a new episode; ValueError for options that make no start."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _move(self, actions: Mapping[str, Any]) -> None:
         """Step by the actions, of which every agent has one; ValueError, and nothing moved."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _observe(self) -> Sequence[Any] | NDArray[Any]:
         """[agents] what each observes now, fresh arrays."""
-        raise NotImplementedError
 
     def _infos(self) -> dict[str, dict[str, Any]]:
         return {agent: {} for agent in self.agents}
@@ -309,13 +310,18 @@ class PursuitParallelEnv(SimulatorParallelEnv):
         return scene_of(self.simulator)
 
 
-def begin(simulator: Simulator, seed: int | None, options: Mapping[str, Any] | None) -> None:
-    """Begin new episodes as the options of an environment's `reset` say."""
+def begin(
+    simulator: Simulator,
+    seed: int | None,
+    options: Mapping[str, Any] | None,
+    games: NDArray[np.bool_] | None = None,
+) -> None:
+    """Begin new episodes, in the games of a mask, as the options of a `reset` say."""
     given = reset_options(options, ("positions",), ("goals", "maze"))
     if given:
-        simulator.place(given["positions"], given.get("goals"), given.get("maze"), seed)
+        simulator.place(given["positions"], given.get("goals"), given.get("maze"), seed, games)
     else:
-        simulator.reset(seed=seed)
+        simulator.reset(seed, games)
 
 
 def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:

@@ -11,7 +11,6 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from pursuit.environments.keys import Keys, maze_keys
 from pursuit.environments.parallel import RENDER_FPS, begin, scene_of
 from pursuit.environments.single_env import SingleEnv, checked_actions
 from pursuit.environments.vector import LockstepVectorEnv
@@ -77,8 +76,10 @@ class SeatOfGames:
             seen = masked_space(seen, task.num_actions)
         return seen, gymnasium.spaces.Discrete(task.num_actions)
 
-    def _begin(self, seed: int | None, options: Any) -> None:
-        begin(self.simulator, seed, options)
+    def _begin(
+        self, seed: int | None, options: Any, games: NDArray[np.bool_] | None = None
+    ) -> None:
+        begin(self.simulator, seed, options, games)
 
     def _advance(self, actions: Any) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
         simulator = self.simulator
@@ -168,10 +169,6 @@ class SingleAgentEnv(SeatOfGames, SingleEnv, gymnasium.Env[Any, Any]):
     def action_masks(self) -> NDArray[np.bool_]:
         """[actions] bool, for sb3-contrib's MaskablePPO: all True unless `mask_bumps`."""
         return self._masks()[0]
-
-    def get_keys_to_action(self) -> dict[Keys, int]:
-        """For `gymnasium.utils.play.play(env, wait_on_player=True)`; see `environments.keys`."""
-        return maze_keys(self.task)
 
 
 class SingleAgentVectorEnv(

@@ -6,6 +6,7 @@ of the world that is played, which `GamesOfWorld` lists.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import Any
 
@@ -75,36 +76,38 @@ def row_of(observations: Any, game: Any) -> Any:
     return observations[game]
 
 
-class GamesOfWorld:
+class GamesOfWorld(ABC):
     """What a world says of its games, one or many; all arrays are [games, ...]."""
 
-    def _begin(self, seed: int | None, options: Any) -> None:
-        """Begin new episodes in all games; ValueError for options that make no start."""
-        raise NotImplementedError
+    @abstractmethod
+    def _begin(
+        self, seed: int | None, options: Any, games: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Begin new episodes in all games, or those of a mask; ValueError for options of none."""
 
+    @abstractmethod
     def _checked(self, actions: Any) -> Any:
         """Actions, of one game or of all, as `_advance` takes them; ValueError for others."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _advance(self, actions: Any) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
         """Rewards, terminations and truncations [games] of one step, live arrays."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _observe(self) -> Any:
         """[games, ...] what is observed now, an array or a dict of arrays."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _returns(self) -> NDArray[np.float64]:
         """[games] the sum of rewards of every episode so far."""
-        raise NotImplementedError
 
     def _infos(self) -> dict[str, NDArray[Any]]:
         """The infos of every reset and step, without masks."""
         return {}
 
+    @abstractmethod
     def _scene(self, game: int = 0) -> Drawable:
         """One game as it is drawn."""
-        raise NotImplementedError
 
 
 class SingleEnv(GamesOfWorld, StepLimitInSpec, Rendered, gymnasium.Env[Any, Any]):

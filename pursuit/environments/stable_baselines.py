@@ -13,7 +13,6 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from pursuit.environments.single_env import row_of
 from pursuit.environments.vector import LockstepVectorEnv
 from pursuit.observations.masks import ACTION_MASK
 
@@ -26,14 +25,15 @@ class StableBaselinesVecEnv(VecEnv):
     environment was made with `mask_bumps=True` each info holds its "action_mask" as well;
     `action_masks()`, which sb3-contrib's MaskablePPO asks for, is all True otherwise.
 
-    Stable-Baselines3 wants the first observation of the next episode in the step that ends one. A
-    vector environment of another autoreset mode than SAME_STEP is reset then by its mask.
+    Stable-Baselines3 wants the first observation of the next episode in the step that ends one, so
+    the vector environment is set to the autoreset mode SAME_STEP.
 
     Args:
         env: the vector environment, as `gymnasium.make_vec("pursuit/Chaser-v0").unwrapped` gives.
     """
 
     def __init__(self, env: LockstepVectorEnv) -> None:
+        env.autoreset_mode = AutoresetMode.SAME_STEP
         self.env = env
         self.render_mode = env.render_mode
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
@@ -58,23 +58,16 @@ class StableBaselinesVecEnv(VecEnv):
         """Observations, rewards, dones and infos of all games."""
         observations, rewards, terminations, truncations, infos = self.env.step(self._actions)
         dones = terminations | truncations
-        last, final = observations, infos
-        if dones.any() and self.env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP:
-            last, final = infos["final_obs"], infos["final_info"]
-        elif dones.any():
-            observations, begun = self.env.reset(options={"reset_mask": dones})
-            if ACTION_MASK in infos:
-                infos[ACTION_MASK][dones] = begun[ACTION_MASK][dones]
         listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if ACTION_MASK in infos:
             listed = [{ACTION_MASK: mask} for mask in infos[ACTION_MASK]]
         for game in np.flatnonzero(dones):
             listed[game] |= {
-                "terminal_observation": row_of(last, game),
+                "terminal_observation": infos["final_obs"][game],
                 "TimeLimit.truncated": bool(truncations[game]),
                 "episode": {
-                    "r": float(final["episode_return"][game]),
-                    "l": int(final["episode_length"][game]),
+                    "r": float(infos["final_info"]["episode_return"][game]),
+                    "l": int(infos["final_info"]["episode_length"][game]),
                     "t": 0.0,
                 },
             }

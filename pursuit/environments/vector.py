@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -49,20 +48,6 @@ def masked_infos(infos: dict[str, NDArray[Any]], games: NDArray[np.bool_]) -> di
         masked[key][~games] = 0
         masked[f"_{key}"] = games.copy()
     return masked
-
-
-@contextmanager
-def left_alone(simulator: Any, games: NDArray[np.bool_]) -> Iterator[None]:
-    """Whatever is done inside, the games of the mask stand afterwards as they stood before."""
-    if not games.any():
-        yield
-        return
-    state, seed = simulator.get_state(games), simulator.last_seed
-    try:
-        yield
-    finally:
-        simulator.set_state(state, games)
-        simulator.last_seed = seed
 
 
 class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEnv[Any, Any, Any]):
@@ -145,12 +130,15 @@ class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEn
         first = None if seed is None or listed is not None else checked_seed(seed)
         if not self._seeded and first is None and (listed is None or None in listed):
             first = some_seed() if self._first_seed is None else self._first_seed
-        with left_alone(self.simulator, ~chosen):
-            if listed is None:
-                self._begin(first, options)
-            else:
-                self._begin_each(listed, first, options)
-        own = first if listed is None else next((each for each in listed if each is not None), None)
+        own, streams = first, self.simulator.streams.copy()
+        if listed is not None:
+            self._seed_each(listed, first, chosen)
+            first, own = None, next((each for each in listed if each is not None), None)
+        try:
+            self._begin(first, options, None if chosen.all() else chosen)
+        except ValueError:
+            self.simulator.streams[:] = streams
+            raise
         super().reset(seed=own)  # np_random, which is there for wrappers
         self._over[chosen] = False
         self._seeded = True
@@ -175,21 +163,18 @@ class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEn
             raise ValueError(f"seed: {len(seeds)} seeds for {self.num_envs} games; one for each")
         return [None if each is None else checked_seed(each) for each in seeds]
 
-    def _begin_each(self, seeds: list[int | None], others: int | None, options: Any) -> None:
-        """Give game i the streams of a single game that is seeded with `seeds[i]`, and begin."""
-        simulator, given = self.simulator, np.array([seed is not None for seed in seeds])
-        before, alone = simulator.get_state(), type(simulator)(self.task)
+    def _seed_each(
+        self, seeds: list[int | None], others: int | None, chosen: NDArray[np.bool_]
+    ) -> None:
+        """Give game i the streams of a single game that is seeded with `seeds[i]`."""
+        simulator, alone = self.simulator, type(self.simulator)(self.task)
         if others is not None:
             simulator.seed(others)
-        simulator.seed(0, given)  # whatever else a seed does: a kept pose is drawn anew
-        for game in np.flatnonzero(given):
-            alone.seed(seeds[game])
-            simulator.streams[game] = alone.streams[0]
-        try:
-            self._begin(None, options)
-        except ValueError:
-            simulator.set_state(before)
-            raise
+        for game in np.flatnonzero(chosen):
+            if seeds[game] is not None:
+                simulator.seed(0, [game])  # whatever else a seed does: a kept pose is drawn anew
+                alone.seed(seeds[game])
+                simulator.streams[game] = alone.streams[0]
 
     def step(
         self, actions: Any
@@ -253,15 +238,12 @@ class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEn
 
     def _advance_others(self, actions: Any, waiting: NDArray[np.bool_]) -> list[NDArray[Any]]:
         """Begin new episodes in the games of the mask `waiting`, and move the others."""
-        simulator = self.simulator
-        over = simulator.get_state(waiting)
+        simulator, streams = self.simulator, self.simulator.streams[waiting]
+        # A game that is over stays as it is; your evader may have left one that goes on.
+        simulator.truncated[waiting] = True
+        results = [array.copy() for array in self._advance(actions)]
+        simulator.streams[waiting] = streams  # from which its policies have drawn
         simulator.reset(games=waiting)
-        try:
-            with left_alone(simulator, waiting):
-                results = [array.copy() for array in self._advance(actions)]
-        except ValueError:
-            simulator.set_state(over, waiting)
-            raise
         for array in results:
             array[waiting] = 0
         return results

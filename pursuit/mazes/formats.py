@@ -1,7 +1,7 @@
-"""The text formats of mazes: our own, MovingAI's `.map`, and the grids of maze benchmarks.
+"""The text formats of mazes: our own, and MovingAI's `.map`.
 
-Each reader turns a text into a `Drawing`, of which `Maze` is made. In the formats of others a wall
-fills a whole square; it becomes a blocked cell, and two neighbouring floor squares are joined.
+Each reader turns a text into a `Drawing`, of which `Maze` is made. In a `.map` a wall fills a whole
+square; it becomes a blocked cell, and two neighbouring floor squares are joined.
 """
 
 from __future__ import annotations
@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 PASSABLE, IMPASSABLE = ".GS", "@OTW"
 """Terrain of MovingAI: ground and swamp; out of bounds, trees, and water, which cannot be entered
 from land and so is taken as impassable."""
-AGENTS = "><^v"
-"""An agent in the grids of benchmarks, by where it looks; our agents look nowhere."""
 
 _HEADER = re.compile(r"type\s+(\S+)\s+height\s+(\d+)\s+width\s+(\d+)\s+map\s*")
 
@@ -46,20 +44,6 @@ def _lines_of(text: str) -> tuple[list[str], int]:
 def _grid_of(lines: Sequence[str]) -> NDArray[np.str_]:
     """[rows, columns] the characters of lines of one length."""
     return np.array([list(line) for line in lines])
-
-
-def _drawing_of_squares(
-    walkable: NDArray[np.bool_],
-    start: tuple[int, int] | None = None,
-    goals: tuple[tuple[int, int], ...] = (),
-) -> Drawing:
-    """No wall stands between squares of the floor."""
-    south, east = walkable[:-1] & walkable[1:], walkable[:, :-1] & walkable[:, 1:]
-    return Drawing(walkable, south, east, start, goals)
-
-
-def _goals_in(cells: NDArray[np.str_]) -> tuple[tuple[int, int], ...]:
-    return tuple((row, column) for row, column in np.argwhere(cells == "G").tolist())
 
 
 # -- our own ---------------------------------------------------------------------------------------
@@ -96,7 +80,8 @@ def read_walls(text: str, name: str) -> Drawing:
             problem = f"unknown character {character!r}; a cell is ' ', 'S', 'G' or '#'"
         _fail(name, row + first, f"{where}: {problem}")
     south, east = blank[2:-1:2, 1::2], blank[1::2, 2:-1:2]
-    return Drawing(cells != "#", south, east, start, _goals_in(cells))
+    goals = tuple((row, column) for row, column in np.argwhere(cells == "G").tolist())
+    return Drawing(cells != "#", south, east, start, goals)
 
 
 def _are_odd(grid: NDArray[np.str_]) -> NDArray[np.bool_]:
@@ -144,7 +129,7 @@ def _check_rectangular(lines: Sequence[str], first: int, name: str) -> None:
         )
 
 
-# -- those of others -------------------------------------------------------------------------------
+# -- MovingAI's ------------------------------------------------------------------------------------
 
 
 def read_movingai(text: str, name: str) -> Drawing:
@@ -176,46 +161,6 @@ def read_movingai(text: str, name: str) -> Drawing:
             _fail(name, line, f"{len(row)} characters; its header says width {width}")
     if not height or not width:
         raise ValueError(f"{name}: a map without cells")
-    return _drawing_of_squares(np.isin(_grid_of(rows), list(PASSABLE)))
-
-
-def read_squares(text: str, name: str) -> Drawing:
-    """A grid in the manner of maze benchmarks (JaxUED, minimax): a character a square.
-
-    `#` is a wall, `.` or a blank the floor, `G` a goal, and `>`, `<`, `^`, `v` (or `A`, `S`) the
-    start of the agent.
-
-    Raises:
-        ValueError: rows of another length, another character, or a second agent.
-    """
-    if not isinstance(text, str):
-        raise ValueError(f"{name}: {text!r} is no text; give the drawing of a grid")
-    rows, first = _lines_of(text)
-    if not rows:
-        raise ValueError(f"{name}: an empty grid; draw '#' for walls and '.' for floor")
-    if "." in text:  # then blanks around it are indentation
-        rows = [row.strip() for row in rows]
-    width = max(len(row) for row in rows)
-    start = None
-    for number, row in enumerate(rows):
-        line = number + first
-        if len(row) != width:
-            _fail(
-                name,
-                line,
-                f"{len(row)} characters where another has {width}; give every line the same number",
-            )
-        unknown = set(row) - set(f"#. G{AGENTS}AS")
-        if unknown:
-            _fail(
-                name,
-                line,
-                f"unknown character {min(unknown)!r}; a square is '#', '.', 'G', or one of "
-                f"{AGENTS!r} for the agent",
-            )
-        for agent in re.finditer(f"[{re.escape(AGENTS)}AS]", row):
-            if start is not None:
-                _fail(name, line, "a second agent; keep one")
-            start = (number, agent.start())
-    grid = _grid_of(rows)
-    return _drawing_of_squares(grid != "#", start, _goals_in(grid))
+    walkable = np.isin(_grid_of(rows), list(PASSABLE))
+    south, east = walkable[:-1] & walkable[1:], walkable[:, :-1] & walkable[:, 1:]
+    return Drawing(walkable, south, east)

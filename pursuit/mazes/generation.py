@@ -1,6 +1,6 @@
 """Generators of mazes, and the shipped library that they make.
 
-`python -m pursuit.mazes.generation` writes the library anew; with `--check` it compares only.
+`python -m pursuit.mazes.generation` writes the library anew; `git diff` says what changed.
 
 A grid of H×W cells has (H-1)W + H(W-1) inner walls. A maze in the making is one flat bool array
 `passages` of that length, True where the wall is open: first the walls south of the cells, row by
@@ -9,7 +9,6 @@ row, then those east of the cells. Cells are numbered row by row.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -17,10 +16,9 @@ import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled
 from pursuit.mazes.maze import LIBRARY, Maze
-from pursuit.mazes.suite_files import check_option, renew
 from pursuit.memory import check_memory
 from pursuit.rules import EAST, NORTH, SOUTH, next_below
-from pursuit.validation import is_number, is_whole, truth
+from pursuit.validation import is_number, is_whole, one_of, truth, whole
 
 MAX_CELLS = 4_000_000
 """The largest maze that is generated; 2000×2000 cells take some seconds and 500 MB."""
@@ -255,12 +253,8 @@ def check_arguments(
     seed: int | np.random.Generator,
 ) -> None:
     """Raise ValueError if `generate_maze` cannot take these."""
-    if not isinstance(algorithm, str) or algorithm not in ALGORITHMS:
-        raise ValueError(f"unknown algorithm {algorithm!r}; choose one of {', '.join(ALGORITHMS)}")
-    for side, length in (("height", height), ("width", width)):
-        if not is_whole(length) or length < 1:
-            raise ValueError(f"{side} {length!r}; give a whole number of cells, 1 or more")
-    cells = int(height) * int(width)
+    one_of("algorithm", algorithm, tuple(ALGORITHMS))
+    cells = whole("height", height, 1) * whole("width", width, 1)
     if cells > MAX_CELLS:
         raise ValueError(
             f"{height}x{width} is {cells} cells; they need {cells * BYTES_PER_CELL:,} bytes, and a "
@@ -321,12 +315,6 @@ def with_corner_marks(maze: Maze, name: str) -> Maze:
     return Maze(walkable, maze.joined_south, maze.joined_east, (0, 0), (corner,), name)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Write the shipped library, or compare it (`--check`); the exit status, 1 if it differs."""
-    parser = check_option("python -m pursuit.mazes.generation", "Make the shipped mazes.")
-    made = {f"{name}.txt": maze.to_text().encode() for name, maze in library_mazes().items()}
-    return renew(LIBRARY, made, LIBRARY.glob("*.txt"), parser.parse_args(arguments).check)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    for _name, _maze in library_mazes().items():
+        (LIBRARY / f"{_name}.txt").write_text(_maze.to_text())

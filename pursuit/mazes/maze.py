@@ -320,7 +320,8 @@ def load_maze(maze: str | Path | Maze) -> Maze:
 
     A `Maze` is returned as it is, so that whoever takes a maze can take a name as well. One maze of
     a suite is `"suite:7x7-test/017"` (all of it: `pursuit.load_suite`). A file whose name ends in
-    `.map` is read as `pursuit.read_map` does.
+    `.map` is read as a map of MovingAI (Sturtevant, 2012): passable squares (`.`, `G` and swamp,
+    `S`) are cells, joined to their neighbours; all others are blocked.
 
     Raises:
         ValueError: no such name or file; a directory; not text; not a maze. The message names the

@@ -13,8 +13,6 @@ LIBRARY = Path(__file__).with_name("files")
 
 BYTES_PER_CHARACTER = 26
 """The memory that it takes to read the text of a maze: measured on 1000x1000 cells."""
-MAX_STREAM = 2**26
-"""Bytes read of what is no file, and so has no size."""
 
 
 def library_names() -> list[str]:
@@ -51,17 +49,19 @@ def read_text(path: Path) -> str:
     """The text of a file that may be a maze.
 
     Raises:
-        ValueError: there is none, or it is no text.
+        ValueError: there is none, it is no text, or longer than memory holds.
     """
     try:
-        return _content_of(path)
-    except FileNotFoundError:
-        raise ValueError(
-            f"unknown maze {str(path)!r}; shipped mazes: {', '.join(library_names())}; or give a "
-            "path to a maze file"
-        ) from None
-    except IsADirectoryError:
-        raise ValueError(f"{path}: a directory; give a maze file inside it") from None
+        if not path.exists():
+            raise ValueError(
+                f"unknown maze {str(path)!r}; shipped mazes: {', '.join(library_names())}; or give "
+                "a path to a maze file"
+            )
+        if not path.is_file():
+            raise ValueError(f"{path}: a directory or device; give a maze file")
+        needed = BYTES_PER_CHARACTER * path.stat().st_size
+        check_memory(str(path), needed, "give a smaller maze")
+        return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(
             f"{path}: line {path.read_bytes()[: error.start].count(10) + 1}: not a text file "
@@ -69,19 +69,3 @@ def read_text(path: Path) -> str:
         ) from None
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
-
-
-def _content_of(path: Path) -> str:
-    """The text in a file.
-
-    Raises:
-        ValueError: it is longer than memory holds, or is no file and does not end.
-        OSError, UnicodeDecodeError: it cannot be read, or is no text.
-    """
-    with path.open("rb") as file:
-        needed = BYTES_PER_CHARACTER * path.stat().st_size
-        check_memory(str(path), needed, "give a smaller maze")
-        found = file.read(-1 if path.is_file() else MAX_STREAM)
-    if len(found) == MAX_STREAM and not path.is_file():
-        raise ValueError(f"{path}: no end in its first {MAX_STREAM} bytes; give a maze file")
-    return found.decode("utf-8-sig")

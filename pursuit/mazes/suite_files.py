@@ -8,13 +8,10 @@ then those east of the cells; the first wall is the highest bit). `SHA256SUMS` b
 
 from __future__ import annotations
 
-import argparse
 import csv
 import hashlib
 import io
 import re
-import sys
-from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -76,7 +73,7 @@ def rows_of(given: str) -> tuple[Row, ...]:
     (`"7x7-train/0-99"`), with `suite:` before it or without.
 
     Raises:
-        ValueError: no such suite or mazes, or a file that is not as it was shipped.
+        ValueError: no such suite or mazes.
     """
     found = _PART.fullmatch(given)
     suite = found.group(1) if found else given
@@ -100,7 +97,7 @@ def rows_of(given: str) -> tuple[Row, ...]:
 
 @cache
 def read_rows(suite: str) -> tuple[Row, ...]:
-    """All rows of a suite; ValueError for a file that is not as it was shipped."""
+    """All rows of a suite."""
     return tuple(
         Row(
             maze_name(suite, int(row["number"])),
@@ -110,7 +107,7 @@ def read_rows(suite: str) -> tuple[Row, ...]:
             int(row["seed"]),
             row["openings"],
         )
-        for row in csv.DictReader(io.StringIO(read_checked(f"{suite}.csv")))
+        for row in csv.DictReader(io.StringIO((SUITES / f"{suite}.csv").read_text()))
     )
 
 
@@ -135,63 +132,3 @@ def grids_of_row(
 def sums_text(files: dict[str, bytes]) -> str:
     """The content of SHA256SUMS for files by name."""
     return "".join(f"{hashlib.sha256(files[name]).hexdigest()}  {name}\n" for name in sorted(files))
-
-
-def read_checked(name: str) -> str:
-    """The text of a file of the suites.
-
-    Raises:
-        ValueError: it cannot be read, or is not the one that was shipped.
-    """
-    remedy = "install Pursuit anew, or `git checkout pursuit/mazes/files/suites`"
-    try:
-        content, sums = (SUITES / name).read_bytes(), (SUITES / SUMS).read_text()
-    except OSError as error:
-        raise ValueError(f"{SUITES / name}: cannot be read ({error.strerror}); {remedy}") from None
-    wanted = dict(line.split()[::-1] for line in sums.splitlines())
-    if hashlib.sha256(content).hexdigest() != wanted.get(name):
-        raise ValueError(
-            f"{SUITES / name}: its checksum is not that in {SUMS}: it is not the frozen suite; "
-            f"{remedy}"
-        )
-    return content.decode()
-
-
-# -- made anew -------------------------------------------------------------------------------------
-
-
-def renew(folder: Path, made: dict[str, bytes], shipped: Iterable[Path], check: bool) -> int:
-    """Write the files that were made into a folder, in place of those that were shipped.
-
-    Args:
-        folder: is made where there is none.
-        made: contents by name.
-        shipped: the files that these replace: one that is not made any more is deleted.
-        check: compare only, and name what differs.
-
-    Returns:
-        The exit status: 1 if `check` found a difference.
-    """
-    before = {path.name: path.read_bytes() for path in shipped if path.is_file()}
-    different = sorted(name for name in made | before if made.get(name) != before.get(name))
-    if check:
-        for name in different:
-            print(f"{folder / name}: differs from what is made now", file=sys.stderr)
-        return 1 if different else 0
-    folder.mkdir(exist_ok=True)
-    for name in different:
-        if name in made:
-            (folder / name).write_bytes(made[name])
-        else:
-            (folder / name).unlink()
-    print(f"{len(made)} files in {folder}, {len(different)} changed")
-    return 0
-
-
-def check_option(prog: str, description: str) -> argparse.ArgumentParser:
-    """A parser with the option --check, for the modules that make shipped files."""
-    parser = argparse.ArgumentParser(prog=prog, description=description)
-    parser.add_argument(
-        "--check", action="store_true", help="write nothing; exit 1 on a difference"
-    )
-    return parser

@@ -1,14 +1,13 @@
 """Frozen suites of mazes: to train on, to choose by, and to report on mazes that were never seen.
 
 `python -m pursuit.mazes.suites` writes the mazes of `pursuit/mazes/files/suites/` anew from their
-seeds; with `--check` it compares only.
+seeds; `git diff` says what changed.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-import sys
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from itertools import count, product
@@ -24,10 +23,8 @@ from pursuit.mazes.suite_files import (
     SPLITS,
     SUITES,
     SUMS,
-    check_option,
     grids_of_row,
     is_suite,
-    renew,
     rows_of,
     sums_text,
 )
@@ -53,7 +50,7 @@ def load_suite(name: str) -> tuple[Maze, ...]:
             `"7x7-train/0-99"` is the first hundred of it, in which all kinds are, too.
 
     Raises:
-        ValueError: no such suite, or a file that is not as it was shipped.
+        ValueError: no such suite.
     """
     if not isinstance(name, str):
         raise ValueError(f"suite={name!r}; give the name of one: {', '.join(suite_names())}")
@@ -118,14 +115,7 @@ def suite_tables() -> dict[str, bytes]:
     return tables
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Write the suites, or compare them (`--check`); the exit status, 1 if they differ."""
-    parser = check_option("python -m pursuit.mazes.suites", "Make the frozen suites of mazes.")
-    made = suite_tables()
-    made[SUMS] = sums_text(made).encode()
-    shipped = [SUITES / name for name in made]
-    return renew(SUITES, made, shipped, parser.parse_args(arguments).check)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    _made = suite_tables()
+    for _name, _content in {**_made, SUMS: sums_text(_made).encode()}.items():
+        (SUITES / _name).write_bytes(_content)

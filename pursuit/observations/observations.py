@@ -139,7 +139,7 @@ class Encoder:
             return
         if self.encoding == "positions":
             encodings.list_entities(*seen_from, 1, 0, 0, out)
-            out[:, :, -1] = out[:, :, -1] > 0
+            np.minimum(out[:, :, -1], 1, out=out[:, :, -1])
             return
         if self.encoding == "one_hot":
             encodings.list_entities(*seen_from, 0, size, None, out)

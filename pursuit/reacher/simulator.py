@@ -12,9 +12,10 @@ from pursuit.reacher import rules
 from pursuit.reacher.observations import encode
 from pursuit.reacher.policy import ArmView
 from pursuit.reacher.rules import Arms, Coming, Outcome
-from pursuit.reacher.state import ArmState, check_fits
+from pursuit.reacher.state import check_fits
 from pursuit.reacher.task import LEAST_TOLERANCE, ReacherTask
 from pursuit.simulator.next_episode import slots
+from pursuit.simulator.state import SimulatorState
 from pursuit.validation import as_array, truth, whole
 
 
@@ -245,15 +246,15 @@ class ReacherSimulator:
         arms = {name: array for name, array in self.arms._asdict().items() if name != "ends"}
         return {**arms, **{name: getattr(self, name) for name in own}, **waiting}
 
-    def get_state(self, games: ArrayLike | None = None) -> ArmState:
+    def get_state(self, games: ArrayLike | None = None) -> SimulatorState:
         """Copies of all arms, or of those of the index list `games`, exact to the last bit."""
         chosen = slots(games, self.num_games)
-        state = ArmState(**{name: array[chosen] for name, array in self._live().items()})
+        state = SimulatorState(**{name: array[chosen] for name, array in self._live().items()})
         if self.auto_restart:  # the episodes that ended are over, these arms are not
             state.terminated[:] = state.truncated[:] = False
         return state
 
-    def set_state(self, state: ArmState, games: ArrayLike | None = None) -> None:
+    def set_state(self, state: SimulatorState, games: ArrayLike | None = None) -> None:
         """Put copied arms into all slots, or into those of `games`; they go on as they would have.
 
         Raises:
@@ -269,13 +270,19 @@ class ReacherSimulator:
         rules.find_all_ends(self.angles, self.ends)
         self.last_seed = None
 
-    def place(self, angles: ArrayLike, targets: ArrayLike, seed: int | None = None) -> None:
-        """Put every arm at the beginning of an episode in this pose, with this target.
+    def place(
+        self,
+        angles: ArrayLike,
+        targets: ArrayLike,
+        seed: int | None = None,
+        games: ArrayLike | None = None,
+    ) -> None:
+        """Put arms at the beginning of an episode in this pose, with this target.
 
         Args:
             angles: [num_games, joints] radians, or one row for all.
             targets: [num_games, 2], or one for all; within reach.
-            seed: as in `reset`.
+            seed, games: as in `reset`; poses and targets are given for all arms.
 
         Raises:
             ValueError: a wrong shape, what is no number, a target out of reach, or a locked joint
@@ -289,9 +296,9 @@ class ReacherSimulator:
         self.task.check_targets(places, free, tolerance)
         if poses[np.arange(self.task.joints) >= free[:, None]].any():
             raise ValueError(f"angles={angles!r}; joints that are locked are straight: angle 0")
-        self.reset(seed)
-        self.angles[:] = poses
-        self.targets[:] = places
+        self.reset(seed, games)
+        chosen = slots(games, self.num_games)
+        self.angles[chosen], self.targets[chosen] = poses[chosen], places[chosen]
         rules.find_all_ends(self.angles, self.ends)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -351,7 +358,7 @@ def _copied(
     num_games: int,
     first_game: int,
     auto_restart: bool,
-    state: ArmState,
+    state: SimulatorState,
     written: tuple[NDArray[Any], ...],
 ) -> ReacherSimulator:
     simulator = ReacherSimulator(task, num_games, 0, first_game, auto_restart)

@@ -10,10 +10,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from pursuit.environments.keys import Keys
 from pursuit.environments.single_env import SingleEnv, checked_actions
 from pursuit.environments.vector import LockstepVectorEnv, limited
-from pursuit.reacher.keys import arm_keys
 from pursuit.reacher.observations import ENCODINGS, space_of
 from pursuit.reacher.rendering import ArmScene, scene_of
 from pursuit.reacher.simulator import ReacherSimulator
@@ -30,17 +28,22 @@ def action_space_of(task: ReacherTask) -> gymnasium.Space[Any]:
     return gymnasium.spaces.Box(-1.0, 1.0, (task.joints,), np.float32)
 
 
-def begin(simulator: ReacherSimulator, seed: int | None, options: Any) -> None:
-    """Begin new episodes as the options of an environment's `reset` say.
+def begin(
+    simulator: ReacherSimulator,
+    seed: int | None,
+    options: Any,
+    games: NDArray[np.bool_] | None = None,
+) -> None:
+    """Begin new episodes, in the arms of a mask, as the options of a `reset` say.
 
     Raises:
         ValueError: a seed out of range, or options that make no start. Nothing is changed then.
     """
     given = reset_options(options, ("angles", "target"))
     if given:
-        simulator.place(given["angles"], given["target"], seed)
+        simulator.place(given["angles"], given["target"], seed, games)
     else:
-        simulator.reset(seed)
+        simulator.reset(seed, games)
 
 
 class ArmsOfEnv:
@@ -50,8 +53,10 @@ class ArmsOfEnv:
     observation: str
     action_space: gymnasium.Space[Any]
 
-    def _begin(self, seed: int | None, options: Any) -> None:
-        begin(self.simulator, seed, options)
+    def _begin(
+        self, seed: int | None, options: Any, games: NDArray[np.bool_] | None = None
+    ) -> None:
+        begin(self.simulator, seed, options, games)
 
     def _checked(self, actions: Any) -> NDArray[Any]:
         shape = self.action_space.shape or ()
@@ -109,10 +114,6 @@ class ReacherEnv(ArmsOfEnv, SingleEnv, gymnasium.Env[Any, Any]):
         # Copies: spaces carry the random state of their samples.
         seen = deepcopy(space_of(task, observation))
         super().__init__(ReacherSimulator(task, auto_restart=False), seen, action_space_of(task))
-
-    def get_keys_to_action(self) -> dict[Keys, Any]:
-        """For `gymnasium.utils.play.play(env, wait_on_player=True)`; see `environments.keys`."""
-        return arm_keys(self.task)
 
 
 class ReacherVectorEnv(ArmsOfEnv, LockstepVectorEnv, gymnasium.vector.VectorEnv[Any, Any, Any]):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -29,34 +30,16 @@ LEAST_TOLERANCE = 1e-6
 STARTS = ("kept", "random", "fixed")
 
 
-def positive(name: str, value: Any) -> float:
-    """`value` as a float, if it is a finite number above 0; ValueError otherwise."""
-    found = number(name, value)
-    if found <= 0.0:
-        raise ValueError(f"{name}={value}; it is above 0")
-    return found
+def _from(least: float, most: float = math.inf) -> Callable[[str, Any], float]:
+    """A check of a field: a finite number in that range."""
 
+    def check(name: str, value: Any) -> float:
+        found = number(name, value)
+        if not least <= found <= most:
+            raise ValueError(f"{name}={value}; it is at least {least:g} and at most {most:g}")
+        return found
 
-def _nearness(name: str, value: Any) -> float:
-    found = number(name, value)
-    if found < LEAST_TOLERANCE:
-        raise ValueError(f"{name}={value}; it is above 0, {LEAST_TOLERANCE:g} at least")
-    return found
-
-
-def _turn(name: str, value: Any) -> float:
-    found = positive(name, value)
-    if not LEAST_TURN <= found <= math.pi:
-        rule = f"a step turns a joint by {LEAST_TURN:g} at least, and by pi, half a turn, at most"
-        raise ValueError(f"{name}={value}; {rule}")
-    return found
-
-
-def _cost(name: str, value: Any) -> float:
-    found = number(name, value)
-    if found < 0.0:
-        raise ValueError(f"{name}={value}; a cost is at least 0")
-    return found
+    return check
 
 
 @dataclass(frozen=True)
@@ -86,10 +69,10 @@ class ReacherTask:
     joints: int = declared(lambda name, value: whole(name, value, 1, MAX_JOINTS), default=2)
     start: str = choice(STARTS, default="kept")
     hold: int = count(1, default=1)
-    tolerance: float = declared(_nearness, default=0.2)
+    tolerance: float = declared(_from(LEAST_TOLERANCE), default=0.2)
     max_steps: int = count(1, default=400)
-    max_turn: float = declared(_turn, default=0.1)
-    effort: float = declared(_cost, default=0.01)
+    max_turn: float = declared(_from(LEAST_TURN, math.pi), default=0.1)
+    effort: float = declared(_from(0.0), default=0.01)
     discrete_actions: bool = flag(False)
 
     def __post_init__(self) -> None:

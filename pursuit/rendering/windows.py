@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+from abc import ABC, abstractmethod
 from typing import Any
 
 import gymnasium
@@ -15,7 +16,7 @@ from pursuit.rendering.rendering import Drawable
 RENDER_MODES = ("ansi", "rgb_array", "human")
 
 
-class Rendered:
+class Rendered(ABC):
     """`render` and `close` of an environment of one game, which says what its `_scene` is."""
 
     metadata: dict[str, Any]
@@ -31,9 +32,9 @@ class Rendered:
         self.render_mode = render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": fps, **metadata}
 
+    @abstractmethod
     def _scene(self) -> Drawable:
         """What is drawn now."""
-        raise NotImplementedError
 
     def _show(self) -> None:
         """After a reset or a step: the next frame of a window."""

@@ -48,13 +48,11 @@ class Recorder:
         self.episodes: list[Episode] = []
         self.seed: int | None = simulator.last_seed
         self._tracks: list[_Track | None] = [None] * self._games
-        self._moved: dict[int, tuple[_Track, Episode | None]] = {}
-        self._former: dict[int, tuple[_Track, Episode | None]] = {}
         self._methods = {name: getattr(simulator, name) for name in LISTENED}
         self._own = {name: self._restarting(name) for name in LISTENED[1:]} | {"step": self._step}
         for name, method in self._own.items():
             setattr(simulator, name, method)
-        self._go_on(False)
+        self._follow()
 
     def __getattr__(self, name: str) -> Any:
         """What is the environment's."""
@@ -87,44 +85,22 @@ class Recorder:
     def _repr_html_(self) -> str:
         return self.replay._repr_html_()
 
-    def _go_on(self, put_back: bool) -> None:
-        """After games were put somewhere: those that stand where they were recorded go on.
-
-        Vectorised environments step games that wait, and begin all anew to put some back, by
-        `set_state`: a game that then stands where it stood before the last step, or before it was
-        begun anew, goes on. A `reset` to a start like the last one begins a new episode.
-        """
-        simulator, former = self._simulator, self._former
-        self._former = {}
+    def _follow(self) -> None:
+        """After games were put somewhere: those that stand where they were recorded go on."""
+        simulator = self._simulator
         for game in range(self._games):
             track, steps = self._tracks[game], int(simulator.steps[game])
-            before = self._moved.get(game) if put_back else None
-            if before is not None and before[0].stands_before_last(steps):
-                track = self._back(*before)
-                track.undo()
-            elif put_back and game in former and former[game][0].stands(steps):
-                track = self._back(*former[game])
-            elif track is not None and not track.stands(steps):
-                self._former[game] = track, self._leave(track)
+            if track is not None and not track.stands(steps):
+                self._leave(track)
                 track = None
             if track is None and steps == 0 and not simulator.ended[game]:
                 track = _Track(self._world, simulator, game)
             self._tracks[game] = track
-        self._moved = {}
 
-    def _back(self, track: _Track, episode: Episode | None) -> _Track:
-        """A track that goes on after all; what was kept of it is not."""
-        if episode is not None:
-            self.episodes = [each for each in self.episodes if each is not episode]
-        return track
-
-    def _leave(self, track: _Track) -> Episode | None:
+    def _leave(self, track: _Track) -> None:
         """Keep an episode that was broken off, by a wrapper's time limit, say, as it is."""
-        if not track.actions:
-            return None
-        episode = track.episode(False, False)
-        self._keep(episode)
-        return episode
+        if track.actions:
+            self._keep(track.episode(False, False))
 
     def _keep(self, episode: Episode) -> None:
         self.episodes.append(episode)
@@ -133,7 +109,7 @@ class Recorder:
     def _restarting(self, name: str) -> Any:
         def restart(*arguments: Any, **settings: Any) -> None:
             self._methods[name](*arguments, **settings)
-            self._go_on(name == "set_state")
+            self._follow()
             if self._simulator.last_seed is not None:
                 self.seed = self._simulator.last_seed
 
@@ -144,18 +120,14 @@ class Recorder:
         over = np.zeros(self._games, bool) if simulator.auto_restart else simulator.ended
         self._methods["step"](actions)
         taken, ended = np.asarray(actions), simulator.ended
-        self._moved, self._former = {}, {}
         for game, track in enumerate(self._tracks):
             if track is None or over[game]:
                 continue
             track.add(taken[game], bool(ended[game]) and simulator.auto_restart)
-            episode = None
             if ended[game]:
                 ways = bool(simulator.terminated[game]), bool(simulator.truncated[game])
-                episode = track.episode(*ways)
-                self._keep(episode)
+                self._keep(track.episode(*ways))
                 self._tracks[game] = None
-            self._moved[game] = track, episode
         if simulator.auto_restart:
             for restarted in np.flatnonzero(ended[: self._games]).tolist():
                 self._tracks[restarted] = _Track(self._world, simulator, restarted)
@@ -177,26 +149,14 @@ class _Track:
         self.rewards.append(self.world.rewards(self.simulator, self.game))
         self.states.append(self.world.state(self.simulator, self.game, final))
 
-    def undo(self) -> None:
-        """Forget the last step."""
-        for kept in (self.actions, self.rewards, self.states):
-            kept.pop()
-
     def stands(self, steps: int) -> bool:
         """Whether the game is where it was recorded last, after so many steps."""
-        return self._at(len(self.actions), steps)
-
-    def stands_before_last(self, steps: int) -> bool:
-        """Whether it is where it was one step before."""
-        return self._at(len(self.actions) - 1, steps)
-
-    def _at(self, number: int, steps: int) -> bool:
-        if number != steps or number < 0:
+        if steps != len(self.actions):
             return False
         now = self.world.state(self.simulator, self.game)
         return all(
             np.array_equal(now[name], kept)
-            for name, kept in self.states[number].items()
+            for name, kept in self.states[-1].items()
             if name != "events"
         )
 

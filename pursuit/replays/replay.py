@@ -95,7 +95,7 @@ class Replay:
     own_rewards: bool = False
 
     @property
-    def world(self) -> World:
+    def world(self) -> Any:
         """What kind of task it is."""
         return world_for(self.task)
 

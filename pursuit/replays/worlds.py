@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,49 +19,13 @@ from pursuit.tasks.task import Task
 State = dict[str, NDArray[Any]]
 
 
-class World(Protocol):
-    """A kind of task, as files of replays have it."""
-
-    name: str
-
-    def settings(self, task: Any) -> dict[str, Any]:
-        """The task as plain values."""
-
-    def task(self, settings: dict[str, Any]) -> Any:
-        """The task again; ValueError for settings of none."""
-
-    def agents(self, task: Any) -> list[str]:
-        """Who acts: a column of the rewards each."""
-
-    def simulator(self, task: Any) -> Any:
-        """One game, which stays as it ended."""
-
-    def start(self, simulator: Any, game: int) -> dict[str, Any]:
-        """Where a game stands at the beginning of its episode, as plain values."""
-
-    def begin(self, simulator: Any, start: dict[str, Any]) -> None:
-        """Put the one game of a simulator there; ValueError for what is no start."""
-
-    def state(self, simulator: Any, game: int, final: bool = False) -> State:
-        """Copies of what can be seen of a game now, or as its last episode ended."""
-
-    def step(self, simulator: Any, action: NDArray[Any]) -> None:
-        """Step the one game of a simulator."""
-
-    def rewards(self, simulator: Any, game: int) -> NDArray[np.float32]:
-        """[agents], of the last step."""
-
-    def width(self, task: Any) -> int:
-        """Numbers of an action of all agents together."""
-
-
 class MazeWorld:
-    """Games in mazes; a `World`. Actions are one a seat."""
+    """Games in mazes. Actions are one a seat."""
 
     name = "maze"
 
     def settings(self, task: Task) -> dict[str, Any]:
-        """As `World`; a function that pays is not kept, as its rewards are.
+        """The task as plain values; a function that pays is not kept, as its rewards are.
 
         What limits sight stands there only where something does, so that older versions read it.
         """
@@ -76,7 +40,7 @@ class MazeWorld:
         return plain
 
     def task(self, settings: dict[str, Any]) -> Task:
-        """As `World`."""
+        """The task again; ValueError for settings of none."""
         given = dict(settings)
         mazes = given.pop("mazes", None)
         if not isinstance(mazes, list) or not mazes or not all(isinstance(m, dict) for m in mazes):
@@ -97,15 +61,15 @@ class MazeWorld:
         return Task(maze=found[0] if len(found) == 1 else tuple(found), **given, **paid)
 
     def agents(self, task: Task) -> list[str]:
-        """As `World`."""
+        """Who acts: a column of the rewards each."""
         return list(task.agent_names)
 
     def simulator(self, task: Task) -> Simulator:
-        """As `World`."""
+        """One game, which stays as it ended."""
         return Simulator(task, auto_restart=False)
 
     def start(self, simulator: Simulator, game: int) -> dict[str, Any]:
-        """As `World`."""
+        """Where a game stands at the beginning of its episode, as plain values."""
         return {
             "positions": simulator.positions[game].tolist(),
             "goals": simulator.goals[game].tolist(),
@@ -113,12 +77,15 @@ class MazeWorld:
         }
 
     def begin(self, simulator: Simulator, start: dict[str, Any]) -> None:
-        """As `World`."""
+        """Put the one game of a simulator there; ValueError for what is no start."""
         goals = start.get("goals")
         simulator.place(start.get("positions"), goals or None, start.get("maze", 0))  # type: ignore[arg-type]
 
     def state(self, simulator: Simulator, game: int, final: bool = False) -> State:
-        """As `World`: "cells" [agents], -1 once captured, "goals", and "events" [agents]."""
+        """Copies of what can be seen of a game now, or as its last episode ended.
+
+        They are "cells" [agents], -1 once captured, "goals", and "events" [agents].
+        """
         games = simulator._outcome.final if final else simulator.games
         cells = np.where(games.active[game] == 0, -1, games.position[game])
         return {
@@ -128,44 +95,44 @@ class MazeWorld:
         }
 
     def step(self, simulator: Simulator, action: NDArray[Any]) -> None:
-        """As `World`."""
+        """Step the one game of a simulator."""
         simulator.step(action[None].astype(np.int32))
 
     def rewards(self, simulator: Simulator, game: int) -> NDArray[np.float32]:
-        """As `World`."""
+        """[agents], of the last step."""
         return simulator.rewards[game].copy()
 
     def width(self, task: Task) -> int:
-        """As `World`."""
+        """Numbers of an action of all agents together."""
         return task.num_agents
 
 
 class ArmWorld:
-    """Arms; a `World`. An action has a number for every joint."""
+    """Arms. An action has a number for every joint."""
 
     name = "arm"
 
     def settings(self, task: ReacherTask) -> dict[str, Any]:
-        """As `World`."""
+        """The task as plain values."""
         return {each.name: getattr(task, each.name) for each in fields(task)}
 
     def task(self, settings: dict[str, Any]) -> ReacherTask:
-        """As `World`."""
+        """The task again; ValueError for settings of none."""
         unknown = set(settings) - {each.name for each in fields(ReacherTask)}
         if unknown:
             raise ValueError(f"unknown settings of an arm: {', '.join(sorted(unknown))}")
         return ReacherTask(**settings)
 
     def agents(self, task: ReacherTask) -> list[str]:
-        """As `World`."""
+        """Who acts: a column of the rewards each."""
         return ["arm"]
 
     def simulator(self, task: ReacherTask) -> ReacherSimulator:
-        """As `World`."""
+        """One game, which stays as it ended."""
         return ReacherSimulator(task, auto_restart=False)
 
     def start(self, simulator: ReacherSimulator, game: int) -> dict[str, Any]:
-        """As `World`."""
+        """Where a game stands at the beginning of its episode, as plain values."""
         arms = simulator.arms
         return {
             "angles": arms.angles[game].tolist(),
@@ -176,13 +143,13 @@ class ArmWorld:
         }
 
     def begin(self, simulator: ReacherSimulator, start: dict[str, Any]) -> None:
-        """As `World`."""
+        """Put the one game of a simulator there; ValueError for what is no start."""
         kept = {name: start.get(name) for name in ("free_joints", "hold", "tolerance")}
         simulator.configure(**kept)
         simulator.place(start.get("angles", ()), start.get("target", ()))
 
     def state(self, simulator: ReacherSimulator, game: int, final: bool = False) -> State:
-        """As `World`: "angles" [joints] and "target" [2]."""
+        """Copies of an arm now, or as its last episode ended: "angles" [joints], "target" [2]."""
         arms = simulator.final if final else simulator.arms
         return {
             "angles": arms.angles[game].astype("<f8"),
@@ -190,15 +157,15 @@ class ArmWorld:
         }
 
     def step(self, simulator: ReacherSimulator, action: NDArray[Any]) -> None:
-        """As `World`."""
+        """Step the one game of a simulator."""
         simulator.step(action[None])
 
     def rewards(self, simulator: ReacherSimulator, game: int) -> NDArray[np.float32]:
-        """As `World`."""
+        """[agents], of the last step."""
         return simulator.rewards[game : game + 1].copy()
 
     def width(self, task: ReacherTask) -> int:
-        """As `World`."""
+        """Numbers of an action of all agents together."""
         return task.joints
 
 
@@ -225,10 +192,11 @@ def _rewards_as_text(task: Task) -> str:
     return rewards_text(by_role)
 
 
-WORLDS: dict[str, World] = {"maze": MazeWorld(), "arm": ArmWorld()}
+World = MazeWorld | ArmWorld
+WORLDS: dict[str, Any] = {"maze": MazeWorld(), "arm": ArmWorld()}
 
 
-def world_for(task: Any) -> World:
+def world_for(task: Any) -> Any:
     """The world of a task; ValueError for what is none."""
     if isinstance(task, Task):
         return WORLDS["maze"]

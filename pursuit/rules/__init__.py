@@ -10,12 +10,11 @@ step          one step of one game: the rules themselves
 batches       the compiled entries over thousands of games
 """
 
-from pursuit.rules.batches import place_games, start_games, step_games_of
+from pursuit.rules.batches import start_games, step_games_of
 from pursuit.rules.captures import captured
 from pursuit.rules.distances import (
     all_distances,
     breadth_first,
-    count_partners,
     longest_distance,
 )
 from pursuit.rules.layout import (
@@ -34,7 +33,6 @@ from pursuit.rules.layout import (
     Games,
 )
 from pursuit.rules.randomness import draw_uniform, next_below, next_uniform, seed_streams
-from pursuit.rules.starts import MAX_PLACEMENT_TRIES
 
 __all__ = [
     "CAPTURED",
@@ -42,7 +40,6 @@ __all__ = [
     "COLLECTED",
     "EAST",
     "EVADER",
-    "MAX_PLACEMENT_TRIES",
     "NORTH",
     "RUNNER",
     "SOUTH",
@@ -54,12 +51,10 @@ __all__ = [
     "all_distances",
     "breadth_first",
     "captured",
-    "count_partners",
     "draw_uniform",
     "longest_distance",
     "next_below",
     "next_uniform",
-    "place_games",
     "seed_streams",
     "start_games",
     "step_games_of",

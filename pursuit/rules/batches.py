@@ -19,7 +19,6 @@ from pursuit.rules.layout import (
     BAD_ACTION,
     CLOCK_LAYERS,
     EPSILON,
-    NO_PLACEMENT,
     OK,
     REAL_LAYERS,
     TERMINATED,
@@ -42,13 +41,7 @@ from pursuit.rules.layout import (
     teams_of,
     world_of,
 )
-from pursuit.rules.starts import (
-    place,
-    place_goals,
-    place_goals_on_marks,
-    place_others,
-    start,
-)
+from pursuit.rules.starts import start
 from pursuit.rules.step import step
 
 MOST_KNOWN = 8
@@ -71,29 +64,28 @@ def keep_final(games: Games, game: int, teams: Teams, outcome: Outcome) -> None:
 
 
 @inlined
-def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: Any) -> bool:
-    """Begin an episode of one game with the settings that waited for it; False where no cells."""
+def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: Any) -> None:
+    """Begin an episode of one game with the settings that waited for it."""
     outcome, coming = outcome_of(memory), next_episode_of(memory)
     for agent in agents_of(rules.teams):
         outcome.returns[game, agent] = outcome.collected[game, agent] = 0.0
         if coming.epsilon[game, agent] != UNCHANGED:
             memory.reals[game, EPSILON, agent] = coming.epsilon[game, agent]
             coming.epsilon[game, agent] = UNCHANGED
-    return start(games_of(memory), game, memory.streams, coming, rules, world, search_of(scratch))
+    start(games_of(memory), game, memory.streams, coming, rules, world, search_of(scratch))
 
 
 @subroutine
 def finish_episodes(
     memory: Memory, rules: Rules, world: World, scratch: Any, auto_restart: bool
-) -> int:
-    """Keep the ends of the games that have just ended, and begin them anew; OK or NO_PLACEMENT."""
-    games, outcome, found = games_of(memory), outcome_of(memory), OK
+) -> None:
+    """Keep the ends of the games that have just ended, and begin them anew."""
+    games, outcome = games_of(memory), outcome_of(memory)
     for game in range(outcome.terminated.shape[0]):
         if outcome.terminated[game] | outcome.truncated[game]:
             keep_final(games, game, rules.teams, outcome)
-            if auto_restart and not start_game(memory, game, rules, world, scratch):
-                found = NO_PLACEMENT
-    return found
+            if auto_restart:
+                start_game(memory, game, rules, world, scratch)
 
 
 @inlined
@@ -174,10 +166,10 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
         actions: Any,
         auto_restart: bool,
     ) -> int:
-        """Move every game by one step, in place; OK, BAD_ACTION (nothing moved) or NO_PLACEMENT.
+        """Move every game by one step, in place; OK, or BAD_ACTION, and nothing moved.
 
         A game that ends is kept as final and, with `auto_restart`, begins anew at once; without, it
-        stays as it is and earns nothing. NO_PLACEMENT: some that begin anew have no cells yet.
+        stays as it is and earns nothing.
         """
         memory = Memory(agents, goals_, clocks, coming, reals, flags, rewards, streams)
         world = world_of(mazes, neighbors, facts, tables)
@@ -195,7 +187,8 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
             return BAD_ACTION
         step_each(memory, actions, rules, world, scratch, not auto_restart)
         every = rules_of(found, numbers, pay)
-        return finish_episodes(memory, every, world, scratch, auto_restart)
+        finish_episodes(memory, every, world, scratch, auto_restart)
+        return OK
 
     return step_games
 
@@ -230,58 +223,13 @@ def start_games(
     tables: Any,
     scratch: Any,
     chosen: Any,
-) -> int:
-    """Begin a new episode in every game where `chosen`; OK, or NO_PLACEMENT: some have no cells."""
+) -> None:
+    """Begin a new episode in every game where `chosen`."""
     memory = Memory(agents, goals, clocks, coming, reals, flags, rewards, streams)
     rules = rules_of(teams_of(numbers), numbers, pay)
     world = world_of(mazes, neighbors, facts, tables)
-    outcome, found = outcome_of(memory), OK
+    outcome = outcome_of(memory)
     for game in range(chosen.shape[0]):
         if chosen[game]:
-            if not start_game(memory, game, rules, world, scratch):
-                found = NO_PLACEMENT
+            start_game(memory, game, rules, world, scratch)
             outcome.terminated[game] = outcome.truncated[game] = False
-    return found
-
-
-@compiled
-def place_games(
-    agents: Any,
-    goals: Any,
-    clocks: Any,
-    coming: Any,
-    reals: Any,
-    flags: Any,
-    rewards: Any,
-    streams: Any,
-    numbers: Any,
-    pay: Any,
-    mazes: Any,
-    neighbors: Any,
-    facts: Any,
-    tables: Any,
-    scratch: Any,
-    chosen: Any,
-    tries: int,
-) -> int:
-    """Place everybody of the games where `chosen`, in the mazes where they are; OK or NO_PLACEMENT.
-
-    Whole placements until the settings hold, at most `tries`. With 0 of them agents that have a
-    cell keep it, only the others and the goals are placed, and distances are not looked at.
-    """
-    memory = Memory(agents, goals, clocks, coming, reals, flags, rewards, streams)
-    rules = rules_of(teams_of(numbers), numbers, pay)
-    world, search = world_of(mazes, neighbors, facts, tables), search_of(scratch)
-    games, waiting, found = games_of(memory), next_episode_of(memory), OK
-    for game in range(chosen.shape[0]):
-        if not chosen[game]:
-            continue
-        if tries > 0:
-            placed = place(games, game, streams, waiting, rules, world, search, tries)
-        else:
-            marked = place_goals_on_marks(games, game, waiting, rules, world)
-            place_others(games, game, streams[game], rules, world, marked)
-            placed = place_goals(games, game, streams[game], waiting, rules, world, search)
-        if not placed:
-            found = NO_PLACEMENT
-    return found

@@ -1,4 +1,4 @@
-"""Distances: tables of them; landmarks and searches where a maze is too large for a table.
+"""Distances: tables of them; searches where a maze is too large for a table.
 
 A table holds the steps between cells a and b of maze m at `tables[table[m] + a * num_cells[m] + b]`
 and nobody else knows: ask `table_distance`.
@@ -11,13 +11,10 @@ from typing import Any
 import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled, inlined, subroutine
-from pursuit.rules.layout import UNREACHABLE, Search, World, world_of
+from pursuit.rules.layout import UNREACHABLE, Search, World
 
 NO_PATH = 65535
 """UNREACHABLE in a table, whose entries are uint16."""
-NUM_LANDMARKS = 8
-"""Cells of a maze without a table to which the distances of all its cells are known."""
-NO_MOVES = -1
 FAR = 2**30
 
 
@@ -93,35 +90,6 @@ def forget(search: Search, reached: int) -> None:
     """Undo the marks that a search of `reached` cells left."""
     for i in range(reached):
         search.distance[search.queue[i]] = -1
-
-
-@compiled
-def count_partners(
-    mazes: Any,
-    neighbors: Any,
-    facts: Any,
-    tables: Any,
-    origins: Any,
-    least: int,
-    most: int,
-    distance: Any,
-    queue: Any,
-    counts: Any,
-) -> None:
-    """Write into `counts[cell]`, for each of `origins`, how many cells of a maze are right for it.
-
-    The maze is the first of the arrays; right are `least` to `most` steps, without a maximum where
-    that is -1: then cells that no path joins are right as well. `distance` is -1 everywhere.
-    """
-    world, search = world_of(mazes, neighbors, facts, tables), Search(distance, queue)
-    for i in range(origins.shape[0]):
-        cell = np.int64(origins[i])
-        reached = search_within(world, 0, cell, most if most >= 0 else least - 1, -1, search)
-        near = 0
-        while near < reached and search.distance[search.queue[near]] < least:
-            near += 1
-        counts[cell] = reached - near if most >= 0 else world.num_cells[0] - near
-        forget(search, reached)
 
 
 @inlined
@@ -233,138 +201,3 @@ def moves_down(world: World, maze: int, field: Search, own: int) -> int:
             if field.distance[after] == steps - 1:
                 mask |= 1 << action
     return mask
-
-
-@compiled
-def fill_landmarks(
-    mazes: Any,
-    neighbors: Any,
-    facts: Any,
-    tables: Any,
-    distance: Any,
-    queue: Any,
-    nearest: Any,
-    landmarks: Any,
-) -> None:
-    """Fill `landmarks` [all cells, NUM_LANDMARKS] of the mazes that have no table.
-
-    Distances to cells of the maze's largest part, each the farthest from those before it; NO_PATH
-    for cells of other parts, one less where they are longer than a uint16 holds. The other arrays
-    are room for the cells of the largest maze, `distance` -1 everywhere.
-    """
-    world, search = world_of(mazes, neighbors, facts, tables), Search(distance, queue)
-    for maze in range(world.num_cells.shape[0]):
-        if has_table(world, maze):
-            continue
-        size, first = world.num_cells[maze], world.first_cell[maze]
-        most = landmark = 0
-        for cell in range(size):
-            nearest[cell] = FAR
-        for cell in range(size):
-            if nearest[cell] == FAR:
-                reached = search_within(world, maze, cell, size, -1, search)
-                for i in range(reached):
-                    nearest[queue[i]] = size
-                if reached > most:
-                    most, landmark = reached, np.int64(queue[reached - 1])
-                forget(search, reached)
-        for number in range(NUM_LANDMARKS):
-            for cell in range(size):
-                landmarks[first + cell, number] = NO_PATH
-            reached = search_within(world, maze, landmark, size, -1, search)
-            for i in range(reached):
-                cell, steps = queue[i], distance[queue[i]]
-                landmarks[first + cell, number] = min(steps, NO_PATH - 1)
-                nearest[cell] = min(nearest[cell], steps)
-                if nearest[cell] > nearest[landmark]:
-                    landmark = np.int64(cell)
-            forget(search, reached)
-
-
-@inlined
-def steps_at_least(landmarks: Any, a: int, b: int) -> int:
-    """A lower bound of the steps between two cells of one part: the triangle inequality."""
-    least = np.int32(0)
-    for number in range(NUM_LANDMARKS):
-        apart = np.int32(landmarks[a, number]) - np.int32(landmarks[b, number])
-        least = max(least, max(apart, -apart))
-    return np.int64(least)
-
-
-@subroutine
-def moves_by_landmarks(
-    world: World,
-    maze: int,
-    landmarks: Any,
-    own: int,
-    cells: Any,
-    count: int,
-    search: Search,
-    closed: Search,
-    room: int,
-) -> tuple[int, int]:
-    """The first moves of all shortest paths from `own` to the nearest of `cells[:count]`, or 0.
-
-    And how many cells it put on its lists; NO_MOVES where they would be more than `room`. A* from
-    all cells at once towards `own`, with the bounds of landmarks (ALT: Goldberg and Harrelson,
-    2005). A step raises the estimate of a path by 0, 1 or 2: so three stacks hold the open cells,
-    and a cell that is sought waits until the estimate has come to its own. All paths up to the
-    length of the shortest are followed, so that none of the equally short is missed. `closed` is -1
-    everywhere in `distance`, like `search`; its `queue` links the stacks.
-    """
-    first, below = world.first_cell[maze], closed.queue
-    goal, part = first + own, landmarks[first + own, 0] == NO_PATH
-    tail, waiting, found = 0, FAR, NO_MOVES
-    for i in range(min(count, room)):
-        cell = first + np.int64(cells[i])
-        if (landmarks[cell, 0] == NO_PATH) == part:
-            least = steps_at_least(landmarks, cell, goal)
-            search.queue[tail], below[tail] = cells[i], -2 - least
-            waiting, tail = min(waiting, least), tail + 1
-    sources, estimate, full = tail, waiting, count > room
-    now = soon = later = -1
-    while found < 0 and not full and (now >= 0 or soon >= 0 or later >= 0 or waiting < FAR):
-        if now < 0 and soon < 0 and later < 0:
-            estimate = waiting
-        if estimate == waiting:
-            waiting = FAR
-            for i in range(sources):
-                least = -2 - np.int64(below[i])
-                if least == estimate:
-                    search.distance[search.queue[i]] = 0
-                    below[i], now = now, i
-                elif least >= 0:
-                    waiting = min(waiting, least)
-        while now >= 0 and not full:
-            cell, now = np.int64(search.queue[now]), np.int64(below[now])
-            if closed.distance[cell] >= 0:
-                continue
-            closed.distance[cell] = 0
-            if cell == own:
-                found = estimate
-            steps = np.int64(search.distance[cell]) + 1
-            for action in range(4):
-                after = np.int64(world.neighbors[first + cell, action])
-                known = np.int64(search.distance[after])
-                if known >= 0 and known <= steps:
-                    continue
-                raised = steps + steps_at_least(landmarks, first + after, goal) - estimate
-                if found >= 0 and raised > 0:
-                    continue
-                if tail == room:
-                    full = True
-                    break
-                search.distance[after], search.queue[tail] = steps, after
-                if raised == 0:
-                    below[tail], now = now, tail
-                elif raised == 1:
-                    below[tail], soon = soon, tail
-                else:
-                    below[tail], later = later, tail
-                tail += 1
-        now, soon, later, estimate = soon, later, -1, estimate + 1
-    mask = moves_down(world, maze, search, own) if found >= 0 else 0
-    forget(search, tail)
-    for i in range(tail):
-        closed.distance[search.queue[i]] = -1
-    return NO_MOVES if full else mask, tail

@@ -32,9 +32,9 @@ COLLECTED, CAPTURED, WAS_CAPTURED = 1, 2, 4
 """What a step brought an agent; `games.event` holds a sum of them."""
 
 GOING_ON, TERMINATED, TRUNCATED = range(3)
-OK, BAD_ACTION, NO_PLACEMENT = range(3)
+OK, BAD_ACTION = range(2)
 UNPLACED = -1
-"""The cell of who waits for `pursuit.tasks.placements` to choose a start."""
+"""The cell of an agent that is not placed yet."""
 UNCHANGED = -1.0  # the next episode's epsilon where none waits: the present one stays
 
 # The stacked layers of the flat arrays.

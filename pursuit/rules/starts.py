@@ -1,9 +1,8 @@
 """Starts: where everybody and every goal stands as an episode begins.
 
 Agents are placed first, whole placements until the settings hold, so that starts are uniform over
-all placements that are allowed; then the goals, one by one. Where allowed placements are so rare
-that none of MAX_PLACEMENT_TRIES is one, `pursuit.tasks.placements` counts them and chooses, from
-the same distribution.
+all placements that are allowed; then the goals, one by one. `pursuit.tasks.placements` has refused
+settings that hold so rarely that this would take long.
 """
 
 from __future__ import annotations
@@ -37,8 +36,6 @@ from pursuit.rules.layout import (
 )
 from pursuit.rules.randomness import next_below, next_word
 
-MAX_PLACEMENT_TRIES = 1000
-
 
 @inlined
 def start(
@@ -49,37 +46,19 @@ def start(
     rules: Rules,
     world: World,
     search: Search,
-) -> bool:
-    """Begin an episode: choose the maze, place agents and goals. False where no try was allowed."""
+) -> None:
+    """Begin an episode: choose the maze, place agents and goals."""
     next_word(streams[game], team_stream(streams[game]))
     games.maze[game] = choose_maze(coming.maze[game], streams[game], world)
     games.steps[game] = 0
     for agent in agents_of(rules.teams):
         games.active[game, agent] = 1
         games.event[game, agent] = 0
-    return place(games, game, streams, coming, rules, world, search, MAX_PLACEMENT_TRIES)
-
-
-@inlined
-def place(
-    games: Games,
-    game: int,
-    streams: Any,
-    coming: NextEpisode,
-    rules: Rules,
-    world: World,
-    search: Search,
-    tries: int,
-) -> bool:
-    """Place agents and goals; False, with the first agent UNPLACED, where no try was allowed."""
-    for _ in range(tries):
+    place_agents(games, game, streams[game], coming, rules, world)
+    while not starts_apart(games, game, coming, rules, world, search):
         place_agents(games, game, streams[game], coming, rules, world)
-        if starts_apart(games, game, coming, rules, world, search):
-            if rules.teams.goals == 0:
-                return True
-            return place_goals(games, game, streams[game], coming, rules, world, search)
-    games.position[game, 0] = UNPLACED
-    return False
+    if rules.teams.goals > 0:
+        place_goals(games, game, streams[game], coming, rules, world, search)
 
 
 @inlined
@@ -175,14 +154,6 @@ def place_agents(
                 if mark < world.num_goal_marks[maze]:
                     games.position[game, evader] = world.goal_marks[mark, maze]
                     mark += 1
-    place_others(games, game, streams, rules, world, marked_goals)
-
-
-@inlined
-def place_others(
-    games: Games, game: int, streams: Any, rules: Rules, world: World, marked_goals: int
-) -> None:
-    """Put every agent that has no cell yet on its own uniformly random one, off marked goals."""
     taken = cells_taken(games, game, rules, marked_goals)
     for agent in agents_of(rules.teams):
         if games.position[game, agent] < 0:
@@ -224,7 +195,7 @@ def place_goals(
     rules: Rules,
     world: World,
     search: Search,
-) -> bool:
+) -> None:
     """Put the goals on the marks, or on their own random cells within the radius of the settings.
 
     The radius counts path steps from the first runner (or the first evader where nobody runs), or
@@ -244,15 +215,12 @@ def place_goals(
             count = list_free_cells(games, game, rules, world, search, placed, radius, around_marks)
             while count == 0:
                 radius += 1
-                if radius > world.num_cells[games.maze[game]]:
-                    return False
                 count = list_free_cells(
                     games, game, rules, world, search, placed, radius, around_marks
                 )
             cell = np.int64(search.queue[next_below(streams, STARTS_STREAM, count)])
         games.goal[game, placed] = cell
         placed += 1
-    return True
 
 
 @subroutine

@@ -47,16 +47,7 @@ def configure(
     if goals_around is not None:
         one_of("goals_around", goals_around, ("start", "marks"))
         changed["goals_around_marks"] = np.int32(goals_around == "marks")
-    # What waits has been checked, and is as possible with other epsilons and radii around starts.
-    least, most = coming.min_start_distance, coming.max_start_distance
-    if (
-        goals_around == "marks"
-        or not changed.keys().isdisjoint(("min_start_distance", "max_start_distance"))
-        or (
-            not changed.keys().isdisjoint(("maze", "num_goals"))
-            and ((least[games] > 1).any() or (most[games] >= 0).any())
-        )
-    ):
+    if changed.keys() - {"epsilon", "goal_radius"}:
         waiting = {name: array[games] for name, array in coming._asdict().items()}
         check_waiting(task, NextEpisode(**waiting | changed))
     for name, values in changed.items():
@@ -103,20 +94,6 @@ def checked_shares(epsilon: ArrayLike) -> NDArray[np.float64]:
     if ((shares < 0) | (shares > 1)).any():
         raise ValueError(f"epsilon={epsilon!r}; {rule}")
     return shares
-
-
-class Shares(np.ndarray[Any, np.dtype[np.float64]]):
-    """A view of float64 shares in [0, 1] or NaN: what is written to it is checked.
-
-    Everything that is computed from it is a plain array, or a number.
-    """
-
-    def __setitem__(self, key: Any, value: Any) -> None:
-        super().__setitem__(key, checked_shares(value))
-
-    def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
-        plain = np.asarray(array)
-        return plain[()] if return_scalar else plain
 
 
 def fill_epsilon(array: NDArray[np.float64], epsilon: ArrayLike) -> None:

@@ -135,30 +135,6 @@ def pairs_of_cells(task: Task, maze: Maze, agent: str | int) -> Games:
     return games
 
 
-def places_of_agents(task: Task) -> Games:
-    """Games that were never played: one for each place of all agents, in the one maze of the task.
-
-    Game number c counts the cells of the agents in the order of their seats, the last one's
-    fastest; all are active, and nothing else has happened. There are cells ** agents of them. For
-    policies that are functions of all cells, in games without goals.
-
-    Raises:
-        ValueError: several mazes, or goals.
-    """
-    if len(task.mazes) > 1 or task.num_goals:
-        raise ValueError(
-            f"task {task.name!r} has {len(task.mazes)} maze(s) and {task.num_goals} goal(s); "
-            "places of agents are numbered in one maze without goals"
-        )
-    size, agents = task.max_cells, task.num_agents
-    games = layout.empty_games(size**agents, agents, 0)
-    number = np.arange(size**agents)
-    for agent in reversed(range(agents)):
-        number, games.position[:, agent] = np.divmod(number, size)
-    games.active[:] = 1
-    return games
-
-
 class Policy(Protocol):
     """Whoever fills a seat: scripted, exact or learned.
 

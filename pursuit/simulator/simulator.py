@@ -14,17 +14,10 @@ from pursuit.memory import check_memory
 from pursuit.observations.observations import Encoder
 from pursuit.rules import layout
 from pursuit.simulator import next_episode
-from pursuit.simulator.next_episode import Shares, slots
+from pursuit.simulator.next_episode import slots
 from pursuit.simulator.policy import GameArrays, GameView, Policy, play_all
-from pursuit.simulator.state import (
-    SimulatorState,
-    arrays_of,
-    bytes_of_game,
-    check_fits,
-    live_state,
-)
+from pursuit.simulator.state import OWN, SimulatorState, check_fits
 from pursuit.tasks.payments import step_games_of
-from pursuit.tasks.placements import place_the_unplaced
 from pursuit.tasks.task import Task, checked_task
 from pursuit.validation import as_array, truth, whole
 
@@ -83,11 +76,14 @@ class Simulator(GameArrays):
         task, num_games = checked_task(task), whole("num_games", num_games, 1, 2**63 - 1)
         first_game = whole("first_game", first_game, 0, 2**62)
         seed, auto_restart = whole("seed", seed, 0, 2**64 - 1), truth("auto_restart", auto_restart)
-        check_memory(f"num_games={num_games}", num_games * bytes_of_game(task), "take fewer games")
+        one = layout.allocate(1, task.num_agents, task.num_goals)
+        bytes_of_game = sum(array.nbytes for array in one)
+        check_memory(f"num_games={num_games}", num_games * bytes_of_game, "take fewer games")
         self.task, self.num_games, self.num_agents = task, num_games, task.num_agents
         self.first_game, self.auto_restart = first_game, auto_restart
         self._actions_shape = (num_games, task.num_agents)
         memory = layout.allocate(num_games, task.num_agents, task.num_goals)
+        self._memory = memory
         self._mazes = lay_out(task.mazes)
         # What every kernel over the batch is given: the batch, the rules, the mazes, room to work.
         self._kernel_arrays = (
@@ -126,8 +122,8 @@ class Simulator(GameArrays):
 
     @property
     def epsilon(self) -> NDArray[np.float64]:
-        """See the attributes; a live array that refuses what is no share."""
-        return self._epsilon.view(Shares)
+        """See the attributes; a live array."""
+        return self._epsilon
 
     @epsilon.setter
     def epsilon(self, shares: ArrayLike) -> None:
@@ -161,7 +157,8 @@ class Simulator(GameArrays):
         chosen[slots(games, self.num_games)] = True
         if seed is not None:
             self.seed(seed, games)
-        self._check(rules.start_games(*self._kernel_arrays, chosen))
+        start: Any = rules.start_games
+        start(*self._kernel_arrays, chosen)
 
     def step(self, actions: ArrayLike) -> None:
         """Move every game by one step. Results are in the attributes.
@@ -180,9 +177,13 @@ class Simulator(GameArrays):
             and actions.shape == self._actions_shape
         ):
             actions = self._checked_actions(actions)
-        outcome = self._step_games(*self._kernel_arrays, actions, self.auto_restart)
-        if outcome:
-            self._check(outcome, actions)
+        if self._step_games(*self._kernel_arrays, actions, self.auto_restart) != layout.OK:
+            game, seat = np.argwhere((actions < 0) | (actions >= self.task.num_actions))[0]
+            raise ValueError(
+                f"an action of {self.task.agent_names[seat]} in game {game} is out of range; "
+                f"actions are 0 to {self.task.num_actions - 1}"
+                + ("" if self.task.stay_action else " (4, stay, needs stay_action=True)")
+            )
 
     def _checked_actions(self, actions: ArrayLike) -> NDArray[np.int32]:
         array = as_array("actions", actions, "iu", "give integers")
@@ -190,18 +191,6 @@ class Simulator(GameArrays):
             shape = self._actions_shape
             raise ValueError(f"actions of shape {array.shape}; [num_games, num_agents] is {shape}")
         return np.ascontiguousarray(np.clip(array, -1, self.task.num_actions), dtype=np.int32)
-
-    def _check(self, outcome: int, actions: NDArray[np.int32] | None = None) -> None:
-        if outcome == layout.NO_PLACEMENT:
-            task, arrays = self.task, self._kernel_arrays
-            place_the_unplaced(task.apart, task.teams, self.games, self._coming, arrays)
-        if outcome == layout.BAD_ACTION and actions is not None:
-            game, seat = np.argwhere((actions < 0) | (actions >= self.task.num_actions))[0]
-            raise ValueError(
-                f"an action of {self.task.agent_names[seat]} in game {game} is out of range; "
-                f"actions are 0 to {self.task.num_actions - 1}"
-                + ("" if self.task.stay_action else " (4, stay, needs stay_action=True)")
-            )
 
     # -- the next episode ------------------------------------------------------------------------
 
@@ -271,11 +260,15 @@ class Simulator(GameArrays):
 
     # -- copies ----------------------------------------------------------------------------------
 
+    def _live(self) -> dict[str, NDArray[Any]]:
+        """All that makes the games: the arrays themselves."""
+        waiting = {f"next_{name}": array for name, array in self._coming._asdict().items()}
+        return {**{name: getattr(self, name) for name in OWN}, "epsilon": self._epsilon, **waiting}
+
     def get_state(self, games: ArrayLike | None = None) -> SimulatorState:
         """Copies of all games, or of those of the index list `games`, exact to the last bit."""
         chosen = slots(games, self.num_games)
-        live = vars(live_state(self, self._epsilon, self._coming))
-        state = SimulatorState(**{name: array[chosen] for name, array in live.items()})
+        state = SimulatorState(**{name: array[chosen] for name, array in self._live().items()})
         if self.auto_restart:  # the episodes that ended are over, these games are not
             state.terminated[:] = state.truncated[:] = False
         return state
@@ -287,12 +280,11 @@ class Simulator(GameArrays):
             ValueError: the number of games, or the task, is another one; or a game is over, and
                 this simulator restarts games by itself. Nothing is changed then.
         """
-        chosen = slots(games, self.num_games)
-        live = live_state(self, self._epsilon, self._coming)
+        chosen, live = slots(games, self.num_games), self._live()
         check_fits(state, live, self.task, len(chosen))
         if self.auto_restart and (state.terminated | state.truncated).any():
             raise ValueError("a game of this state is over; reset it, or take auto_restart=False")
-        for name, array in vars(live).items():
+        for name, array in live.items():
             array[chosen] = getattr(state, name)
         self.last_seed = None
 
@@ -302,28 +294,32 @@ class Simulator(GameArrays):
         goals: ArrayLike | None = None,
         maze: ArrayLike | None = None,
         seed: int | None = None,
+        games: ArrayLike | None = None,
     ) -> None:
-        """Put every game at the beginning of an episode with these cells, however far apart.
+        """Put games at the beginning of an episode with these cells, however far apart.
 
         Args:
             positions: [num_games, num_agents] cells (or one row for all games).
             goals: [num_games, num_goals] cells, -1 for an absent goal; needed if there are goals.
             maze: index into `task.mazes`, for all games or for each; needed where there are
                 several, unless `configure` has chosen.
-            seed: as in `reset`.
+            seed, games: as in `reset`; cells are given for all games.
 
         Raises:
             ValueError: a cell out of range, two agents or goals in one cell, or goals or the maze
                 left out. Nothing is changed then.
         """
         start = next_episode.start_at(self.task, self._coming, positions, goals, maze)
-        self.reset(seed)
-        self.positions[:], self.goals[:], self.maze_index[:] = start
+        self.reset(seed, games)
+        chosen = slots(games, self.num_games)
+        live = (self.positions, self.goals, self.maze_index)
+        for array, given in zip(live, start, strict=True):
+            array[chosen] = given[chosen]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For `copy` and `pickle`, which would tear the arrays that share memory apart."""
         batch = (self.task, self.num_games, self.first_game, self.auto_restart)
-        return _copied, (*batch, self.get_state(), self._outcome)
+        return _copied, (*batch, self._memory)
 
     # -- what agents see -------------------------------------------------------------------------
 
@@ -385,15 +381,10 @@ class Simulator(GameArrays):
 
 
 def _copied(
-    task: Task,
-    num_games: int,
-    first_game: int,
-    auto_restart: bool,
-    state: SimulatorState,
-    outcome: layout.Outcome,
+    task: Task, num_games: int, first_game: int, auto_restart: bool, memory: layout.Memory
 ) -> Simulator:
     simulator = Simulator(task, num_games, first_game=first_game, auto_restart=auto_restart)
-    simulator.set_state(state)
-    for array, copied in zip(arrays_of(simulator._outcome), arrays_of(outcome), strict=True):
+    simulator.last_seed = None
+    for array, copied in zip(simulator._memory, memory, strict=True):
         array[:] = copied
     return simulator

@@ -52,7 +52,7 @@ def _paying(entry: Any, pay: RewardFunction, task: Task) -> Any:
         if auto_restart and ended.any():
             flags[:] = memory.flags
             start: Any = rules.start_games
-            found = int(start(*arrays, ended))
+            start(*arrays, ended)
             memory.flags[:] = flags
         return found
 

@@ -16,12 +16,10 @@ import numpy as np
 from pursuit.compilation.compiled import compiled, inlined, subroutine
 from pursuit.rules.distances import (
     FAR,
-    NO_MOVES,
     begin_field,
     distance_within,
     forget,
     has_table,
-    moves_by_landmarks,
     moves_down,
     pair_index,
     search_within,
@@ -58,8 +56,6 @@ CHASER, EVADER, RUNNER, RANDOM = range(4)
 ) = range(9)
 PAIRS_A_CELL = 8
 """A search takes about as long for a cell as it takes to look up so many pairs."""
-CELLS_A_SEARCH = 200
-"""A search by landmarks for one agent takes about as long as one for all for so many cells."""
 
 
 @inlined
@@ -257,8 +253,8 @@ def draw_moves(
         )
 
 
-def entry_for(kind: int, by_landmarks: bool) -> Any:
-    """The compiled decisions of the agents of one kind, with the search by landmarks or without."""
+def entry_for(kind: int) -> Any:
+    """The compiled decisions of the agents of one kind."""
 
     @compiled
     def choose_actions(
@@ -278,7 +274,6 @@ def entry_for(kind: int, by_landmarks: bool) -> Any:
         facts: Any,
         tables: Any,
         greedy: Any,
-        landmarks: Any,
         scratch: Any,
         settings: Any,
         actions: Any,
@@ -290,15 +285,13 @@ def entry_for(kind: int, by_landmarks: bool) -> Any:
         evaders choose as if they were free: it takes less time than to ask who is.
 
         Whom they seek is listed once a game. A few are looked up one by one; where agents are many,
-        one search spreads from all who are sought, so that agents and cells add up. Without a table
-        few search by landmarks, each by itself, until that comes to about half of the cells.
+        one search spreads from all who are sought, so that agents and cells add up.
         """
         default, alert, _, stay_action = settings
         games = Games(position, active, event, goal, steps, maze_of)
         teams = Teams(counts[0], counts[1], counts[2], counts[3])
         world = world_of(mazes, neighbors, facts, tables)
-        look, path, field = look_of(scratch), path_of(scratch), field_of(scratch)
-        owner, sought = scratch[FIELD_OWNER], scratch[SOUGHT]
+        field, owner, sought = field_of(scratch), scratch[FIELD_OWNER], scratch[SOUGHT]
         for game in range(actions.shape[0]):
             maze, row = np.int64(games.maze[np.uint64(game)]), np.uint64(game)
             head = tail = 0
@@ -308,10 +301,6 @@ def entry_for(kind: int, by_landmarks: bool) -> Any:
                 tail = begin_field(field, owner, sought, count)
                 if kind == EVADER:
                     head, tail = spread_field(world, maze, field, owner, -1, alert - 1, head, tail)
-            share = room = 0
-            if by_landmarks and not has_table(world, maze):
-                share = world.num_cells[maze] // (2 * seats.shape[0])
-                room = 4 * share if 2 * share >= CELLS_A_SEARCH else 0
             for i in range(seats.shape[0]):
                 seat = np.uint64(seats[np.uint64(i)])
                 own, mask = np.int64(games.position[row, seat]), np.int64(0)
@@ -324,17 +313,8 @@ def entry_for(kind: int, by_landmarks: bool) -> Any:
                         threat = np.int64(sought[owner[own]])
                         mask = moves_away(world, maze, own, threat, greedy, scratch, settings)
                 elif kind != RANDOM:
-                    mask = NO_MOVES
-                    if by_landmarks and room > 0:
-                        room = min(room + share, world.num_cells[maze] // 2)
-                        mask, used = moves_by_landmarks(
-                            world, maze, landmarks, own, sought, count, look, path, room
-                        )
-                        room -= used
-                    if mask == NO_MOVES:
-                        room = 0
-                        head, tail = spread_field(world, maze, field, owner, own, FAR, head, tail)
-                        mask = moves_down(world, maze, field, own)
+                    head, tail = spread_field(world, maze, field, owner, own, FAR, head, tail)
+                    mask = moves_down(world, maze, field, own)
                 every = legal_moves(world, maze, own)
                 column, share = np.uint64(columns[np.uint64(i)]), epsilon_of[row, seat]
                 take(actions, row, column, mask, every, share, default, stay_action, streams, seat)
@@ -343,6 +323,5 @@ def entry_for(kind: int, by_landmarks: bool) -> Any:
     return choose_actions
 
 
-ENTRIES = {kind: entry_for(kind, False) for kind in (CHASER, EVADER, RUNNER, RANDOM)}
-"""What fills actions, by the kind, each compiled when first used; LARGE: where are no tables."""
-LARGE_ENTRIES = {**ENTRIES, **{kind: entry_for(kind, True) for kind in (CHASER, RUNNER)}}
+ENTRIES = {kind: entry_for(kind) for kind in (CHASER, EVADER, RUNNER, RANDOM)}
+"""What fills actions, by the kind, each compiled when first used."""

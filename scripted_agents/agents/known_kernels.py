@@ -58,7 +58,6 @@ def team_entry_for(kind: int, num_seats: int, num_sought: int) -> Any:
         facts: Any,
         tables: Any,
         greedy: Any,
-        landmarks: Any,
         scratch: Any,
         settings: Any,
         actions: Any,

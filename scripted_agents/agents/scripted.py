@@ -13,15 +13,11 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.mazes.maze_arrays import MazeArrays, lay_out
 from pursuit.rules import layout
-from pursuit.rules.distances import NUM_LANDMARKS, fill_landmarks
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
 from pursuit.validation import share, truth, whole
 from scripted_agents.agents import kernels, known_kernels
-
-NO_LANDMARKS = np.zeros((1, NUM_LANDMARKS), dtype=np.uint16)
-KEPT_LANDMARKS = 4
 
 
 class Scripted:
@@ -81,9 +77,7 @@ class Scripted:
         room = max(task.max_cells, task.num_agents, task.num_goals)
         if room > self._scratch.shape[1]:
             self._scratch = _scratch_for(room)
-        landmarks = landmarks_of(view.mazes, self.kind)
-        entries = kernels.LARGE_ENTRIES if landmarks is not NO_LANDMARKS else kernels.ENTRIES
-        entry = entries[self.kind]
+        entry = kernels.ENTRIES[self.kind]
         if is_known_team(self.kind, view, seats):
             entry = known_kernels.team_entry_for(self.kind, len(seats), num_sought(self.kind, task))
         entry(
@@ -95,7 +89,6 @@ class Scripted:
             (task.num_chasers, task.num_evaders, task.num_runners, task.num_goals),
             *view.mazes,
             self._greedy_table(view.mazes, task.stay_action),
-            landmarks,
             self._scratch,
             self._settings(task.stay_action),
             actions,
@@ -263,27 +256,6 @@ def greedy_moves(
     if kind != kernels.RANDOM:
         kernels.fill_greedy_table(kind, mazes, _scratch_for(len(mazes.neighbors)), settings, greedy)
     return greedy
-
-
-_LANDMARKS: dict[int, tuple[object, NDArray[np.uint16]]] = {}
-
-
-def landmarks_of(mazes: MazeArrays, kind: int) -> NDArray[np.uint16]:
-    """[all cells, NUM_LANDMARKS] uint16, for agents who head for somebody in mazes without tables.
-
-    Of the last few mazes, as `distances.fill_landmarks` fills them; one row of zeros for others.
-    """
-    if kind not in (kernels.CHASER, kernels.RUNNER) or all_have_tables(mazes):
-        return NO_LANDMARKS
-    key, size = id(mazes.neighbors), len(mazes.neighbors)
-    if key not in _LANDMARKS or _LANDMARKS[key][0] is not mazes.neighbors:
-        landmarks = np.zeros((size, NUM_LANDMARKS), dtype=np.uint16)
-        distance, queue, nearest = np.full((3, size), -1, dtype=np.int32)
-        fill_landmarks(*mazes, distance, queue, nearest, landmarks)
-        while len(_LANDMARKS) >= KEPT_LANDMARKS:
-            del _LANDMARKS[next(iter(_LANDMARKS))]
-        _LANDMARKS[key] = mazes.neighbors, landmarks
-    return _LANDMARKS[key][1]
 
 
 def _scratch_for(room: int) -> NDArray[np.int32]:

@@ -75,13 +75,6 @@ def test_a_broken_environment_is_found(name: str) -> None:
     assert isinstance(raised.value, AssertionError)
 
 
-def test_duplicates_among_the_possible_agents_are_found() -> None:
-    env = Broken()
-    env.possible_agents.append("chaser_0")
-    with pytest.raises(ConformanceError, match=r"possible_agents: .* without duplicates"):
-        check_parallel_env(env)
-
-
 def test_the_environment_that_is_broken_here_is_sound_otherwise() -> None:
     check_parallel_env(Broken(), episodes=4, max_steps=60)
 
@@ -107,4 +100,5 @@ def test_masks_are_followed_in_every_other_episode() -> None:
         return PursuitParallelEnv.reset(env, seed, options)
 
     check_parallel_env(Broken(step=step, reset=reset), episodes=4, max_steps=60)
-    assert bumps[:8] == 2 * [True, False, False, True]
+    of_pettingzoo = 3  # episodes of its own test come first
+    assert bumps[of_pettingzoo:][:8] == 2 * [True, False, False, True]

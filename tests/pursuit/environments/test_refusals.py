@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from pursuit.environments.single_agent import SingleAgentEnv, SingleAgentVectorE
 from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.observations.observations import Encoder
-from pursuit.simulator.simulator import Simulator
+from pursuit.simulator.simulator import Simulator, SimulatorState
 from pursuit.tasks.task import Rewards, Task, make_task
 from scripted_agents import (
     AStarChaser,
@@ -89,7 +88,7 @@ def test_a_state_that_cannot_be_is_refused_and_changes_nothing(wrong: dict[str, 
     simulator = Simulator(TASKS["chase"], 3, seed=1)
     before = simulator.get_state()
     with pytest.raises(ValueError):
-        simulator.set_state(replace(before, **wrong))
+        simulator.set_state(SimulatorState(**vars(before) | wrong))
     after = simulator.get_state()
     for name in vars(before):
         np.testing.assert_array_equal(getattr(after, name), getattr(before, name))

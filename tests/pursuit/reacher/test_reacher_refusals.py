@@ -11,8 +11,8 @@ import pytest
 from test_reacher_simulator import assert_equal, snapshot
 
 from pursuit import ReacherSimulator, ReacherTask, reacher_v0
-from pursuit.reacher.state import ArmState
 from pursuit.reacher.task import make_reacher_task
+from pursuit.simulator.state import SimulatorState
 
 ID = "pursuit/Reacher-v0"
 
@@ -173,7 +173,7 @@ def test_other_arguments_that_cannot_be() -> None:
     for seeds in (-1, [1, 2, 3], 0.5, 2**63):
         with pytest.raises(ValueError, match="seeds="):
             simulator.seed_starts(None, seeds)
-    assert isinstance(simulator.get_state(), ArmState)
+    assert isinstance(simulator.get_state(), SimulatorState)
 
 
 @pytest.mark.parametrize(

@@ -301,19 +301,6 @@ def test_a_failure_of_the_disk_keeps_the_old_file(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_an_incomplete_mp4_keeps_the_old_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ffmpeg = pytest.importorskip("imageio_ffmpeg")
-    path = tmp_path / "replay.mp4"
-    path.write_bytes(b"old")
-    monkeypatch.setattr(ffmpeg, "count_frames_and_secs", lambda path: (1, 0.2))
-    with pytest.raises(OSError, match="is the disk full"):
-        save_animation(path, episode(3), size=120)
-    assert path.read_bytes() == b"old"
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_other_suffixes_and_rates_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"'\.avi'.*\.gif or \.mp4"):
         save_animation(tmp_path / "replay.avi", [SCENE])

@@ -313,7 +313,7 @@ PARTS = Maze.from_text("+-+-+-+\n|   | |\n+-+-+-+", name="two parts")
         ({**DUEL, "max_steps": 0}, "max_steps=0; it is at least 1"),
         ({**DUEL, "max_steps": 2**31}, "max_steps=2147483648"),
         ({**DUEL, "min_start_distance": 0}, "min_start_distance=0; it is at least 1"),
-        ({**DUEL, "min_start_distance": 99}, "min_start_distance=99.*5x5.*Lower it"),
+        ({**DUEL, "min_start_distance": 99}, "min_start_distance=99.*5x5.*Lower the minimum"),
         ({**DUEL, "move_order": "evaders"}, "move_order 'evaders'; one of simultaneous, chasers_f"),
         ({**DUEL, "start": "S"}, "start 'S'; one of random, marks"),
         ({**DUEL, "rewards": "more"}, "rewards 'more'; one of goal, completion, distance, zero"),

@@ -76,7 +76,7 @@ CASES = {
         team(3, 3, view_radius=2),
         [SearchingChaser(0.1), CHASER, CHASER, EVADER, WaryEvader(), EVADER],
     ),
-    "landmarks": Case(team(5, 1, LARGE, num_runners=3, num_goals=4), games=4, steps=45),
+    "large": Case(team(5, 1, LARGE, num_runners=3, num_goals=4), games=4, steps=45),
     "no tables": Case(team(4, 4), tables=False),
     "no tables, chasers first": Case(team(1, 3, **FIRST, **STAY), tables=False),
     "no tables, without paths": Case(team(3, 3, PARTS), tables=False),
