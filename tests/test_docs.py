@@ -184,7 +184,7 @@ def parses(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Parse a command as the real one does, and stop there."""
     if words[:2] == ["python", "-m"]:
         run, arguments = import_module(words[2]).main, words[3:]
-        module: Any = import_module(words[2])
+        module: Any = import_module("train.recipes.common")
     else:
         assert words[1] in COMMANDS, f"no such command: {' '.join(words)}"
         run, arguments = command(words[1]), words[2:]
