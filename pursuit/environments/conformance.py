@@ -79,7 +79,7 @@ def check_parallel_env(
     """
     if episodes < 1 or max_steps < 1:
         raise ValueError(f"episodes={episodes}, max_steps={max_steps}; give at least 1 of both")
-    _run_parallel_api_test(env, max_steps)
+    _run_parallel_api_test(env, max_steps, seed)
     first, second = (_play(env, episodes, seed, max_steps) for _ in range(2))
     _compare_runs(first, second)
     if random_starts:
@@ -90,10 +90,14 @@ def _fail(where: str, problem: str) -> NoReturn:
     raise ConformanceError(f"{where}: {problem}")
 
 
-def _run_parallel_api_test(env: ParallelEnv[Any, Any, Any], steps: int) -> None:
+def _run_parallel_api_test(env: ParallelEnv[Any, Any, Any], steps: int, seed: int) -> None:
+    """PettingZoo's own test, whose actions and starts are drawn without a seed of their own."""
     with redirect_stdout(io.StringIO()), warnings.catch_warnings():
         warnings.filterwarnings("error", module=r"pettingzoo\.test")
         try:
+            env.reset(seed=seed)
+            for agent in env.possible_agents:
+                env.action_space(agent).seed(seed)
             parallel_api_test(env, steps)
         except Exception as error:  # whatever an environment that breaks the rules brings about
             problem = f"{type(error).__name__}: {error}"

@@ -32,11 +32,12 @@ STARTS = ("kept", "random", "fixed")
 
 def _from(least: float, most: float = math.inf) -> Callable[[str, Any], float]:
     """A check of a field: a finite number in that range."""
+    rule = f"at least {least:g}" + (f" and at most {most:g}" if most < math.inf else "")
 
     def check(name: str, value: Any) -> float:
         found = number(name, value)
         if not least <= found <= most:
-            raise ValueError(f"{name}={value}; it is at least {least:g} and at most {most:g}")
+            raise ValueError(f"{name}={value}; it is {rule}")
         return found
 
     return check

@@ -290,7 +290,6 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: Any) -> str:
         (["maze", "nowhere.txt"], ["nowhere.txt"]),
         (["maze", "--generate", "cellular"], ["cellular", "prim"]),
         (["maze", "--generate", "prim", "--loops", "2"], ["loops"]),
-        (["bench", "--seconds", "0"], ["seconds"]),
     ],
 )
 def test_wrong_arguments_are_one_line_that_names_value_and_remedy(

@@ -93,7 +93,7 @@ def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     train = ("train", "--task", "reacher")
     assert "at most 8" in refused(capsys, *train, "--joints", "9")
     assert "at least 1" in refused(capsys, *train, "--joints", "0")
-    assert "above 0" in refused(capsys, *train, "--tolerance", "-1")
+    assert "tolerance=-1.0; it is at least 1e-06" in refused(capsys, *train, "--tolerance", "-1")
     assert "--maze" in refused(capsys, *train, "--maze", "5x5")
     assert "or discrete_actions=True" in refused(capsys, *train, "--algorithm", "dqn")
     table = refused(capsys, *train, "--discrete-actions", "--algorithm", "q_learning")
