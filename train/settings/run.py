@@ -24,7 +24,7 @@ class TrainSettings(RunSettings, Generic[S]):
     lessons: CurriculumSettings = field(default_factory=CurriculumSettings)
     """The settings of the curriculum."""
     algorithm: str = "ppo"
-    """The learner: ppo, a2c, reinforce, dqn, q_learning; of an arm ppo, a2c, reinforce, ddpg, td3,
+    """The learner: ppo, a2c, reinforce, dqn, cross_entropy, q_learning; of an arm ppo, a2c, reinforce, ddpg, td3,
     sac; or package.module:Name of your own."""
     curriculum: str = "none"
     """What is taught when. Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start,
