@@ -77,7 +77,7 @@ class CrossEntropy:
         """[population] float32: the mean episode return of each of [population, weights]."""
         env, simulator, population = self.env, self.env.simulator, len(candidates)
         each = env.num_games // population
-        if not env.begun:
+        if not self.frames:
             env.begin()
         simulator.set_state(simulator.get_state(np.arange(env.num_games) % each))
         seen, masks = env.reset(), has_masks(env)
@@ -85,7 +85,7 @@ class CrossEntropy:
         running, returns = torch.arange(env.num_games), torch.zeros(env.num_games)
         while len(running):
             inputs = self.network.policy_trunk.prepare(seen["observation"])
-            batch = inputs.unflatten(0, (population, each))
+            batch = inputs.reshape(population, each, *inputs.shape[1:])
             output = vmap(functional_call, (None, 0, 0))(self._policy, weights, batch)
             allowed = seen[ACTION_MASK] if masks else None
             distribution = self.network.distribution(output.flatten(0, 1), allowed)
@@ -97,9 +97,9 @@ class CrossEntropy:
 
     def _named(self, flat: torch.Tensor) -> dict[str, torch.Tensor]:
         """[population, weights] as the parameters of the policy, by name: [population, ...]."""
-        parts = flat.split([weight.numel() for weight in self._searched.values()], dim=1)
+        parts = torch.split(flat, [weight.numel() for weight in self._searched.values()], dim=1)
         pairs = zip(self._searched.items(), parts, strict=True)
-        return {name: part.unflatten(1, weight.shape) for (name, weight), part in pairs}
+        return {name: part.reshape(-1, *weight.shape) for (name, weight), part in pairs}
 
     def policy(self, greedy: bool = True) -> Policy:
         """That of the mean."""
