@@ -147,7 +147,7 @@ def test_a_tutorial_runs_from_top_to_bottom(page: str, folder: Path) -> None:
         elif language == "":
             for words in in_words(code):
                 if words[0] == "pursuit":
-                    main([*words[1:], *(["--no-browser"] if words[1] == "view" else [])])
+                    main([*words[1:], *(["--no-open"] if words[1] == "view" else [])])
 
 
 @pytest.mark.slow
