@@ -9,7 +9,7 @@
             check_fields(self)
 
 A check takes the field's name and the value given, and returns the value as it is kept; its
-ValueError names the value, the rule and the remedy. `whole`, `number`, `truth`, `one_of` and
+ValueError names the value, the rule and the remedy. `whole`, `number`, `check_bool`, `one_of` and
 `whole_numbers` check the arguments of functions in the same way.
 """
 
@@ -45,7 +45,7 @@ def finite(default: float) -> Any:
 
 def flag(default: bool) -> Any:
     """A field for True or False."""
-    return declared(truth, default)
+    return declared(check_bool, default)
 
 
 def choice(choices: Sequence[str], default: str) -> Any:
@@ -60,19 +60,19 @@ def one_of(what: str, value: Any, choices: Sequence[str]) -> Any:
     return value
 
 
-def is_whole(value: Any) -> bool:
+def is_int(value: Any) -> bool:
     """Whether it is a whole number, of Python's or NumPy's; True and False are none."""
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
 def is_number(value: Any) -> bool:
     """Whether it is a real number, of Python's or NumPy's; True and False are none."""
-    return is_whole(value) or isinstance(value, (float, np.floating))
+    return is_int(value) or isinstance(value, (float, np.floating))
 
 
 def whole(name: str, value: Any, least: int = 0, most: int = 2**31 - 1) -> int:
     """`value` as an int, if it is a whole number from `least` to `most`; ValueError otherwise."""
-    if not is_whole(value):
+    if not is_int(value):
         raise ValueError(f"{name}={value!r}; it is a whole number")
     if value < least:
         raise ValueError(f"{name}={value}; it is at least {least}")
@@ -94,7 +94,7 @@ def number(name: str, value: Any) -> float:
     return found
 
 
-def share(name: str, value: Any) -> float:
+def check_probability(name: str, value: Any) -> float:
     """`value` as a float, if it is a share of random moves; ValueError otherwise."""
     if not is_number(value) or not 0.0 <= value <= 1.0:
         raise ValueError(f"{name}={value!r}; a share of random moves lies in [0, 1]")
@@ -111,7 +111,7 @@ def some_seed() -> int:
     return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
 
 
-def truth(name: str, value: Any) -> bool:
+def check_bool(name: str, value: Any) -> bool:
     """`value` as a bool, if it is True or False; ValueError otherwise."""
     if not isinstance(value, (bool, np.bool_)):
         raise ValueError(f"{name}={value!r}; it is True or False")

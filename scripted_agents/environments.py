@@ -57,7 +57,7 @@ POLICIES: Registry[Callable[[Task, str], Policy]] = Registry(
 """Policies of users' own. One that plays some roles only says which in `roles`."""
 
 
-def is_own_policy(name: str) -> bool:
+def is_custom_policy(name: str) -> bool:
     """Whether a name is that of a user's own policy."""
     return is_reference(name) or (name not in AGENTS and name in POLICIES.names())
 
@@ -76,7 +76,7 @@ def roles_of_agent(name: str, task: Task) -> tuple[str, ...]:
     return tuple(role for role in DEFAULTS if role in plays and role in task.seat_roles)
 
 
-def own_policy(name: str, task: Task, role: str) -> Policy:
+def custom_policy(name: str, task: Task, role: str) -> Policy:
     """A user's own policy in one role of a task.
 
     Raises:
@@ -143,7 +143,7 @@ def check_agent(name: str, task: Task, role: str) -> None:
 
 def is_agent(name: str) -> bool:
     """Whether a name is that of a scripted agent or of a user's own policy."""
-    return name in AGENTS or is_own_policy(name)
+    return name in AGENTS or is_custom_policy(name)
 
 
 def named_policy(
@@ -155,7 +155,7 @@ def named_policy(
         ValueError: none of this name, or one that does not play this role of this task.
     """
     if name not in AGENTS:
-        return own_policy(name, task, role)
+        return custom_policy(name, task, role)
     check_agent(name, task, role)
     order: Any = task.move_order
     return scripted_policy(name, role, epsilon, order, discount)

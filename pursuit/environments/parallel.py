@@ -22,7 +22,7 @@ from pursuit.rendering.windows import Rendered
 from pursuit.simulator.policy import Policy, play, seat_policies
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, checked_task, make_task
-from pursuit.validation import reset_options, some_seed, truth
+from pursuit.validation import check_bool, reset_options, some_seed
 
 RENDER_FPS = 5
 
@@ -214,8 +214,11 @@ class PursuitParallelEnv(SimulatorParallelEnv):
         name = f"{checked_task(task).name}_v0"
         self._render_as(render_mode, RENDER_FPS, name=name, is_parallelizable=True)
         self.observation = observation
-        self.mask_in_observation = truth("mask_in_observation", mask_in_observation)
-        self.mask_bumps, self._world = truth("mask_bumps", mask_bumps), lay_out(task.mazes).world
+        self.mask_in_observation = check_bool("mask_in_observation", mask_in_observation)
+        self.mask_bumps, self._world = (
+            check_bool("mask_bumps", mask_bumps),
+            lay_out(task.mazes).world,
+        )
         simulator = Simulator(task, auto_restart=False)
         self._encoder = simulator.encoder(observation)
         seen: gymnasium.Space[Any] = self._encoder.space

@@ -20,7 +20,7 @@ from pursuit.rendering.rendering import Scene
 from pursuit.simulator.policy import Policy, seat_policies
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, checked_task
-from pursuit.validation import truth, whole
+from pursuit.validation import check_bool, whole
 
 Policies = Mapping[str, Policy]
 
@@ -67,8 +67,11 @@ class SeatOfGames:
     ) -> tuple[gymnasium.Space[Any], gymnasium.Space[Any]]:
         """Set what is observed; the spaces of observations and actions."""
         task, self.observation = simulator.task, observation
-        self.mask_in_observation = truth("mask_in_observation", mask_in_observation)
-        self.mask_bumps, self._world = truth("mask_bumps", mask_bumps), lay_out(task.mazes).world
+        self.mask_in_observation = check_bool("mask_in_observation", mask_in_observation)
+        self.mask_bumps, self._world = (
+            check_bool("mask_bumps", mask_bumps),
+            lay_out(task.mazes).world,
+        )
         if self.mask_bumps:
             warn_of_masks(task)
         seen: gymnasium.Space[Any] = simulator.encoder(observation).space

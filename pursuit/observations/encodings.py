@@ -1,11 +1,11 @@
-"""The kernels of the encodings: first the entities that each agent sees, then how they are written.
+"""Kernels that write the built-in encodings.
 
-`list_entities` alone looks at the games; for grids and planes what it finds, `seen` [games, seats,
-entities + 1] int32, holds the cell of every entity, -1 where it is gone or not in view, and last
-the agent's own cell if it collected a goal in the last step, else -1.
+`list_entities` reads the games. For grids and planes its result, `seen` [games, agents,
+entities + 1] int32, holds the cell of every entity: -1 if it is gone or out of view. The last entry
+is the agent's own cell if it collected a goal in the last step, else -1.
 
-`table` and `begin` are the sight of the task (`pursuit.rules.sight`), both None where it is full;
-`view` [games, seats] int64 is where the table has the row of an agent's cell.
+`table` and `begin` describe limited views (`pursuit.rules.visibility`); both are None if no view is
+limited. `view` [games, agents] int64 is the index in the table of the row of an agent's cell.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from pursuit.compilation.compiled import compiled, inlined
 from pursuit.rules.layout import Games
-from pursuit.rules.sight import (
+from pursuit.rules.visibility import (
     COLLECTED_PLANE,
     GOALS_PLANE,
     IN_VIEW_PLANE,

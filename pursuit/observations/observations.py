@@ -14,11 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.observations import encodings
-from pursuit.observations.own import ENCODINGS as ENCODINGS
-from pursuit.observations.own import WINDOW, Observation, OwnEncoding, given_radius, is_ours
+from pursuit.observations.custom import ENCODINGS as ENCODINGS
+from pursuit.observations.custom import (
+    WINDOW,
+    CustomEncoding,
+    Observation,
+    given_radius,
+    is_builtin,
+)
 from pursuit.rules.layout import Games
-from pursuit.rules.sight import FLOOR, GOAL, IN_VIEW, OTHER, SELF, TEAM, UNSEEN, WALL
-from pursuit.rules.sight import PLANES as PLANES
+from pursuit.rules.visibility import FLOOR, GOAL, IN_VIEW, OTHER, SELF, TEAM, UNSEEN, WALL
+from pursuit.rules.visibility import PLANES as PLANES
 from pursuit.tasks.task import Task, checked_task
 
 NO_CELL = -1
@@ -77,7 +83,7 @@ class Encoder:
         same_role = np.array(roles)[self._order] == np.array(roles)[:, None]
         self._codes = np.where(same_role, TEAM, OTHER)
         self._codes[:, 0] = SELF
-        self._own = None if is_ours(encoding) else OwnEncoding(task, encoding)
+        self._own = None if is_builtin(encoding) else CustomEncoding(task, encoding)
         self.space: Any = self._space(task) if self._own is None else self._own.space
         self.shape, self.dtype = self.space.shape, self.space.dtype
 

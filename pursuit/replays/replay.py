@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.files import write_beside
+from pursuit.replays.adapters import ADAPTERS, Adapter, State, adapter_for, has_reward_function
 from pursuit.replays.viewer.data import replay_page
-from pursuit.replays.worlds import WORLDS, State, World, own_rewards, world_for
 from pursuit.validation import one_of
 from pursuit.version import __version__
 
@@ -92,12 +92,12 @@ class Replay:
     seed: int | None = None
     players: dict[str, str] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=lambda: versions())
-    own_rewards: bool = False
+    has_reward_function: bool = False
 
     @property
     def world(self) -> Any:
         """What kind of task it is."""
-        return world_for(self.task)
+        return adapter_for(self.task)
 
     @property
     def agents(self) -> list[str]:
@@ -131,7 +131,7 @@ class Replay:
                 differences.append("it ends in another way")
             if digest_of(states) != episode.digest:
                 differences.append("its states are others")
-            if not self.own_rewards and not np.allclose(
+            if not self.has_reward_function and not np.allclose(
                 rewards, episode.rewards, rtol=CLOSE, atol=CLOSE
             ):
                 differences.append("its rewards are others")
@@ -244,7 +244,7 @@ class _File(msgspec.Struct):
     seed: int | None = None
     players: dict[str, str] = {}
     versions: dict[str, str] = {}
-    own_rewards: bool = False
+    has_reward_function: bool = False
 
 
 def _file_of(replay: Replay) -> _File:
@@ -271,22 +271,22 @@ def _file_of(replay: Replay) -> _File:
         replay.seed,
         replay.players,
         replay.versions,
-        replay.own_rewards or own_rewards(replay.task),
+        replay.has_reward_function or has_reward_function(replay.task),
     )
 
 
 def _replay_of(file: _File) -> Replay:
     if file.form > FORM:
         raise ValueError(f"form {file.form}, and this version reads up to {FORM}: update pursuit")
-    world = WORLDS[one_of("world", file.world, tuple(WORLDS))]
+    world = ADAPTERS[one_of("world", file.world, tuple(ADAPTERS))]
     task = world.task(file.task)
     episodes = tuple(_episode_of(each, world, task) for each in file.episodes)
     return Replay(
-        task, episodes, file.title, file.seed, file.players, file.versions, file.own_rewards
+        task, episodes, file.title, file.seed, file.players, file.versions, file.has_reward_function
     )
 
 
-def _episode_of(file: _EpisodeFile, world: World, task: Any) -> Episode:
+def _episode_of(file: _EpisodeFile, world: Adapter, task: Any) -> Episode:
     width, agents = world.width(task), world.agents(task)
     if isinstance(file.actions, str):
         raw = base64.b64decode(file.actions, validate=True)

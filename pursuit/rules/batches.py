@@ -35,9 +35,9 @@ from pursuit.rules.layout import (
     goals_of,
     next_episode_of,
     outcome_of,
-    plan_of,
     rules_of,
     search_of,
+    step_scratch_of,
     teams_of,
     world_of,
 )
@@ -66,13 +66,13 @@ def keep_final(games: Games, game: int, teams: Teams, outcome: Outcome) -> None:
 @inlined
 def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: Any) -> None:
     """Begin an episode of one game with the settings that waited for it."""
-    outcome, coming = outcome_of(memory), next_episode_of(memory)
+    outcome, pending = outcome_of(memory), next_episode_of(memory)
     for agent in agents_of(rules.teams):
         outcome.returns[game, agent] = outcome.collected[game, agent] = 0.0
-        if coming.epsilon[game, agent] != UNCHANGED:
-            memory.reals[game, EPSILON, agent] = coming.epsilon[game, agent]
-            coming.epsilon[game, agent] = UNCHANGED
-    start(games_of(memory), game, memory.streams, coming, rules, world, search_of(scratch))
+        if pending.epsilon[game, agent] != UNCHANGED:
+            memory.reals[game, EPSILON, agent] = pending.epsilon[game, agent]
+            pending.epsilon[game, agent] = UNCHANGED
+    start(games_of(memory), game, memory.streams, pending, rules, world, search_of(scratch))
 
 
 @subroutine
@@ -101,15 +101,15 @@ def fits(memory: Memory, actions: Any, teams: Teams) -> bool:
         return False
     if agents.shape[2] != num_agents or reals.shape[2] != num_agents:
         return False
-    if not lies(agents.strides, AGENT_LAYERS, num_agents, 4):
+    if not is_contiguous(agents.strides, AGENT_LAYERS, num_agents, 4):
         return False
-    if not lies(reals.strides, REAL_LAYERS, num_agents, 8):
+    if not is_contiguous(reals.strides, REAL_LAYERS, num_agents, 8):
         return False
     return clocks.strides[0] == CLOCK_LAYERS * 4 and clocks.strides[1] == 4
 
 
 @inlined
-def lies(strides: Any, layers: int, width: int, size: int) -> bool:
+def is_contiguous(strides: Any, layers: int, width: int, size: int) -> bool:
     """Whether an array [games, layers, width] of items of a size lies without gaps."""
     row = width * size
     if strides[0] != layers * row or strides[1] != row or strides[2] != size:  # noqa: SIM103
@@ -131,7 +131,7 @@ def step_each(
     memory: Memory, actions: Any, rules: Rules, world: World, scratch: Any, skip_ended: bool
 ) -> None:
     """Move every game by one step, or every game that goes on."""
-    games, outcome, plan = games_of(memory), outcome_of(memory), plan_of(scratch)
+    games, outcome, plan = games_of(memory), outcome_of(memory), step_scratch_of(scratch)
     for game in range(actions.shape[0]):
         if skip_ended and (outcome.terminated[game] or outcome.truncated[game]):
             for agent in agents_of(rules.teams):
@@ -151,13 +151,13 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
         agents: Any,
         goals_: Any,
         clocks: Any,
-        coming: Any,
+        pending: Any,
         reals: Any,
         flags: Any,
         rewards: Any,
         streams: Any,
         numbers: Any,
-        pay: Any,
+        coefficients: Any,
         mazes: Any,
         neighbors: Any,
         facts: Any,
@@ -171,7 +171,7 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
         A game that ends is kept as final and, with `auto_restart`, begins anew at once; without, it
         stays as it is and earns nothing.
         """
-        memory = Memory(agents, goals_, clocks, coming, reals, flags, rewards, streams)
+        memory = Memory(agents, goals_, clocks, pending, reals, flags, rewards, streams)
         world = world_of(mazes, neighbors, facts, tables)
         found = teams_of(numbers)
         teams = Teams(
@@ -180,13 +180,13 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
             runners if runners >= 0 else found.runners,
             goals if goals >= 0 else found.goals,
         )
-        rules = rules_of(teams, numbers, pay)
+        rules = rules_of(teams, numbers, coefficients)
         if not all_allowed(actions, rules.num_actions):
             return BAD_ACTION
         if not fits(memory, actions, teams):
             return BAD_ACTION
         step_each(memory, actions, rules, world, scratch, not auto_restart)
-        every = rules_of(found, numbers, pay)
+        every = rules_of(found, numbers, coefficients)
         finish_episodes(memory, every, world, scratch, auto_restart)
         return OK
 
@@ -210,13 +210,13 @@ def start_games(
     agents: Any,
     goals: Any,
     clocks: Any,
-    coming: Any,
+    pending: Any,
     reals: Any,
     flags: Any,
     rewards: Any,
     streams: Any,
     numbers: Any,
-    pay: Any,
+    coefficients: Any,
     mazes: Any,
     neighbors: Any,
     facts: Any,
@@ -225,8 +225,8 @@ def start_games(
     chosen: Any,
 ) -> None:
     """Begin a new episode in every game where `chosen`."""
-    memory = Memory(agents, goals, clocks, coming, reals, flags, rewards, streams)
-    rules = rules_of(teams_of(numbers), numbers, pay)
+    memory = Memory(agents, goals, clocks, pending, reals, flags, rewards, streams)
+    rules = rules_of(teams_of(numbers), numbers, coefficients)
     world = world_of(mazes, neighbors, facts, tables)
     outcome = outcome_of(memory)
     for game in range(chosen.shape[0]):

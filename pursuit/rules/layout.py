@@ -58,7 +58,7 @@ class Teams(NamedTuple):
     goals: int
 
 
-class Pay(NamedTuple):
+class RewardCoefficients(NamedTuple):
     """What one role is paid; see `pursuit.tasks.rewards.Rewards`."""
 
     step: float
@@ -77,9 +77,9 @@ class Rules(NamedTuple):
     num_actions: int
     chasers_first: bool
     start_at_marks: bool
-    chaser: Pay
-    evader: Pay
-    runner: Pay
+    chaser: RewardCoefficients
+    evader: RewardCoefficients
+    runner: RewardCoefficients
 
 
 class World(NamedTuple):
@@ -170,7 +170,7 @@ class Search(NamedTuple):
     queue: Any
 
 
-class Plan(NamedTuple):
+class StepScratch(NamedTuple):
     """What is decided before anything is written, for one game after the other; int32.
 
     after: [agents], where each will stand.
@@ -202,7 +202,7 @@ class Memory(NamedTuple):
     agents: Any
     goals: Any
     clocks: Any
-    coming: Any
+    pending: Any
     reals: Any
     flags: Any
     rewards: Any
@@ -217,7 +217,7 @@ def allocate(num_games: int, num_agents: int, num_goals: int) -> Memory:
         agents=np.zeros((num_games, AGENT_LAYERS, num_agents), dtype=np.int32),
         goals=np.zeros((num_games, GOAL_LAYERS, num_goals), dtype=np.int32),
         clocks=np.zeros((num_games, CLOCK_LAYERS), dtype=np.int32),
-        coming=np.full((len(NextEpisode._fields) - 1, num_games), -1, dtype=np.int32),
+        pending=np.full((len(NextEpisode._fields) - 1, num_games), -1, dtype=np.int32),
         reals=reals,
         flags=np.zeros((FLAG_LAYERS, num_games), dtype=bool),
         rewards=np.zeros((num_games, num_agents), dtype=np.float32),
@@ -278,9 +278,9 @@ def outcome_of(memory: Memory) -> Outcome:
 @inlined
 def next_episode_of(memory: Memory) -> NextEpisode:
     """The settings of the next episode."""
-    coming, epsilon = memory.coming, memory.reals[:, NEXT_EPSILON]
+    pending, epsilon = memory.pending, memory.reals[:, NEXT_EPSILON]
     return NextEpisode(
-        coming[0], coming[1], coming[2], coming[3], coming[4], coming[5], epsilon
+        pending[0], pending[1], pending[2], pending[3], pending[4], pending[5], epsilon
     )  # fmt: skip
 
 
@@ -301,17 +301,18 @@ def teams_of(numbers: Any) -> Teams:
 
 
 @inlined
-def pay_of(paid: Any) -> Pay:
-    """What a role is paid: float64, in the order of the fields of `Pay`."""
-    return Pay(paid[0], paid[1], paid[2], paid[3], paid[4], paid[5])
+def rewards_of(row: Any) -> RewardCoefficients:
+    """What a role is paid: float64, in the order of the fields of `RewardCoefficients`."""
+    return RewardCoefficients(row[0], row[1], row[2], row[3], row[4], row[5])
 
 
 @inlined
-def rules_of(teams: Teams, numbers: Any, pay: Any) -> Rules:
-    """The rules for these teams: numbers as of `numbers_of`, and [roles, fields of Pay] float64."""
+def rules_of(teams: Teams, numbers: Any, coefficients: Any) -> Rules:
+    """The rules for these teams: `numbers` is the result of `numbers_of`."""
     return Rules(
         teams, numbers[4], numbers[5], numbers[6] != 0, numbers[7] != 0,
-        pay_of(pay[CHASER]), pay_of(pay[EVADER]), pay_of(pay[RUNNER]),
+        rewards_of(coefficients[CHASER]), rewards_of(coefficients[EVADER]),
+        rewards_of(coefficients[RUNNER]),
     )  # fmt: skip
 
 
@@ -322,10 +323,10 @@ def search_of(scratch: Any) -> Search:
 
 
 @inlined
-def plan_of(scratch: Any) -> Plan:
+def step_scratch_of(scratch: Any) -> StepScratch:
     """Where a step decides."""
     after, captors = scratch[SCRATCH_AFTER], scratch[SCRATCH_CAPTORS]
-    return Plan(after, captors, scratch[SCRATCH_TAKERS], scratch[SCRATCH_CAPTURED])
+    return StepScratch(after, captors, scratch[SCRATCH_TAKERS], scratch[SCRATCH_CAPTURED])
 
 
 # -- who is who ------------------------------------------------------------------------------------

@@ -42,23 +42,23 @@ def start(
     games: Games,
     game: int,
     streams: Any,
-    coming: NextEpisode,
+    pending: NextEpisode,
     rules: Rules,
     world: World,
     search: Search,
 ) -> None:
     """Begin an episode: choose the maze, place agents and goals."""
     next_word(streams[game], team_stream(streams[game]))
-    games.maze[game] = choose_maze(coming.maze[game], streams[game], world)
+    games.maze[game] = choose_maze(pending.maze[game], streams[game], world)
     games.steps[game] = 0
     for agent in agents_of(rules.teams):
         games.active[game, agent] = 1
         games.event[game, agent] = 0
-    place_agents(games, game, streams[game], coming, rules, world)
-    while not starts_apart(games, game, coming, rules, world, search):
-        place_agents(games, game, streams[game], coming, rules, world)
+    place_agents(games, game, streams[game], pending, rules, world)
+    while not starts_apart(games, game, pending, rules, world, search):
+        place_agents(games, game, streams[game], pending, rules, world)
     if rules.teams.goals > 0:
-        place_goals(games, game, streams[game], coming, rules, world, search)
+        place_goals(games, game, streams[game], pending, rules, world, search)
 
 
 @inlined
@@ -71,11 +71,11 @@ def choose_maze(asked: int, streams: Any, world: World) -> int:
 
 
 @inlined
-def goals_wanted(game: int, coming: NextEpisode, rules: Rules) -> int:
+def goals_wanted(game: int, pending: NextEpisode, rules: Rules) -> int:
     """How many goals the episode begins with."""
     wanted = rules.teams.goals
-    if coming.num_goals[game] >= 0:
-        wanted = min(wanted, np.int64(coming.num_goals[game]))
+    if pending.num_goals[game] >= 0:
+        wanted = min(wanted, np.int64(pending.num_goals[game]))
     return wanted
 
 
@@ -124,13 +124,13 @@ def cells_taken(games: Games, game: int, rules: Rules, num_goals: int) -> Any:
 
 @inlined
 def place_goals_on_marks(
-    games: Games, game: int, coming: NextEpisode, rules: Rules, world: World
+    games: Games, game: int, pending: NextEpisode, rules: Rules, world: World
 ) -> int:
     """Put goals on the marks of the maze; how many."""
     if not rules.start_at_marks:
         return 0
     maze = games.maze[game]
-    count = min(goals_wanted(game, coming, rules), world.num_goal_marks[maze])
+    count = min(goals_wanted(game, pending, rules), world.num_goal_marks[maze])
     for goal in range(count):
         games.goal[game, goal] = world.goal_marks[goal, maze]
     return count
@@ -138,13 +138,13 @@ def place_goals_on_marks(
 
 @inlined
 def place_agents(
-    games: Games, game: int, streams: Any, coming: NextEpisode, rules: Rules, world: World
+    games: Games, game: int, streams: Any, pending: NextEpisode, rules: Rules, world: World
 ) -> None:
     """Put every agent on its mark, or else on its own uniformly random cell, off marked goals."""
     teams, maze = rules.teams, games.maze[game]
     for agent in agents_of(teams):
         games.position[game, agent] = UNPLACED
-    marked_goals = place_goals_on_marks(games, game, coming, rules, world)
+    marked_goals = place_goals_on_marks(games, game, pending, rules, world)
     if rules.start_at_marks:
         if world.start_mark[maze] >= 0:
             games.position[game, 0] = world.start_mark[maze]
@@ -164,10 +164,10 @@ def place_agents(
 
 @inlined
 def starts_apart(
-    games: Games, game: int, coming: NextEpisode, rules: Rules, world: World, search: Search
+    games: Games, game: int, pending: NextEpisode, rules: Rules, world: World, search: Search
 ) -> bool:
     """Whether every chaser and evader are as far apart, and as near, as the settings ask."""
-    least, most = coming.min_start_distance[game], coming.max_start_distance[game]
+    least, most = pending.min_start_distance[game], pending.max_start_distance[game]
     if least <= 1 and most < 0:
         return True
     limit, maze, cells = max(least, most), games.maze[game], games.position[game]
@@ -191,7 +191,7 @@ def place_goals(
     games: Games,
     game: int,
     streams: Any,
-    coming: NextEpisode,
+    pending: NextEpisode,
     rules: Rules,
     world: World,
     search: Search,
@@ -204,10 +204,10 @@ def place_goals(
     """
     for goal in goals_of(rules.teams):
         games.goal[game, goal] = -1
-    placed = place_goals_on_marks(games, game, coming, rules, world)
-    radius = np.int64(coming.goal_radius[game])
-    around_marks = coming.goals_around_marks[game] > 0
-    while placed < goals_wanted(game, coming, rules):
+    placed = place_goals_on_marks(games, game, pending, rules, world)
+    radius = np.int64(pending.goal_radius[game])
+    around_marks = pending.goals_around_marks[game] > 0
+    while placed < goals_wanted(game, pending, rules):
         if radius < 0:
             taken = cells_taken(games, game, rules, placed)
             cell = draw_free_cell(games, game, streams, rules, world, placed, taken)

@@ -30,9 +30,9 @@ from pursuit.rules.layout import (
     WAS_CAPTURED,
     Games,
     Outcome,
-    Pay,
-    Plan,
+    RewardCoefficients,
     Rules,
+    StepScratch,
     Teams,
     World,
     agents_of,
@@ -53,7 +53,13 @@ def legal_moves(world: World, maze: int, cell: int) -> int:
 
 @inlined
 def step(
-    games: Games, game: int, actions: Any, rules: Rules, world: World, plan: Plan, outcome: Outcome
+    games: Games,
+    game: int,
+    actions: Any,
+    rules: Rules,
+    world: World,
+    plan: StepScratch,
+    outcome: Outcome,
 ) -> int:
     """Move one game by one step; GOING_ON, TERMINATED or TRUNCATED."""
     teams, first_cell = rules.teams, world.first_cell[games.maze[game]]
@@ -75,11 +81,11 @@ def step(
     all_collected = collected > 0 and goals_left == 0
     end = ended(games, game, rules, num_captured, all_collected, steps)
 
-    pay_ordinary_steps(games, game, rules, world, first_cell, plan, outcome)
+    add_step_rewards(games, game, rules, world, first_cell, plan, outcome)
     if num_captured > 0 or collected > 0:
-        pay_events(games, game, rules, plan, outcome, num_captured, collected, end)
+        add_event_rewards(games, game, rules, plan, outcome, num_captured, collected, end)
     if rules.chaser.per_evader != 0.0:
-        pay_per_evader(games, game, rules, plan, outcome)
+        add_per_evader_rewards(games, game, rules, plan, outcome)
     if collected > 0:
         count_goals(games, game, teams, plan, outcome)
     for agent in agents_of(teams):
@@ -107,14 +113,16 @@ def destination(
 
 
 @inlined
-def meet(games: Games, game: int, chaser: int, evader: int, rules: Rules, plan: Plan) -> bool:
+def meet(
+    games: Games, game: int, chaser: int, evader: int, rules: Rules, plan: StepScratch
+) -> bool:
     """Whether a chaser captures an evader."""
     cells, after = games.position[game], plan.after
     return captures(rules.chasers_first, cells[chaser], after[chaser], cells[evader], after[evader])
 
 
 @inlined
-def decide_captures(games: Games, game: int, rules: Rules, plan: Plan) -> int:
+def decide_captures(games: Games, game: int, rules: Rules, plan: StepScratch) -> int:
     """Count the captors of every evader and list those that are captured; how many are.
 
     Where the chasers move first, an evader that one of them reaches moves no more. Only
@@ -143,7 +151,7 @@ def decide_captures(games: Games, game: int, rules: Rules, plan: Plan) -> int:
 
 
 @inlined
-def decide_goals(games: Games, game: int, teams: Teams, plan: Plan) -> tuple[int, int]:
+def decide_goals(games: Games, game: int, teams: Teams, plan: StepScratch) -> tuple[int, int]:
     """Count the takers of every goal; how many goals are collected, and how many are left."""
     collected = left = 0
     for goal in goals_of(teams):
@@ -158,7 +166,7 @@ def decide_goals(games: Games, game: int, teams: Teams, plan: Plan) -> tuple[int
 
 
 @inlined
-def may_collect(games: Games, game: int, agent: int, teams: Teams, plan: Plan) -> bool:
+def may_collect(games: Games, game: int, agent: int, teams: Teams, plan: StepScratch) -> bool:
     """Whether an evader is free, and stays so; a runner always is."""
     if agent >= teams.chasers + teams.evaders:
         return True
@@ -185,7 +193,7 @@ def is_free(games: Games, game: int, evader: int) -> int:
 
 
 @inlined
-def count_goals(games: Games, game: int, teams: Teams, plan: Plan, outcome: Outcome) -> None:
+def count_goals(games: Games, game: int, teams: Teams, plan: StepScratch, outcome: Outcome) -> None:
     """Add the goals of this step to those that each agent has collected; shared ones in parts."""
     for goal in goals_of(teams):
         for agent in collectors_of(teams):
@@ -198,13 +206,13 @@ def count_goals(games: Games, game: int, teams: Teams, plan: Plan, outcome: Outc
 
 
 @inlined
-def pay_ordinary_steps(
+def add_step_rewards(
     games: Games,
     game: int,
     rules: Rules,
     world: World,
     first_cell: int,
-    plan: Plan,
+    plan: StepScratch,
     outcome: Outcome,
 ) -> None:
     """Pay everybody as if nothing had happened: the step reward, and nothing to the captured."""
@@ -234,11 +242,11 @@ def pay_ordinary_steps(
 
 
 @inlined
-def pay_events(
+def add_event_rewards(
     games: Games,
     game: int,
     rules: Rules,
-    plan: Plan,
+    plan: StepScratch,
     outcome: Outcome,
     num_captured: int,
     collected: int,
@@ -247,7 +255,7 @@ def pay_events(
     """Pay those to whom something happened, in place of the step reward."""
     teams = rules.teams
     if num_captured > 0:
-        pay_captures(games, game, rules, plan, outcome, num_captured, end)
+        add_capture_rewards(games, game, rules, plan, outcome, num_captured, end)
     if collected > 0:
         for evader in evaders_of(teams):
             if games.active[game, evader] != 0 and plan.captors[evader] == 0:
@@ -263,17 +271,23 @@ def pay_events(
 
 
 @inlined
-def pays_step(pay: Pay, event: int, end: int) -> bool:
+def pays_step(coefficients: RewardCoefficients, event: int, end: int) -> bool:
     """Whether the step reward is due: nothing happened, or nothing that counts before the end."""
-    return event == 0 or (pay.on_completion != 0.0 and end != TERMINATED)
+    return event == 0 or (coefficients.on_completion != 0.0 and end != TERMINATED)
 
 
 @inlined
-def pay_captures(
-    games: Games, game: int, rules: Rules, plan: Plan, outcome: Outcome, num_captured: int, end: int
+def add_capture_rewards(
+    games: Games,
+    game: int,
+    rules: Rules,
+    plan: StepScratch,
+    outcome: Outcome,
+    num_captured: int,
+    end: int,
 ) -> None:
     """The events and the rewards of captures: captors of one evader share it equally."""
-    paid = not pays_step(rules.chaser, CAPTURED, end)
+    row = not pays_step(rules.chaser, CAPTURED, end)
     for i in range(num_captured):
         evader = plan.captured[i]
         share = rules.chaser.capture / plan.captors[evader]
@@ -282,22 +296,24 @@ def pay_captures(
             event, earned = games.event[game, chaser], outcome.rewards[game, chaser]
             more = np.float32(share + (earned if event != 0 else np.float32(0.0)))
             games.event[game, chaser] = event | (CAPTURED * met)
-            outcome.rewards[game, chaser] = more if met & paid else earned
+            outcome.rewards[game, chaser] = more if met & row else earned
         games.event[game, evader] = WAS_CAPTURED
         outcome.rewards[game, evader] = np.float32(rules.evader.capture)
 
 
 @inlined
-def pay_per_evader(games: Games, game: int, rules: Rules, plan: Plan, outcome: Outcome) -> None:
+def add_per_evader_rewards(
+    games: Games, game: int, rules: Rules, plan: StepScratch, outcome: Outcome
+) -> None:
     """Pay every chaser the sum over the evaders that were free before the step, whoever it met."""
-    teams, pay, total = rules.teams, rules.chaser, np.float32(0.0)
+    teams, coefficients, total = rules.teams, rules.chaser, np.float32(0.0)
     for evader in evaders_of(teams):
         if is_free(games, game, evader) != 0:
             if plan.captors[evader] > 0:
-                earned = np.float32(pay.capture)
+                earned = np.float32(coefficients.capture)
             else:
-                event, earned = goals_taken_by(games, game, evader, teams, pay, plan)
-                earned = earned if event != 0 else np.float32(pay.step)
+                event, earned = goals_taken_by(games, game, evader, teams, coefficients, plan)
+                earned = earned if event != 0 else np.float32(coefficients.step)
             total = np.float32(total + earned)
     for chaser in chasers_of(teams):
         outcome.rewards[game, chaser] = total
@@ -305,20 +321,31 @@ def pay_per_evader(games: Games, game: int, rules: Rules, plan: Plan, outcome: O
 
 @inlined
 def goals_taken_by(
-    games: Games, game: int, agent: int, teams: Teams, pay: Pay, plan: Plan
+    games: Games,
+    game: int,
+    agent: int,
+    teams: Teams,
+    coefficients: RewardCoefficients,
+    plan: StepScratch,
 ) -> tuple[int, float]:
     """The event and the reward of a collector: those who arrive at once share a goal equally."""
     event, earned = 0, np.float32(0.0)
     for goal in goals_of(teams):
         if plan.takers[goal] > 0 and games.goal[game, goal] == plan.after[agent]:
             event = COLLECTED
-            earned = np.float32(earned + pay.goal / plan.takers[goal])
+            earned = np.float32(earned + coefficients.goal / plan.takers[goal])
     return event, earned
 
 
 @inlined
 def nearest_evader(
-    games: Games, game: int, chaser: int, teams: Teams, world: World, first_cell: int, plan: Plan
+    games: Games,
+    game: int,
+    chaser: int,
+    teams: Teams,
+    world: World,
+    first_cell: int,
+    plan: StepScratch,
 ) -> int:
     """Rows plus columns to the nearest evader that is free; 0 where none is."""
     nearest = -1
@@ -331,7 +358,9 @@ def nearest_evader(
 
 
 @inlined
-def nearest_chaser(evader: int, teams: Teams, world: World, first_cell: int, plan: Plan) -> int:
+def nearest_chaser(
+    evader: int, teams: Teams, world: World, first_cell: int, plan: StepScratch
+) -> int:
     """Rows plus columns to the nearest chaser; 0 where none is."""
     nearest = -1
     for chaser in chasers_of(teams):
@@ -343,7 +372,13 @@ def nearest_chaser(evader: int, teams: Teams, world: World, first_cell: int, pla
 
 @inlined
 def nearest_goal(
-    games: Games, game: int, runner: int, teams: Teams, world: World, first_cell: int, plan: Plan
+    games: Games,
+    game: int,
+    runner: int,
+    teams: Teams,
+    world: World,
+    first_cell: int,
+    plan: StepScratch,
 ) -> int:
     """Rows plus columns to the nearest goal that is left; 0 where none is."""
     nearest = -1

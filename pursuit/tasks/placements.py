@@ -24,7 +24,7 @@ TRIES_WITHOUT_TABLE = 20
 """Placements of the chasers in mazes without a table of distances, where each takes searches."""
 
 
-class Apart(NamedTuple):
+class StartConstraint(NamedTuple):
     """How chasers and evaders are to be placed in one maze.
 
     Attributes:
@@ -43,7 +43,7 @@ class Apart(NamedTuple):
     most: int
 
 
-def check_placeable(asked: Apart) -> None:
+def check_placeable(asked: StartConstraint) -> None:
     """Refuse what no placement meets, or so few that none of many random ones does.
 
     Raises:
@@ -65,7 +65,7 @@ def check_placeable(asked: Apart) -> None:
 
 
 @lru_cache(maxsize=256)
-def _was_found(asked: Apart) -> bool:
+def _was_found(asked: StartConstraint) -> bool:
     """Whether one of many random placements holds; drawn from a seed of their own."""
     maze, (chasers, evaders) = asked.maze, asked.teams[:2]
     has_table = maze.num_cells <= MAX_TABLE_CELLS

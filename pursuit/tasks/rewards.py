@@ -203,7 +203,7 @@ def _plain(value: float | bool) -> str:
     return str(value).lower() if isinstance(value, bool) else f"{value!r}".removesuffix(".0")
 
 
-def kept_rewards(name: str, given: Any) -> Any:
+def check_rewards(name: str, given: Any) -> Any:
     """What `Task` keeps: a name as it is; `Rewards` by role as a dict that never changes.
 
     Raises:

@@ -14,21 +14,21 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.suites import load_mazes
 from pursuit.rules import layout
-from pursuit.tasks.placements import Apart, check_placeable
+from pursuit.tasks.placements import StartConstraint, check_placeable
 from pursuit.tasks.rewards import REWARD_SCHEMES as REWARD_SCHEMES
 from pursuit.tasks.rewards import ROLES as ROLES
-from pursuit.tasks.rewards import RewardFunction, coefficients_of, function_of, kept_rewards
+from pursuit.tasks.rewards import RewardFunction, check_rewards, coefficients_of, function_of
 from pursuit.tasks.rewards import Rewards as Rewards
-from pursuit.tasks.sight import (
-    Chosen,
+from pursuit.tasks.visibility import (
+    AgentChoice,
     Limit,
-    Radius,
-    Sight,
+    ViewRadius,
+    Visibility,
+    check_agent_choice,
+    check_view_radius,
     check_visible,
-    kept_chosen,
-    kept_radius,
     limits_of,
-    sight_of,
+    visibility_of,
 )
 from pursuit.validation import (
     FrozenDict,
@@ -37,7 +37,7 @@ from pursuit.validation import (
     count,
     declared,
     flag,
-    is_whole,
+    is_int,
     named_settings,
     one_of,
     whole,
@@ -113,20 +113,22 @@ class Task:
     move_order: str = choice(MOVE_ORDERS, default="simultaneous")
     start: str = choice(STARTS, default="random")
     min_start_distance: int = count(1, default=1)
-    rewards: str | Mapping[str, Rewards] | RewardFunction = declared(kept_rewards, default="goal")
-    view_radius: Radius | Mapping[str, int | None] | str = declared(kept_radius, default=None)
-    line_of_sight: Chosen | Sequence[str] | str = declared(kept_chosen, default=False)
-    unknown_maze: Chosen | Sequence[str] | str = declared(kept_chosen, default=False)
+    rewards: str | Mapping[str, Rewards] | RewardFunction = declared(check_rewards, default="goal")
+    view_radius: ViewRadius | Mapping[str, int | None] | str = declared(
+        check_view_radius, default=None
+    )
+    line_of_sight: AgentChoice | Sequence[str] | str = declared(check_agent_choice, default=False)
+    unknown_maze: AgentChoice | Sequence[str] | str = declared(check_agent_choice, default=False)
     name: str = declared(_kept_name, default="custom")
 
     def __post_init__(self) -> None:
         check_fields(self)
         self._check_that_it_can_end()
-        self._check_who_collects()
+        self._check_collectors()
         for number, maze in enumerate(self.mazes):
             self._check_maze(maze)
             check_placeable(self.apart(number, -1, self.min_start_distance, -1))
-        self._check_sight()
+        self._check_visibility()
 
     def _check_that_it_can_end(self) -> None:
         if self.num_agents == 0:
@@ -138,7 +140,7 @@ class Task:
                     f"this game; give num_{other}s or num_goals"
                 )
 
-    def _check_who_collects(self) -> None:
+    def _check_collectors(self) -> None:
         if self.num_runners and not self.num_goals:
             raise ValueError(
                 f"num_runners={self.num_runners} and num_goals=0; runners collect goals: give "
@@ -163,19 +165,19 @@ class Task:
                 "of reach; open a wall, or block the smaller parts with '#'"
             )
 
-    def _check_sight(self) -> None:
+    def _check_visibility(self) -> None:
         if not all(limit.sees_all for limit in self._limits):
             for maze in self.mazes:
                 check_visible(maze)
 
-    def apart(self, maze: int, num_goals: int, least: int, most: int) -> Apart:
+    def apart(self, maze: int, num_goals: int, least: int, most: int) -> StartConstraint:
         """How chasers and evaders are placed in the maze of that number.
 
         Of `num_goals` -1 is all, of `most` (and `least`, path steps) no limit.
         """
         teams, marked = self.teams, self.start == "marks"
         goals = teams.goals if num_goals < 0 else min(teams.goals, num_goals)
-        return Apart(self.mazes[maze], teams, marked, goals if marked else 0, least, most)
+        return StartConstraint(self.mazes[maze], teams, marked, goals if marked else 0, least, most)
 
     @cached_property
     def mazes(self) -> tuple[Maze, ...]:
@@ -200,9 +202,9 @@ class Task:
         return limits_of(self.agent_names, radius, in_line, unknown)
 
     @cached_property
-    def sight(self) -> Sight:
+    def sight(self) -> Visibility:
         """Who sees what; the tables are made on first use."""
-        return sight_of(self.mazes, self._limits)
+        return visibility_of(self.mazes, self._limits)
 
     def sees(self, seat: str | int, maze_number: int = 0) -> NDArray[np.bool_]:
         """[own cell, other cell] bool, read-only: what an agent sees from each cell of a maze.
@@ -262,7 +264,7 @@ class Task:
             if agent not in names:
                 raise ValueError(f"unknown agent {agent!r}; this task has {', '.join(names)}")
             return names.index(agent)
-        if not is_whole(agent) or not 0 <= agent < self.num_agents:
+        if not is_int(agent) or not 0 <= agent < self.num_agents:
             raise ValueError(f"seat {agent!r}; this task has seats 0 to {self.num_agents - 1}")
         return int(agent)
 
@@ -282,9 +284,9 @@ class Task:
         return layout.numbers_of(self.teams, self.max_steps, self.num_actions, first, marks)
 
     def rewards_for_kernels(self) -> NDArray[np.float64]:
-        """[roles, fields of `layout.Pay`] float64, as `layout.rules_of` takes them."""
+        """[roles, fields of `RewardCoefficients`] float64, the argument of `layout.rules_of`."""
         paid = [self.role_rewards[role] for role in ROLES]
-        names = layout.Pay._fields
+        names = layout.RewardCoefficients._fields
         return np.array([[getattr(each, name) for name in names] for each in paid], np.float64)
 
 

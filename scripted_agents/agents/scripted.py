@@ -16,7 +16,7 @@ from pursuit.rules import layout
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
-from pursuit.validation import share, truth, whole
+from pursuit.validation import check_bool, check_probability, whole
 from scripted_agents.agents import kernels, known_kernels
 
 
@@ -38,7 +38,7 @@ class Scripted:
     look_radius = 0
 
     def __init__(self, epsilon: float = 0.0) -> None:
-        self.epsilon = share("epsilon", epsilon)
+        self.epsilon = check_probability("epsilon", epsilon)
         self._scratch = _scratch_for(1)
         self._greedy: dict[tuple[int, bool], tuple[object, NDArray[np.uint8]]] = {}
 
@@ -100,7 +100,7 @@ class Scripted:
         Raises:
             ValueError: the maze has too many cells for a table.
         """
-        maze, stay_action = load_maze(maze), truth("stay_action", stay_action)
+        maze, stay_action = load_maze(maze), check_bool("stay_action", stay_action)
         if maze.num_cells > MAX_TABLE_CELLS:
             raise ValueError(
                 f"{maze.name}: {maze.num_cells} cells; tables are made up to {MAX_TABLE_CELLS}"

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from pursuit.simulator.policy import GameView, Memory, check_plays
 from pursuit.tasks.task import ROLES
-from pursuit.validation import share, whole
+from pursuit.validation import check_probability, whole
 from scripted_agents.agents import kernels, search_kernels
 from scripted_agents.agents.scripted import draw_actions, greedy_moves
-from scripted_agents.agents.sights import Eyes
+from scripted_agents.agents.view_tables import ViewTables
 
 
 class LimitedAgent:
@@ -39,8 +39,8 @@ class LimitedAgent:
     def __init__(
         self, epsilon: float = 0.0, view_radius: int | None = None, line_of_sight: bool = False
     ) -> None:
-        self.epsilon = share("epsilon", epsilon)
-        self.eyes = Eyes(view_radius, line_of_sight)
+        self.epsilon = check_probability("epsilon", epsilon)
+        self.eyes = ViewTables(view_radius, line_of_sight)
         self.memory = Memory(_remembered)
         self._moves = Memory(self._moves_of)
 

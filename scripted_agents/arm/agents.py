@@ -77,7 +77,7 @@ class InverseKinematics:
         return actions
 
 
-class Aims(NamedTuple):
+class ArmGoals(NamedTuple):
     """What arms are to reach, and how: [games, 2], [games], [games], [games]; `max_turn` is the
     radians of a whole action."""
 
@@ -96,7 +96,7 @@ class Planned(ABC):
     """
 
     def __init__(self) -> None:
-        self._aims: Aims | None = None
+        self._aims: ArmGoals | None = None
         self._angles: NDArray[np.float64] = np.zeros((0, 0))
         self._actions: NDArray[np.float64] = np.zeros((0, 0))
         self._left: NDArray[np.float64] = np.zeros(0)
@@ -104,9 +104,9 @@ class Planned(ABC):
     def act(self, view: ArmView) -> NDArray[np.float64]:
         """[num_games, joints] float64 in [-1, 1]."""
         turn = np.full(view.num_games, view.task.max_turn)
-        aims = Aims(view.targets, view.tolerance, view.free_joints, turn)
+        aims = ArmGoals(view.targets, view.tolerance, view.free_joints, turn)
         if self._aims is None or self._angles.shape != view.angles.shape:
-            self._aims = Aims(*(np.zeros_like(array) for array in aims))
+            self._aims = ArmGoals(*(np.zeros_like(array) for array in aims))
             self._angles, self._actions = np.zeros((2, *view.angles.shape))
             self._left = np.zeros(view.num_games)
         pairs: list[tuple[NDArray[Any], NDArray[Any]]] = list(zip(aims, self._aims, strict=True))
@@ -121,7 +121,7 @@ class Planned(ABC):
             for array, planned in pairs:
                 planned[new] = array[new]
             self._angles[new] = view.angles[new]
-            given = Aims(*(array[new] for array in aims))
+            given = ArmGoals(*(array[new] for array in aims))
             self._actions[new], self._left[new] = self.plan(view.angles[new], given)
         part = np.minimum(self._left, 1.0)
         actions: NDArray[np.float64] = part[:, None] * self._actions
@@ -131,7 +131,7 @@ class Planned(ABC):
 
     @abstractmethod
     def plan(
-        self, angles: NDArray[np.float64], aims: Aims
+        self, angles: NDArray[np.float64], aims: ArmGoals
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """[games, joints] float64 actions in [-1, 1] from these angles [games, joints], and [games]
         float64, how many steps of them."""
@@ -158,7 +158,7 @@ class LeastStepsPolicy(Planned):
         return f"LeastStepsPolicy(budget={self.budget})"
 
     def plan(
-        self, angles: NDArray[np.float64], aims: Aims
+        self, angles: NDArray[np.float64], aims: ArmGoals
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """As `Planned.plan`: equal moves."""
         targets, tolerance, free_joints, (max_turn, *_) = aims
@@ -195,7 +195,7 @@ class ThesisInverseKinematics(Planned):
         return f"ThesisInverseKinematics({self.precision:g}, {self.iterations})"
 
     def plan(
-        self, angles: NDArray[np.float64], aims: Aims
+        self, angles: NDArray[np.float64], aims: ArmGoals
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """As `Planned.plan`: the largest action is 1."""
         goals, room = angles.copy(), np.empty_like(angles)

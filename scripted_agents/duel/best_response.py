@@ -18,7 +18,7 @@ from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.memory import check_memory
 from pursuit.observations.masks import bump_masks
 from pursuit.rules.captures import Duel
-from pursuit.validation import as_array, number, truth, whole
+from pursuit.validation import as_array, check_bool, number, whole
 from scripted_agents.duel.pair_kernels import (
     choose,
     evaluate,
@@ -124,7 +124,7 @@ def best_response(
         raise ValueError(f"role {role!r}; the roles here are 'chaser' and 'evader'")
     maze = load_maze(maze)
     if stay_action is not None:
-        truth("stay_action", stay_action)
+        check_bool("stay_action", stay_action)
     _check_settings(maze, horizon, discount, move_order)
     table = checked_table(maze, opponent_table, "opponent_table")
     num_actions = table.shape[2] if stay_action is None else 4 + bool(stay_action)

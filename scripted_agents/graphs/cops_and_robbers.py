@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.memory import check_memory
-from pursuit.validation import truth, whole
+from pursuit.validation import check_bool, whole
 from scripted_agents.graphs.turn_kernels import extend, join, trap
 
 MAX_BYTES = 4 * 10**9
@@ -72,7 +72,7 @@ def solve_in_turns(
     Raises:
         ValueError: no chaser, or a game that does not fit into MAX_BYTES.
     """
-    maze, stay_action = load_maze(maze), truth("stay_action", stay_action)
+    maze, stay_action = load_maze(maze), check_bool("stay_action", stay_action)
     whole("num_chasers", num_chasers, 1)
     size, width = maze.num_cells, maze.width
     words = -(-maze.height * width // 64)

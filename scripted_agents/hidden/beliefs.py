@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.simulator.policy import GameView, Memory, TabularPolicy, check_plays, role_of
 from pursuit.tasks.task import Task
-from pursuit.validation import number, one_of, share
+from pursuit.validation import check_probability, number, one_of
 from scripted_agents.agents.scripted import AStarEvader, draw_actions
-from scripted_agents.agents.sights import Eyes
+from scripted_agents.agents.view_tables import ViewTables
 from scripted_agents.duel.action_values import worth_of_actions
 from scripted_agents.duel.best_response import MoveOrder, best_response, checked_table
 from scripted_agents.hidden import belief_kernels
@@ -41,7 +41,7 @@ class BeliefFilter:
 
     Args:
         opponent: a policy that is a table: whom the filter takes the other side for.
-        view_radius, line_of_sight: as of `Eyes`; the task's where left out.
+        view_radius, line_of_sight: as of `ViewTables`; the task's where left out.
 
     Raises:
         ValueError: an opponent that is no table, or a sight outside its limits.
@@ -58,7 +58,7 @@ class BeliefFilter:
                 f"opponent={opponent!r} has no action_probabilities; a belief is carried on by the "
                 "table of an opponent, such as AStarEvader(epsilon=0.2)"
             )
-        self.opponent, self.eyes = opponent, Eyes(view_radius, line_of_sight)
+        self.opponent, self.eyes = opponent, ViewTables(view_radius, line_of_sight)
         self.memory = Memory(_nothing_known)
         self._laid = Memory(self._lay_out)
 
@@ -121,7 +121,7 @@ class BeliefAgent(ABC):
     role = ""
 
     def __init__(self, beliefs: BeliefFilter, epsilon: float) -> None:
-        self.filter, self.epsilon = beliefs, share("epsilon", epsilon)
+        self.filter, self.epsilon = beliefs, check_probability("epsilon", epsilon)
 
     @property
     def memory(self) -> Memory:
@@ -208,9 +208,9 @@ class BeliefChaser(BeliefAgent):
             most = belief.max(axis=1, keepdims=True)
             likely = (belief > 0.0) & (belief >= most * (1.0 - EQUALLY_LIKELY))
             return np.bitwise_or.reduce(np.where(likely, kept["best"][pairs], 0), axis=1)
-        masks, room = np.empty(view.num_games, dtype=np.uint8), np.empty(view.task.num_actions)
+        masks, workspace = np.empty(view.num_games, dtype=np.uint8), np.empty(view.task.num_actions)
         sizes, most = world.num_cells[maze], 1.0 + EQUALLY_GOOD
-        belief_kernels.least_expected(first, sizes, belief, kept["worth"], most, room, masks)
+        belief_kernels.least_expected(first, sizes, belief, kept["worth"], most, workspace, masks)
         return masks
 
     def _worth_of(self, view: GameView) -> dict[str, NDArray[Any]]:

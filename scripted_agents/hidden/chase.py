@@ -16,9 +16,9 @@ from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.simulator.policy import GameView
 from scripted_agents.duel.best_response import MoveOrder, checked_table
 from scripted_agents.hidden.beliefs import BeliefAgent, BeliefFilter
-from scripted_agents.hidden.game import Role, SightRules, hidden_chase
+from scripted_agents.hidden.game import Role, VisibilityRules, hidden_chase
 from scripted_agents.hidden.kernels import choose_actions
-from scripted_agents.hidden.layout import room_for
+from scripted_agents.hidden.layout import workspace_for
 from scripted_agents.hidden.search import DEFAULT_MEMORY, HiddenSearch, Report
 
 
@@ -36,7 +36,7 @@ class HiddenChaseSolution:
     """
 
     maze: Maze
-    rules: SightRules
+    rules: VisibilityRules
     opponent_table: NDArray[np.float64] = field(repr=False)
     search: HiddenSearch = field(repr=False)
 
@@ -146,7 +146,7 @@ def solve_hidden_chase(
     if maze.num_cells > MAX_TABLE_CELLS:
         raise ValueError(f"{maze.name}: {maze.num_cells} cells; at most {MAX_TABLE_CELLS}")
     table = checked_table(maze, opponent_table, "opponent_table")
-    rules = SightRules(
+    rules = VisibilityRules(
         role,
         view_radius,
         line_of_sight,
@@ -202,7 +202,7 @@ class BeliefOptimal(BeliefAgent):
         super().__init__(BeliefFilter(opponent, rules.view_radius, rules.line_of_sight), epsilon)
         self.maze, self._rules, self._visible = solution.maze, rules, search.game.visible
         self._model, self._plans = search.model, search.plans()
-        self._room = room_for(self._model, 0, self._plans.action.shape[1], 0)
+        self._room = workspace_for(self._model, 0, self._plans.action.shape[1], 0)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._rules}, epsilon={self.epsilon:g})"

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.memory import check_memory
 from pursuit.rules import captured
-from pursuit.tasks.sight import visible_cells
 from pursuit.tasks.task import MOVE_ORDERS
+from pursuit.tasks.visibility import visible_cells
 from pursuit.validation import (
     as_array,
     check_fields,
@@ -40,7 +40,7 @@ def _radius(name: str, value: Any) -> int | None:
 
 
 @dataclass(frozen=True)
-class SightRules:
+class VisibilityRules:
     """What a hidden chase is played by, but for the maze and the opponent.
 
     Raises:
@@ -200,7 +200,9 @@ def model_of(game: HiddenCell) -> Model:
     return Model(game.next_own, useful, *arrays, slots, cells, sizes, float(game.discount))
 
 
-def hidden_chase(maze: Maze, opponent_table: NDArray[np.float64], rules: SightRules) -> HiddenCell:
+def hidden_chase(
+    maze: Maze, opponent_table: NDArray[np.float64], rules: VisibilityRules
+) -> HiddenCell:
     """A chase as the player of one role meets it, the other playing a table; a step costs 1.
 
     Of an evader it costs -1. The starts are all ordered pairs of cells that are at least

@@ -33,7 +33,7 @@ class Model(NamedTuple):
     discount: Any
 
 
-class Lower(NamedTuple):
+class LowerBound(NamedTuple):
     """A lower bound of the costs.
 
     Attributes:
@@ -53,7 +53,7 @@ class Lower(NamedTuple):
     count: Any
 
 
-class Upper(NamedTuple):
+class UpperBound(NamedTuple):
     """An upper bound: the costs of plans, each an action and a plan for where it leads unseen.
 
     Attributes:
@@ -73,7 +73,7 @@ class Upper(NamedTuple):
     count: Any
 
 
-class Room(NamedTuple):
+class Workspace(NamedTuple):
     """Room to work in; what `look` found stands in the arrays by action.
 
     Attributes:
@@ -103,13 +103,13 @@ class Room(NamedTuple):
     belief: Any
 
 
-def room_for(model: Model, points: int, plans: int, depth: int) -> Room:
+def workspace_for(model: Model, points: int, plans: int, depth: int) -> Workspace:
     """Room for so many points and plans of an own cell, and for trials of this depth."""
     _, actions, hidden = model.costs.shape
     slots = model.cells.shape[1]
     cost, low, up, hidden_low, hidden_up = np.zeros((5, actions))
     own, seen = np.zeros((2, depth), dtype=np.int64)
-    return Room(
+    return Workspace(
         after=np.zeros((actions, slots)),
         arrived=np.zeros((actions, hidden)),
         rest=np.zeros(slots),

@@ -20,7 +20,7 @@ from scripted_agents.joint.shapley_iteration import (
     Report,
     StochasticGame,
     silent,
-    solve_for_ever,
+    solve_infinite_horizon,
     solve_steps,
 )
 from scripted_agents.joint.states import joint_states_of
@@ -172,11 +172,11 @@ def _solve(task: Task, discount: float, horizon: int | None, report: Report) -> 
     cells = np.stack(np.unravel_index(np.arange(states.count), shape), axis=1)
     twins = np.ravel_multi_index((*np.sort(cells[:, :-1], axis=1).T, cells[:, -1]), shape)
     seats, everybody = (num_chasers, *range(num_chasers)), [1] * (num_chasers + 1)
-    paid = Quantity([0] * (num_chasers + 1), everybody)
+    payoff = Quantity([0] * (num_chasers + 1), everybody)
     same = None if num_chasers == 1 else twins
-    game = StochasticGame(states, seats, paid, discount, same, report)
+    game = StochasticGame(states, seats, payoff, discount, same, report)
     if horizon is None:
-        values, sweeps = solve_for_ever(game)
+        values, sweeps = solve_infinite_horizon(game)
     else:
         values, sweeps = solve_steps(game, horizon)
     evader_policy, chaser_policy = game.strategies()

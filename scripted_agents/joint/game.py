@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pursuit.tasks.task import Task, checked_task
 from pursuit.validation import number
 from scripted_agents.joint.policy import JointTable
-from scripted_agents.joint.shapley_iteration import StochasticGame, solve_for_ever
+from scripted_agents.joint.shapley_iteration import StochasticGame, solve_infinite_horizon
 from scripted_agents.joint.states import JointStates, check_joint_states, joint_states_of
 from scripted_agents.joint.sweeps import Quantity
 
@@ -79,7 +79,7 @@ def solve_joint_game(
     check_joint_states(task, most_states, each=20 * 30)
     states = joint_states_of(task)
     game = StochasticGame(states, (0, 1), Quantity([1, -1], [0, 0]), discount)
-    values, _ = solve_for_ever(game)
+    values, _ = solve_infinite_horizon(game)
     policies = {
         name: JointTable(states, (seat,), table)
         for seat, (name, table) in enumerate(zip(task.agent_names, game.strategies(), strict=True))

@@ -54,12 +54,12 @@ class Quantities(NamedTuple):
     ending: [Q] float64, what the end of the game counts.
     """
 
-    paid: Any
+    reward_weights: Any
     lasting: Any
     ending: Any
 
 
-class Aim(NamedTuple):
+class Objective(NamedTuple):
     """What is made of the first quantity: as little as possible, with `sign` -1 as much.
 
     discount: of what the next step counts. only_whether: 1 for whatever is above 0.
@@ -90,7 +90,7 @@ class Store(NamedTuple):
     joints: Any
 
 
-class Room(NamedTuple):
+class Workspace(NamedTuple):
     """Room for one state at a time: what stands in it, and what every player may do.
 
     cells, active: [agents] int64; goals: [goals] int64; actions: [1, agents] int32.

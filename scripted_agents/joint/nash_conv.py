@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pursuit.tasks.task import Task, checked_task
-from pursuit.validation import one_of, truth
+from pursuit.validation import check_bool, one_of
 from scripted_agents.joint.opponents import Policies
 from scripted_agents.joint.solver import evaluate_joint, solve_joint
 from scripted_agents.joint.states import MAX_STATES
@@ -27,7 +27,7 @@ class JointNashConv:
     @property
     def gains(self) -> dict[str, float]:
         """By player, what it could gain; 0 for all of them in a Nash equilibrium."""
-        return {player: self.best[player] - paid for player, paid in self.returns.items()}
+        return {player: self.best[player] - achieved for player, achieved in self.returns.items()}
 
     @property
     def nash_conv(self) -> float:
@@ -65,7 +65,7 @@ def joint_nash_conv(
     task = checked_task(task)
     players: dict[str, list[str]] = {}
     for name, role in zip(task.agent_names, task.seat_roles, strict=True):
-        players.setdefault(role if truth("sides", sides) else name, []).append(name)
+        players.setdefault(role if check_bool("sides", sides) else name, []).append(name)
     one_of("objective", objective, ("return", "lead"))
     paid_as_one = sides and objective == "return" and task.role_rewards["chaser"].per_evader
     weights = {
@@ -79,11 +79,11 @@ def joint_nash_conv(
         ).mean_over_starts
         for player, names in players.items()
     }
-    paid = evaluate_joint(task, policies, horizon, discount, None, most_states).returns
+    achieved = evaluate_joint(task, policies, horizon, discount, None, most_states).returns
     returns = {
-        player: weights[player] * sum(paid[name] for name in names)
+        player: weights[player] * sum(achieved[name] for name in names)
         for player, names in players.items()
     }
     if objective == "lead":
-        returns = {player: 2.0 * own - sum(paid.values()) for player, own in returns.items()}
+        returns = {player: 2.0 * own - sum(achieved.values()) for player, own in returns.items()}
     return JointNashConv(returns, best)

@@ -23,7 +23,7 @@ TOLERANCE = 1e-4
 Policies = Mapping[str, Policy | ArrayLike]
 
 
-class Others(NamedTuple):
+class OtherPolicies(NamedTuple):
     """How the other seats play.
 
     Attributes:
@@ -104,7 +104,9 @@ def bytes_of_others(task: Task, policies: Mapping[int, DistributionPolicy]) -> i
     return 4 * len(players) + sum(16 * task.num_actions ** len(seats) for seats in dense)
 
 
-def lay_out_others(states: JointStates, policies: Mapping[int, DistributionPolicy]) -> Others:
+def lay_out_others(
+    states: JointStates, policies: Mapping[int, DistributionPolicy]
+) -> OtherPolicies:
     """Ask everybody who fills one of these seats for what it plays in every state.
 
     Raises:
@@ -129,7 +131,7 @@ def lay_out_others(states: JointStates, policies: Mapping[int, DistributionPolic
             rows.append(found.ravel())
             codes[number, some] = begins + width * np.arange(first, first + len(real))
         begins = sum(map(len, rows))
-    return Others(players, codes, np.concatenate(rows))
+    return OtherPolicies(players, codes, np.concatenate(rows))
 
 
 def _drawn_by(policy: Any, task: Task, games: Games, seats: tuple[int, ...]) -> NDArray[np.float64]:

@@ -184,13 +184,13 @@ def evaluate_joint(
     states, values = quantities_of(task, policies, wanted, horizon, discount, most_states)
     means = dict(zip(wanted, states.mean_over_starts(values).tolist(), strict=True))
     names = [task.agent_names[seat] for seat in seats]
-    paid = {f"return of {name}": name for name in names if f"return of {name}" in means}
+    return_names = {f"return of {name}": name for name in names if f"return of {name}" in means}
     return JointValues(
         states,
         means["length"],
         means["ended"],
         {name: means[f"steps of {name}"] for name in names},
-        {name: means[key] for key, name in paid.items()},
+        {name: means[key] for key, name in return_names.items()},
         {key: values[:, at] for at, key in enumerate(wanted)},
     )
 
@@ -246,14 +246,14 @@ def _solve(
                 )
             return values, choice.astype(small)[None], True
         plan: list[NDArray[np.integer]] = []
-        room = MAX_PLAN_BYTES // np.dtype(small).itemsize // states.count
+        workspace = MAX_PLAN_BYTES // np.dtype(small).itemsize // states.count
         before = 0
         for before in sweeper.steps(horizon):
-            if keep and before <= room:
+            if keep and before <= workspace:
                 plan.append(choice.astype(small))
-        if before > room or not keep:
+        if before > workspace or not keep:
             return sweeper.values, choice.astype(small)[None], False
-        if horizon > room:  # the last steps alone would be played too soon
+        if horizon > workspace:  # the last steps alone would be played too soon
             return sweeper.values, plan[-1][None], False
         # Where nothing changes any more, earlier steps are as the first that was looked at.
         steps = np.stack([*[plan[-1]] * (horizon - before), *plan[::-1]])

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.observations.observations import PLANES
+from pursuit.replays.adapters import State
 from pursuit.replays.viewer.page import page
-from pursuit.replays.worlds import State
 from pursuit.rules.layout import CAPTURED, COLLECTED
-from pursuit.rules.sight import IN_VIEW
+from pursuit.rules.visibility import IN_VIEW
 
 MOVING = PLANES.index("walkable")
 """The planes of the encoding "planes" before this one are of what moves, the others of the maze."""
@@ -88,7 +88,7 @@ class Builder:
         for number, episode in enumerate(replay.episodes):
             played = replay.play(number)
             paid = played.rewards
-            if replay.own_rewards:  # what a function paid is known from the record only
+            if replay.has_reward_function:  # what a function paid is known from the record only
                 paid = episode.rewards[: len(played.rewards)]
             title = " ".join(filter(None, (replay.title, episode.label)))
             name = extras.names[number] if number < len(extras.names) else title

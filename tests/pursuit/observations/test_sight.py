@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from pursuit import chase_v0
 from pursuit.mazes.maze import Maze
 from pursuit.observations.observations import ENCODINGS
-from pursuit.replays.worlds import WORLDS
+from pursuit.replays.adapters import ADAPTERS
 from pursuit.simulator.simulator import Simulator
-from pursuit.tasks.sight import visible_cells
 from pursuit.tasks.task import Task, make_task
+from pursuit.tasks.visibility import visible_cells
 from tests.random_mazes import any_maze, connected_maze, seeds
 from tests.reference_observations import Seen, cells_seen
 
@@ -213,7 +213,7 @@ def test_sight_that_is_none_is_refused(given: dict[str, Any], said: str) -> None
 
 
 def test_a_replay_says_what_limited_sight() -> None:
-    world = WORLDS["maze"]
+    world = ADAPTERS["maze"]
     task = Task(maze=(HALL, "3x3"), **CROWD, **LIMITS["mixed"])
     assert world.task(world.settings(task)).sight.limits == task.sight.limits
     assert "view_radius" not in world.settings(make_task("chase"))

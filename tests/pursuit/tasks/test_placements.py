@@ -15,7 +15,7 @@ from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import UNREACHABLE, Maze, load_maze
 from pursuit.rules.layout import Teams
 from pursuit.simulator.simulator import Simulator
-from pursuit.tasks.placements import Apart, check_placeable
+from pursuit.tasks.placements import StartConstraint, check_placeable
 from pursuit.tasks.task import Task, make_task
 
 PARTS = Maze.from_text("+-+-+-+\n|   | |\n+-+-+-+", name="two parts")
@@ -23,7 +23,7 @@ BLOCKED = Maze.from_text("+-+-+-+\n|S  |G|\n+ +-+ +\n| |G  |\n+ + + +\n|    #|\n
 LONG = Maze.from_text("+" + "-+" * 100 + "\n|" + "  " * 99 + " |\n+" + "-+" * 100, name="long")
 
 
-def all_placements(asked: Apart) -> list[tuple[int, ...]]:
+def all_placements(asked: StartConstraint) -> list[tuple[int, ...]]:
     """Every placement of chasers and evaders that holds, by brute force."""
     maze, (chasers, evaders) = asked.maze, asked.teams[:2]
     cells = np.array(list(permutations(range(maze.num_cells), chasers + evaders)))
@@ -98,7 +98,7 @@ def test_placements_are_uniform_over_all_that_hold(
 def test_what_exists_is_what_an_enumeration_finds(
     maze: Any, teams: tuple[int, int, int, int], least: int, most: int
 ) -> None:
-    asked = Apart(load_maze(maze), Teams(*teams), False, 0, least, most)
+    asked = StartConstraint(load_maze(maze), Teams(*teams), False, 0, least, most)
     if all_placements(asked):
         check_placeable(asked)
     else:

@@ -1,13 +1,12 @@
-"""What one agent sees of a game, and by which numbers it is told: codes and planes.
+"""Which cells an agent sees, and the codes and planes that encode them.
 
-Kernels are given a task's sight as two arrays (`pursuit.tasks.sight.Sight` makes them), or as None
-and None where nobody's sight is limited: then the compiler drops every question, and full sight
-costs nothing.
+The kernels take the limited views of a task as two arrays of `pursuit.tasks.visibility.Visibility`.
+Both are None if no view is limited: the compiler then removes the checks.
 
-    table    bool, for every pair (own cell, other cell) whether the other is seen, row by row, maze
-             after maze, one such part for every kind of sight
-    begin    [agents + 1, mazes] int64, where in the table an agent's part for a maze begins, -1
-             where it sees everything; the last row has the cells of the mazes
+    table    bool, for every pair (own cell, other cell) whether the other is visible; row by row,
+             maze after maze, one such part for each kind of view
+    begin    [agents + 1, mazes] int64, index in the table of an agent's part for a maze, -1 if it
+             sees everything; the last row holds the number of cells of each maze
 """
 
 from __future__ import annotations

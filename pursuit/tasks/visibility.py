@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze, table_of_distances
 from pursuit.rules.layout import UNREACHABLE, Games
-from pursuit.rules.sight import SEES_ALL
-from pursuit.validation import FrozenDict, is_whole, truth, whole
+from pursuit.rules.visibility import SEES_ALL
+from pursuit.validation import FrozenDict, check_bool, is_int, whole
 
 EVERYBODY = "all"
 
@@ -60,7 +60,7 @@ def visible_cells(
     check_visible(maze)
     size = maze.num_cells
     seen = np.ones((size, size), dtype=bool)
-    if truth("line_of_sight", line_of_sight):
+    if check_bool("line_of_sight", line_of_sight):
         seen = np.eye(size, dtype=bool)
         for action in range(4):
             own, at = np.arange(size), np.arange(size)
@@ -85,12 +85,13 @@ def check_visible(maze: Maze) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class Visibility:
     """Who sees what in the games of a task; `Task.sight` has it.
 
     Attributes:
         limits: of every seat.
-        table, begin: for kernels, see `pursuit.rules.sight`; both None where everybody sees all.
+        table, begin: arrays of the kernels, see `pursuit.rules.visibility`; None if no view is
+            limited.
         hidden_maze: [agents] bool, who knows of the maze only what is within view.
     """
 
@@ -116,7 +117,7 @@ class Sight:
         seen.flags.writeable = False
         return seen
 
-    def games_seen(self, games: Games, seat: int) -> Games:
+    def observed_games(self, games: Games, seat: int) -> Games:
         """The games as the agent in `seat` sees them: whoever and whatever it does not is absent.
 
         Returns:
@@ -137,8 +138,8 @@ class Sight:
 
 
 @lru_cache(maxsize=64)
-def sight_of(mazes: tuple[Maze, ...], limits: tuple[Limit, ...]) -> Sight:
-    """The `Sight` of agents with these limits in these mazes.
+def visibility_of(mazes: tuple[Maze, ...], limits: tuple[Limit, ...]) -> Visibility:
+    """The `Visibility` of agents with these limits in these mazes.
 
     Raises:
         ValueError: limited sight in a maze that is too large for a table of all pairs of cells.
@@ -146,7 +147,7 @@ def sight_of(mazes: tuple[Maze, ...], limits: tuple[Limit, ...]) -> Sight:
     hidden = np.array([not of.sees_all and of.unknown_maze for of in limits], dtype=bool)
     kinds = list(dict.fromkeys(of[:2] for of in limits if not of.sees_all))
     if not kinds:
-        return Sight(limits, mazes, None, None, hidden)
+        return Visibility(limits, mazes, None, None, hidden)
     begin = np.full((len(limits) + 1, len(mazes)), SEES_ALL, dtype=np.int64)
     begin[-1] = [maze.num_cells for maze in mazes]
     parts: list[NDArray[np.bool_]] = []
@@ -159,16 +160,16 @@ def sight_of(mazes: tuple[Maze, ...], limits: tuple[Limit, ...]) -> Sight:
             parts.append(visible_cells(maze, *kind).ravel())
             length += len(parts[-1])
     table = np.concatenate(parts)
-    return Sight(limits, mazes, table, begin, hidden)
+    return Visibility(limits, mazes, table, begin, hidden)
 
 
 # -- what tasks are given --------------------------------------------------------------------------
 
-Radius = int | FrozenDict[str, int | None] | None
-Chosen = bool | tuple[str, ...]
+ViewRadius = int | FrozenDict[str, int | None] | None
+AgentChoice = bool | tuple[str, ...]
 
 
-def kept_radius(name: str, given: Any) -> Radius:
+def check_view_radius(name: str, given: Any) -> ViewRadius:
     """A view radius as a task keeps it: None, a number, or numbers by role or agent.
 
     Text is taken as the command line has it: "2", or "chaser=2,evader_0=none".
@@ -176,7 +177,7 @@ def kept_radius(name: str, given: Any) -> Radius:
     Raises:
         ValueError: anything else.
     """
-    if given is None or is_whole(given):
+    if given is None or is_int(given):
         return _one_radius(name, given)
     if isinstance(given, str):
         if "=" not in given:
@@ -212,7 +213,7 @@ def _one_radius(name: str, given: Any) -> int | None:
     return None if given is None else whole(name, given)
 
 
-def kept_chosen(name: str, given: Any) -> Chosen:
+def check_agent_choice(name: str, given: Any) -> AgentChoice:
     """Who is chosen, as a task keeps it: True for everybody, False for nobody, or sorted names.
 
     Text is taken as the command line has it: "all", "" for nobody, or "chaser,evader_0".
@@ -234,8 +235,8 @@ def kept_chosen(name: str, given: Any) -> Chosen:
     return tuple(sorted(set(given))) or False
 
 
-def radius_text(radius: Radius) -> str | None:
-    """A kept view radius as text that `kept_radius` reads again; None for full sight."""
+def view_radius_text(radius: ViewRadius) -> str | None:
+    """A kept view radius as text that `check_view_radius` reads again; None for full sight."""
     if not isinstance(radius, dict):
         return None if radius is None else str(radius)
     return ",".join(
@@ -243,15 +244,15 @@ def radius_text(radius: Radius) -> str | None:
     )
 
 
-def chosen_text(chosen: Chosen) -> str:
-    """Kept names as text that `kept_chosen` reads again: "" for nobody, "all" for everybody."""
+def agent_choice_text(chosen: AgentChoice) -> str:
+    """The text of a choice, as `check_agent_choice` reads it: "" (none), "all" or names."""
     if isinstance(chosen, bool):
         return EVERYBODY if chosen else ""
     return ",".join(chosen)
 
 
 def limits_of(
-    agents: Sequence[str], radius: Radius, in_line: Chosen, unknown: Chosen
+    agents: Sequence[str], radius: ViewRadius, in_line: AgentChoice, unknown: AgentChoice
 ) -> tuple[Limit, ...]:
     """The limit of every agent; its own name goes before that of its role.
 
@@ -272,7 +273,7 @@ def limits_of(
             return radius
         return radius.get(agent, radius.get(agent.split("_")[0]))
 
-    def chosen(agent: str, names: Chosen) -> bool:
+    def chosen(agent: str, names: AgentChoice) -> bool:
         if isinstance(names, bool):
             return names
         return agent in names or agent.split("_")[0] in names

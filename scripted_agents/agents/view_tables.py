@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.simulator.policy import GameView, Memory
-from pursuit.tasks.sight import check_visible, visible_cells
-from pursuit.validation import truth, whole
+from pursuit.tasks.visibility import check_visible, visible_cells
+from pursuit.validation import check_bool, whole
 
 
-class Eyes:
+class ViewTables:
     """Whether a cell is in view from another.
 
     Args:
@@ -27,7 +27,7 @@ class Eyes:
 
     def __init__(self, view_radius: int | None = None, line_of_sight: bool = False) -> None:
         self.view_radius = None if view_radius is None else whole("view_radius", view_radius)
-        self.line_of_sight = truth("line_of_sight", line_of_sight)
+        self.line_of_sight = check_bool("line_of_sight", line_of_sight)
         self._kept = Memory(self._laid_out)
 
     def __repr__(self) -> str:

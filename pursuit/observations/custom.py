@@ -22,7 +22,7 @@ MAX_WINDOW = 255
 """The largest R."""
 
 
-def is_ours(encoding: object) -> bool:
+def is_builtin(encoding: object) -> bool:
     """Whether an encoding is one of ours, "window:R" included."""
     if not isinstance(encoding, str):
         return False
@@ -48,7 +48,7 @@ def given_radius(encoding: str) -> int | None:
 
 def check_observation(name: object) -> None:
     """ValueError unless it names one of ours, or a part of a user's."""
-    if is_ours(name):
+    if is_builtin(name):
         given_radius(str(name))
     elif isinstance(name, str) and name.startswith(f"{WINDOW}:"):
         raise ValueError(
@@ -85,7 +85,7 @@ OBSERVATIONS: Registry[Any] = Registry(
 )
 
 
-class OwnEncoding:
+class CustomEncoding:
     """A user's observation of one task.
 
     Args:
@@ -124,7 +124,7 @@ class OwnEncoding:
         sight = self.task.sight
         return np.concatenate(
             [
-                self._encode(sight.games_seen(games, seat), chosen[i : i + 1])
+                self._encode(sight.observed_games(games, seat), chosen[i : i + 1])
                 for i, seat in enumerate(chosen)
             ],
             axis=1,

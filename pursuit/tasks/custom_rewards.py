@@ -17,11 +17,11 @@ from pursuit.tasks.task import Task
 def step_games_of(task: Task) -> Any:
     """The entry that moves games of this task, as `rules.step_games_of`; with its own payment."""
     entry = rules.step_games_of(task.teams)
-    pay = task.reward_function
-    return entry if pay is None else _paying(entry, pay, task)
+    function = task.reward_function
+    return entry if function is None else _with_custom_rewards(entry, function, task)
 
 
-def _paying(entry: Any, pay: RewardFunction, task: Task) -> Any:
+def _with_custom_rewards(entry: Any, function: RewardFunction, task: Task) -> Any:
     """`entry` with its payment replaced; games begin anew only after they are paid."""
     roles, distances = roles_of(task.seat_roles), distances_of(task.mazes)
 
@@ -44,8 +44,8 @@ def _paying(entry: Any, pay: RewardFunction, task: Task) -> Any:
             outcome.truncated.copy(),
             outcome.rewards.copy(),
         )
-        paid = _checked(pay(before, actions.copy(), after), pay, actions.shape)
-        np.multiply(paid, (before.active != 0) & playing[:, None], out=outcome.rewards)
+        rewards = _checked(function(before, actions.copy(), after), function, actions.shape)
+        np.multiply(rewards, (before.active != 0) & playing[:, None], out=outcome.rewards)
         np.add(returns, outcome.rewards, out=outcome.returns)
         ended = playing & (outcome.terminated | outcome.truncated)
         outcome.episode_returns[ended] = outcome.returns[ended]
@@ -67,15 +67,15 @@ def _copied(memory: layout.Memory, roles: Any, distances: Any) -> Before:
     return moment_of(layout.named(layout.games_of, memory), roles, distances)
 
 
-def _checked(paid: Any, pay: RewardFunction, shape: tuple[int, int]) -> NDArray[np.float32]:
+def _checked(rewards: Any, function: RewardFunction, shape: tuple[int, int]) -> NDArray[np.float32]:
     """What a reward function returned, as [games, agents] float32.
 
     Raises:
         ValueError: another shape, no numbers, or one that is not finite.
     """
-    name = getattr(pay, "__name__", repr(pay))
+    name = getattr(function, "__name__", repr(function))
     try:
-        array = np.asarray(paid)
+        array = np.asarray(rewards)
     except ValueError:
         array = np.asarray(None)
     if array.dtype.kind not in "fiub" or array.shape != shape:
