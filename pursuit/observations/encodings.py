@@ -32,7 +32,7 @@ from pursuit.rules.visibility import (
 
 @inlined
 def put(out: Any, game: int, seat: int, entity: int, place: int, shown: bool, gone: Any) -> None:
-    """Write the place of an entity; without a number for those who are gone, mark it by 1."""
+    """Write the place of an entity; if `gone` is None, mark the place by 1."""
     if gone is None:
         if shown:
             out[game, seat, place] = 1.0
@@ -89,7 +89,7 @@ def draw_codes(seen: Any, maze: Any, codes: Any, places: Any, out: Any) -> None:
     """Write the code of every entity into `out` [games, seats, flattened grid].
 
     `codes` [seats, entities, 2] has (entity, code) in the order of drawing; `places` [mazes, cells]
-    is where each cell lies in the grid.
+    is the index of each cell in the grid.
     """
     for game in range(seen.shape[0]):
         for seat in range(seen.shape[1]):
@@ -107,9 +107,9 @@ def hide_grid(
 ) -> None:  # fmt: skip
     """Leave in `out` [games, seats, flattened grid] of the maze only what is within view.
 
-    `num_cells` is [mazes], `hidden` [seats] bool (whose maze is hidden), `background` [mazes,
-    flattened grid], `columns` the width of a row of it, and `reach` 1 where walls lie beside cells,
-    which are seen with them.
+    `num_cells` is [mazes], `hidden` [seats] bool (the agents with a hidden maze), `background`
+    [mazes, flattened grid], `columns` the width of a row of it, and `reach` is 1 if the grid has
+    walls between cells, which are visible with the cells beside them.
     """
     for game in range(out.shape[0]):
         number = maze[game]

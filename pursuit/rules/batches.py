@@ -1,9 +1,9 @@
-"""Batches: the compiled entries that the `Simulator` calls, to step games and to start them.
+"""The compiled functions that the `Simulator` calls to start and to step batches of games.
 
-They take flat arrays (see `layout.Memory`, `layout.world_of`, `layout.rules_of`); nothing below
-them does. The one general step is compiled for whatever teams there are, for every small team of
-chasers and evaders, and for a runner alone: there the teams are constants. Each is an entry of its
-own, compiled when it is first used; in one function they would take each other's registers.
+They take flat arrays (see `layout.Memory`, `layout.world_of`, `layout.rules_of`); functions called
+by them take NamedTuples. The general step is compiled for any teams and, with constant team sizes,
+for small teams of chasers and evaders and for a single runner. Each is a separate function,
+compiled on first use, as a joint function would need more registers.
 """
 
 from __future__ import annotations
@@ -45,13 +45,12 @@ from pursuit.rules.starts import start
 from pursuit.rules.step import step
 
 MOST_KNOWN = 8
-"""Chasers, and evaders, of the largest teams that the compiler is told of: larger ones gain little.
-"""
+"""The largest number of chasers or evaders for which constant team sizes are compiled."""
 
 
 @inlined
 def keep_final(games: Games, game: int, teams: Teams, outcome: Outcome) -> None:
-    """Keep what an episode ended with."""
+    """Copy the last state of an episode to `outcome.final`."""
     final = outcome.final
     final.steps[game], final.maze[game] = games.steps[game], games.maze[game]
     for agent in agents_of(teams):
@@ -65,7 +64,7 @@ def keep_final(games: Games, game: int, teams: Teams, outcome: Outcome) -> None:
 
 @inlined
 def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: Any) -> None:
-    """Begin an episode of one game with the settings that waited for it."""
+    """Start an episode of one game with its pending settings."""
     outcome, pending = outcome_of(memory), next_episode_of(memory)
     for agent in agents_of(rules.teams):
         outcome.returns[game, agent] = outcome.collected[game, agent] = 0.0
@@ -79,7 +78,7 @@ def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: A
 def finish_episodes(
     memory: Memory, rules: Rules, world: World, scratch: Any, auto_restart: bool
 ) -> None:
-    """Keep the ends of the games that have just ended, and begin them anew."""
+    """Copy the last state of games that ended, and restart them if `auto_restart`."""
     games, outcome = games_of(memory), outcome_of(memory)
     for game in range(outcome.terminated.shape[0]):
         if outcome.terminated[game] | outcome.truncated[game]:
@@ -90,10 +89,10 @@ def finish_episodes(
 
 @inlined
 def fits(memory: Memory, actions: Any, teams: Teams) -> bool:
-    """Whether the arrays are those of these teams; it also tells the compiler how they lie.
+    """Whether the arrays have the shapes of these teams, which also lets the compiler assume them.
 
-    It learns from branches, and from item sizes that are written out: an array's own is known only
-    when it is there.
+    The compiler uses the branches and the constant item sizes; the item size of an array itself is
+    not a constant.
     """
     num_agents = teams.chasers + teams.evaders + teams.runners
     agents, reals, clocks = memory.agents, memory.reals, memory.clocks
@@ -110,7 +109,7 @@ def fits(memory: Memory, actions: Any, teams: Teams) -> bool:
 
 @inlined
 def is_contiguous(strides: Any, layers: int, width: int, size: int) -> bool:
-    """Whether an array [games, layers, width] of items of a size lies without gaps."""
+    """Whether an array [games, layers, width] of items of this size is contiguous."""
     row = width * size
     if strides[0] != layers * row or strides[1] != row or strides[2] != size:  # noqa: SIM103
         return False
@@ -119,7 +118,7 @@ def is_contiguous(strides: Any, layers: int, width: int, size: int) -> bool:
 
 @inlined
 def all_allowed(actions: Any, num_actions: int) -> bool:
-    """Whether every action is one."""
+    """Whether every action is in range."""
     most = np.uint32(0)
     for action in actions.flat:
         most = max(most, np.uint32(action))
@@ -130,7 +129,7 @@ def all_allowed(actions: Any, num_actions: int) -> bool:
 def step_each(
     memory: Memory, actions: Any, rules: Rules, world: World, scratch: Any, skip_ended: bool
 ) -> None:
-    """Move every game by one step, or every game that goes on."""
+    """Step every game, or every game that has not ended if `skip_ended`."""
     games, outcome, plan = games_of(memory), outcome_of(memory), step_scratch_of(scratch)
     for game in range(actions.shape[0]):
         if skip_ended and (outcome.terminated[game] or outcome.truncated[game]):
@@ -144,7 +143,7 @@ def step_each(
 
 @cache
 def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
-    """The compiled entry for these teams; what is -1 is read from the numbers of the rules."""
+    """The compiled step for these teams; a size of -1 is read from `numbers`."""
 
     @compiled
     def step_games(
@@ -166,10 +165,10 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
         actions: Any,
         auto_restart: bool,
     ) -> int:
-        """Move every game by one step, in place; OK, or BAD_ACTION, and nothing moved.
+        """Step every game in place; return OK, or BAD_ACTION without a step.
 
-        A game that ends is kept as final and, with `auto_restart`, begins anew at once; without, it
-        stays as it is and earns nothing.
+        The last state of a game that ends is copied. With `auto_restart` the game restarts in the
+        same step; without it the game stays as it is and gets rewards of 0.
         """
         memory = Memory(agents, goals_, clocks, pending, reals, flags, rewards, streams)
         world = world_of(mazes, neighbors, facts, tables)
@@ -198,7 +197,7 @@ step_lone_runners = entry_for(0, 0, 1, -1)
 
 
 def step_games_of(teams: Teams) -> Any:
-    """The fastest entry that moves games of these teams, compiled when it is first called."""
+    """The fastest step function for these teams, compiled on its first call."""
     if teams[:3] == (0, 0, 1):
         return step_lone_runners
     small = 0 < teams.chasers <= MOST_KNOWN and 0 < teams.evaders <= MOST_KNOWN
@@ -224,7 +223,7 @@ def start_games(
     scratch: Any,
     chosen: Any,
 ) -> None:
-    """Begin a new episode in every game where `chosen`."""
+    """Start a new episode in every game of the mask `chosen`."""
     memory = Memory(agents, goals, clocks, pending, reals, flags, rewards, streams)
     rules = rules_of(teams_of(numbers), numbers, coefficients)
     world = world_of(mazes, neighbors, facts, tables)

@@ -1,9 +1,10 @@
-"""One step of one game, in six verbs: legal moves, step, ended, rewards (start: `starts`; observe:
-`pursuit.observations.observations`).
+"""The rules of one step of one game: legal moves, step, ended, rewards.
 
-Everything is decided from what stood before the step; what follows is written last, and of what was
-written only events and rewards are read again. Loops run over `chasers_of(teams)` and the like:
-where a kernel is made for a task whose teams the compiler knows, they dissolve.
+For starts see `starts`, for observations `pursuit.observations.observations`.
+
+All decisions use the state before the step; the new state is written last. Of the values written,
+only events and rewards are read again. Loops over `chasers_of(teams)` and the like are unrolled in
+kernels with constant team sizes.
 
                   before            decided                       written
     position      games.position    plan.after                    games.position
@@ -61,7 +62,7 @@ def step(
     plan: StepScratch,
     outcome: Outcome,
 ) -> int:
-    """Move one game by one step; GOING_ON, TERMINATED or TRUNCATED."""
+    """Step one game; return GOING_ON, TERMINATED or TRUNCATED."""
     teams, first_cell = rules.teams, world.first_cell[games.maze[game]]
     steps = games.steps[game] + 1
     for chaser in chasers_of(teams):
@@ -69,7 +70,7 @@ def step(
             games, game, chaser, actions[game, chaser], world, first_cell
         )
     for evader in evaders_of(teams):
-        # A captured one stays; without a branch, which the processor could not predict.
+        # A captured agent stays; no branch, as the processor could not predict it.
         action = STAY + (np.int64(actions[game, evader]) - STAY) * is_free(games, game, evader)
         plan.after[evader] = destination(games, game, evader, action, world, first_cell)
     for runner in runners_of(teams):
@@ -123,10 +124,10 @@ def meet(
 
 @inlined
 def decide_captures(games: Games, game: int, rules: Rules, plan: StepScratch) -> int:
-    """Count the captors of every evader and list those that are captured; how many are.
+    """Count the captors of every evader and list the captured evaders; return their number.
 
-    Where the chasers move first, an evader that one of them reaches moves no more. Only
-    evaders that the bits of cells show to be near a chaser are looked at one by one.
+    If the chasers move first, an evader that one of them reaches does not move. Exact checks are
+    made only for evaders that may share a cell with a chaser according to the bits of cells.
     """
     reached = np.uint64(0)
     for chaser in chasers_of(rules.teams):
@@ -152,7 +153,7 @@ def decide_captures(games: Games, game: int, rules: Rules, plan: StepScratch) ->
 
 @inlined
 def decide_goals(games: Games, game: int, teams: Teams, plan: StepScratch) -> tuple[int, int]:
-    """Count the takers of every goal; how many goals are collected, and how many are left."""
+    """Count the agents on every goal; return the numbers of goals collected and left."""
     collected = left = 0
     for goal in goals_of(teams):
         takers, cell = 0, games.goal[game, goal]
@@ -167,7 +168,7 @@ def decide_goals(games: Games, game: int, teams: Teams, plan: StepScratch) -> tu
 
 @inlined
 def may_collect(games: Games, game: int, agent: int, teams: Teams, plan: StepScratch) -> bool:
-    """Whether an evader is free, and stays so; a runner always is."""
+    """Whether an agent is a runner, or an evader that is free and is not captured now."""
     if agent >= teams.chasers + teams.evaders:
         return True
     return (games.active[game, agent] != 0) & (plan.captors[agent] == 0)
@@ -177,7 +178,7 @@ def may_collect(games: Games, game: int, agent: int, teams: Teams, plan: StepScr
 def ended(
     games: Games, game: int, rules: Rules, num_captured: int, all_collected: bool, steps: int
 ) -> int:
-    """TERMINATED when no evader is left, or no goal; else TRUNCATED when time is up."""
+    """TERMINATED if no evader or no goal is left; else TRUNCATED after the last step."""
     free = -num_captured
     for evader in evaders_of(rules.teams):
         free += is_free(games, game, evader)
@@ -188,13 +189,13 @@ def ended(
 
 @inlined
 def is_free(games: Games, game: int, evader: int) -> int:
-    """1 where an evader was free before the step, 0 where it had been captured."""
+    """1 if an evader was free before the step, 0 if it had been captured."""
     return np.int64(games.active[game, evader] != 0)
 
 
 @inlined
 def count_goals(games: Games, game: int, teams: Teams, plan: StepScratch, outcome: Outcome) -> None:
-    """Add the goals of this step to those that each agent has collected; shared ones in parts."""
+    """Add the goals of this step to the goals collected by each agent; shared goals in parts."""
     for goal in goals_of(teams):
         for agent in collectors_of(teams):
             here = plan.after[agent] == games.goal[game, goal]
@@ -215,7 +216,7 @@ def add_step_rewards(
     plan: StepScratch,
     outcome: Outcome,
 ) -> None:
-    """Pay everybody as if nothing had happened: the step reward, and nothing to the captured."""
+    """Write the step reward of every agent; 0 for captured evaders."""
     teams = rules.teams
     for chaser in chasers_of(teams):
         earned = np.float32(rules.chaser.step)
@@ -252,7 +253,7 @@ def add_event_rewards(
     collected: int,
     end: int,
 ) -> None:
-    """Pay those to whom something happened, in place of the step reward."""
+    """Replace the step reward of agents that have an event."""
     teams = rules.teams
     if num_captured > 0:
         add_capture_rewards(games, game, rules, plan, outcome, num_captured, end)
@@ -272,7 +273,7 @@ def add_event_rewards(
 
 @inlined
 def pays_step(coefficients: RewardCoefficients, event: int, end: int) -> bool:
-    """Whether the step reward is due: nothing happened, or nothing that counts before the end."""
+    """Whether the step reward applies: no event, or an event that counts only at the end."""
     return event == 0 or (coefficients.on_completion != 0.0 and end != TERMINATED)
 
 
@@ -286,7 +287,7 @@ def add_capture_rewards(
     num_captured: int,
     end: int,
 ) -> None:
-    """The events and the rewards of captures: captors of one evader share it equally."""
+    """Write the events and rewards of captures; captors of one evader share its reward equally."""
     row = not pays_step(rules.chaser, CAPTURED, end)
     for i in range(num_captured):
         evader = plan.captured[i]
@@ -305,7 +306,7 @@ def add_capture_rewards(
 def add_per_evader_rewards(
     games: Games, game: int, rules: Rules, plan: StepScratch, outcome: Outcome
 ) -> None:
-    """Pay every chaser the sum over the evaders that were free before the step, whoever it met."""
+    """Write the reward of every chaser as a sum over the evaders free before the step."""
     teams, coefficients, total = rules.teams, rules.chaser, np.float32(0.0)
     for evader in evaders_of(teams):
         if is_free(games, game, evader) != 0:
@@ -328,7 +329,7 @@ def goals_taken_by(
     coefficients: RewardCoefficients,
     plan: StepScratch,
 ) -> tuple[int, float]:
-    """The event and the reward of a collector: those who arrive at once share a goal equally."""
+    """The event and reward of a collector; agents on one goal share its reward equally."""
     event, earned = 0, np.float32(0.0)
     for goal in goals_of(teams):
         if plan.takers[goal] > 0 and games.goal[game, goal] == plan.after[agent]:
@@ -347,7 +348,7 @@ def nearest_evader(
     first_cell: int,
     plan: StepScratch,
 ) -> int:
-    """Rows plus columns to the nearest evader that is free; 0 where none is."""
+    """The Manhattan distance to the nearest free evader; 0 if there is none."""
     nearest = -1
     for evader in evaders_of(teams):
         if games.active[game, evader] and plan.captors[evader] == 0:
@@ -361,7 +362,7 @@ def nearest_evader(
 def nearest_chaser(
     evader: int, teams: Teams, world: World, first_cell: int, plan: StepScratch
 ) -> int:
-    """Rows plus columns to the nearest chaser; 0 where none is."""
+    """The Manhattan distance to the nearest chaser; 0 if there is none."""
     nearest = -1
     for chaser in chasers_of(teams):
         away = manhattan(world, first_cell, plan.after[evader], plan.after[chaser])
@@ -380,7 +381,7 @@ def nearest_goal(
     first_cell: int,
     plan: StepScratch,
 ) -> int:
-    """Rows plus columns to the nearest goal that is left; 0 where none is."""
+    """The Manhattan distance to the nearest goal that is left; 0 if there is none."""
     nearest = -1
     for goal in goals_of(teams):
         if games.goal[game, goal] >= 0 and plan.takers[goal] == 0:

@@ -20,7 +20,8 @@ from pursuit.rules.layout import COLLECTED, Games
 
 SEES_ALL = -1
 FLOOR, SELF, TEAM, OTHER, GOAL, WALL, UNSEEN = range(7)
-"""Codes of the "cells" and "walls" grids; where several share a cell: self, others, team, goal."""
+"""Codes of the "cells" and "walls" grids; in a shared cell the first of self, others,
+team, goal is drawn."""
 PLANES = (
     "self",
     "team",
@@ -35,14 +36,14 @@ PLANES = (
 )
 """The first three follow the codes from SELF on."""
 IN_VIEW = "in view"
-"""The plane that there is besides where anybody's sight is limited."""
+"""The additional plane of tasks with limited views."""
 GOALS_PLANE, COLLECTED_PLANE = PLANES.index("goals"), PLANES.index("just collected")
 MAZE_PLANES, IN_VIEW_PLANE = PLANES.index("walkable"), len(PLANES)
 
 
 @inlined
 def view_of(begin: Any, games: Games, game: int, agent: int | np.uintp) -> int:
-    """Where the table has the row of the cell in which an agent stands; SEES_ALL without limits."""
+    """The index in the table of the row of an agent's cell; SEES_ALL without a limit."""
     if begin is None:
         return SEES_ALL
     maze = games.maze[game]
@@ -56,7 +57,7 @@ def view_of(begin: Any, games: Games, game: int, agent: int | np.uintp) -> int:
 
 @inlined
 def in_view(table: Any, view: int, cell: int) -> bool:
-    """Whether a cell is seen by whoever has this view."""
+    """Whether a cell is visible in this view."""
     if table is None:
         return True
     return view < 0 or table[view + cell]
@@ -64,14 +65,14 @@ def in_view(table: Any, view: int, cell: int) -> bool:
 
 @inlined
 def goal_in_view(games: Games, table: Any, view: int, game: int, goal: int) -> int:
-    """The cell of a goal; -1 when it is gone, or not seen."""
+    """The cell of a goal; -1 if it is gone or out of view."""
     cell: int = games.goal[game, goal]
     return cell if cell < 0 or in_view(table, view, cell) else -1
 
 
 @inlined
 def goal_rank(games: Games, table: Any, view: int, game: int, goal: int) -> int:
-    """The place of a goal among the goals sorted by cell, those gone or not seen first."""
+    """The rank of a goal among the goals sorted by cell; goals gone or out of view come first."""
     cell, rank = goal_in_view(games, table, view, game, goal), 0
     for other in range(games.goal.shape[1]):
         other_cell = goal_in_view(games, table, view, game, other)

@@ -1,6 +1,6 @@
 """Compiled Bayes filter over the cell of one opponent that is not always seen.
 
-Every game is filtered by itself, so that it does not depend on its batch. What is asked of pairs of
+Every game is filtered by itself, so that it does not depend on its batch. Tables over pairs of
 cells lies as the distance tables do (`pair_index`): `sight` uint8 [own, other], and `chances`
 float64 [other, own, action] (the opponent's own cell first).
 """
@@ -77,9 +77,9 @@ def update_beliefs(
     """Update the beliefs of all games by what is in view now.
 
     `settings` is (own role chases, chasers first, minimum start distance). `rows` [games] are the
-    rows of the games in the agent's memory: `belief` [all games, cells] float64, the step `known_at`
-    of that belief (-1: none), and the own cell `before`, both [all games] int32. `workspace` is
-    float64 [cells].
+    rows of the games in the agent's memory: `belief` [all games, cells] float64, the step
+    `known_at` of that belief (-1: none), and the own cell `before`, both [all games] int32.
+    `workspace` is float64 [cells].
     """
     own_chases, chasers_first, least = settings
     duel = Duel(own_chases, chasers_first)
