@@ -46,9 +46,9 @@ class Scripted:
         return f"{type(self).__name__}(epsilon={self.epsilon:g})"
 
     def __init_subclass__(cls) -> None:
-        own_way = cls.act is not Scripted.act  # its own, or of whatever else it inherits
+        own_way = cls.act is not Scripted.act  # defined by this or another class
         if own_way and cls.act_together is Scripted.act_together:
-            cls.act_together = None  # type: ignore[assignment]  # nobody else knows that way
+            cls.act_together = None  # type: ignore[assignment]  # it would not use that `act`
 
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game; random numbers from the seat's stream."""
@@ -61,7 +61,7 @@ class Scripted:
     ) -> None:
         """Write into `actions` [num_games, num_agents] what `act` would do in each of `seats`.
 
-        In one pass over the games, and with one look at whom they all seek.
+        In one pass over the games, in which targets are looked up once for all agents.
         """
         self._fill(view, tuple(seats), tuple(seats), actions)
 
@@ -228,9 +228,9 @@ def number_of_moves(moves: NDArray[np.uint8]) -> NDArray[np.int64]:
 
 
 def rows_of_moves(epsilon: float, num_actions: int) -> NDArray[np.float64]:
-    """[NUM_MOVES, actions] float64: how an agent plays whose moves have that number."""
+    """[NUM_MOVES, actions] float64: the action distribution for each set of moves."""
     greedy, every = np.divmod(np.arange(NUM_MOVES), 16)
-    # An enclosed cell has no move: whoever is there stays, or bumps into the north wall.
+    # An enclosed cell has no move: its agent stays, or moves into the north wall.
     nowhere = np.eye(num_actions)[4 if num_actions == 5 else 0]
     rows = np.zeros((NUM_MOVES, num_actions))
     for weight, sets in ((1.0 - epsilon, greedy), (epsilon, every)):
@@ -269,7 +269,7 @@ def _numbers(seats: tuple[int, ...]) -> NDArray[np.int64]:
 
 
 class RandomAgent(Scripted):
-    """Uniformly random among the moves that change the cell, whatever its epsilon."""
+    """Uniformly random among the moves that change the cell, for any epsilon."""
 
     def __init__(self) -> None:
         super().__init__(epsilon=1.0)

@@ -1,4 +1,4 @@
-"""Who moves an arm without learning: at random, by inverse kinematics, or in the least steps."""
+"""Policies of the arm without learning: random, inverse kinematics, and least steps."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class RandomArm:
 class InverseKinematics:
     """Turns towards the target as the pose of the moment says, and holds still in reach of it.
 
-    `scripted_agents.arm.kernels` says what the methods do, and whose they are. Where a method finds
+    `scripted_agents.arm.kernels` describes the methods and their sources. Where a method finds
     no way, as when a straight arm points at the target, the arm is bent for a step.
 
     Args:
@@ -112,7 +112,7 @@ class Planned(ABC):
         pairs: list[tuple[NDArray[Any], NDArray[Any]]] = list(zip(aims, self._aims, strict=True))
         off = (view.angles - self._angles + np.pi) % (2.0 * np.pi) - np.pi
         new = (view.steps == 0) | (np.abs(off) > AS_PLANNED).any(axis=1)
-        # Who did only nearly as planned may stand a hair out of reach when the plan is over.
+        # Rounding can leave the tip just out of reach at the end of a plan.
         away = np.hypot(*(view.ends[:, -1] - view.targets).T)
         new |= (self._left <= 0.0) & (away > view.tolerance)
         for array, planned in pairs:

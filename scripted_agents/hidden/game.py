@@ -65,7 +65,7 @@ class VisibilityRules:
 
 @dataclass(frozen=True, eq=False)
 class HiddenCell:
-    """A game of one player, *own*, who knows its own cell; the other cell moves by chance.
+    """A game of one player, *own*, which knows its own cell; the other cell moves by chance.
 
     At every step own takes an action, which leads to a next own cell for sure, and the other cell
     moves, with chances that depend on both cells and on the action. Then own sees the other cell if
@@ -224,7 +224,7 @@ def hidden_chase(
         "use a smaller maze, or see less",
     )
     own = moves[:, :num_actions].astype(np.int32)
-    # Of the other: four moves, and standing still in whatever way.
+    # Actions of the other: four moves, and waiting (by stay or a wall).
     still = moves[:, :4] == np.arange(size)[:, None]
     table = opponent_table / np.where(
         np.eye(size)[..., None] > 0, 1.0, opponent_table.sum(axis=2)[..., None]

@@ -1,7 +1,7 @@
 """Compiled kernels of `HiddenCell`: bounds of games in which one cell is hidden, and their search.
 
 *Own* knows its own cell; the other cell is hidden, but in cells that are seen from the own one it
-is known. So whoever plays stands in a cell with a *belief*: weights over the hidden cells. The cost
+is known. So the player has a cell and a *belief*: weights over the hidden cells. The cost
 of a belief is the least expected one; it is a concave function of the weights, and of degree 1 in
 them, so beliefs need not sum to 1, and a belief costs at least as much as its parts.
 
@@ -90,7 +90,7 @@ def upper_at(upper: Any, own: int, size: int, weights: Any, workspace: Any) -> A
 def upper_after(model: Any, upper: Any, workspace: Any, own: int, action: int, belief: Any) -> Any:
     """The upper bound of a belief [hidden] with this action first.
 
-    Leaves where the other may be then in room.arrived and room.after, and what was paid for the
+    Leaves where the other may be then in room.arrived and room.after, and the cost of the
     step in room.cost.
     """
     arrived, after = workspace.arrived[action], workspace.after[action]

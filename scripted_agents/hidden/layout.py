@@ -1,4 +1,4 @@
-"""What the kernels of `HiddenCell` are given: the game, its two bounds and the room to work in."""
+"""The arguments of the kernels of `HiddenCell`: the game, its two bounds and scratch memory."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Model(NamedTuple):
-    """What is played.
+    """The game.
 
     Attributes:
         next_own: [own, action] int32, the own cell after the action.
@@ -74,7 +74,7 @@ class UpperBound(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Room to work in; what `look` found stands in the arrays by action.
+    """Scratch memory; the arrays by action hold the results of `look`.
 
     Attributes:
         after: [action, slot] float64, the weights after the action, out of view.
@@ -104,7 +104,7 @@ class Workspace(NamedTuple):
 
 
 def workspace_for(model: Model, points: int, plans: int, depth: int) -> Workspace:
-    """Room for so many points and plans of an own cell, and for trials of this depth."""
+    """Scratch memory for so many points and plans of an own cell, and for trials of this depth."""
     _, actions, hidden = model.costs.shape
     slots = model.cells.shape[1]
     cost, low, up, hidden_low, hidden_up = np.zeros((5, actions))
@@ -130,7 +130,7 @@ def workspace_for(model: Model, points: int, plans: int, depth: int) -> Workspac
 
 class Roots(NamedTuple):
     """Where games begin: own [roots], belief [roots, hidden], seen [roots] (a cell or NONE),
-    weight [roots]; the bounds low, up [roots]; credit [roots], whose turn it is.
+    weight [roots]; the bounds low, up [roots]; credit [roots], which orders the trials.
     """
 
     own: Any

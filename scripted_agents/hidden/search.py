@@ -54,7 +54,7 @@ STEADY = 1e-12
 FIRST_SWEEPS = 2000
 
 Report = Callable[[float, float, float], None]
-"""Told the seconds gone, and both bounds."""
+"""Called with the elapsed seconds and both bounds."""
 
 
 class HiddenSearch:
@@ -165,7 +165,7 @@ class HiddenSearch:
         """Proven bounds of the least cost from a belief.
 
         Args:
-            own_cell: where own stands.
+            own_cell: the cell of the player.
             belief: [hidden], chances of the other cell; cells in view may be among them, as if they
                 were not looked at before the next step.
 
@@ -322,7 +322,7 @@ def first_bounds(model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64]
     """
     hidden, most = model.costs.shape[2], 1.0 / (1.0 - model.discount)
     own, actions = model.next_own.shape
-    # Whoever ends the game pays nothing more, so 0 is always among the extremes.
+    # The cost after the end of the game is 0, so 0 is always among the extremes.
     informed = np.full((own, hidden, actions), min(float(model.costs.min()), 0.0) * most)
     walk = np.full((own, hidden), max(float(model.costs.max()), 0.0) * most)
     enough = STEADY * max(float(np.abs(model.costs).max()), 1e-300) * most

@@ -36,8 +36,8 @@ class MatrixGame:
 
     Attributes:
         value: what the row player gets, in expectation, under optimal play.
-        row: [m] float64, an optimal strategy of the row player, who maximises.
-        column: [n] float64, one of the column player, who minimises.
+        row: [m] float64, an optimal strategy of the row player, which maximises.
+        column: [n] float64, one of the column player, which minimises.
         pure: whether the two are a pure saddle point.
     """
 
@@ -133,7 +133,7 @@ def solve_chase(
         move_order: "simultaneous", or "chasers_first": the chasers move first and the evader then,
             if it is not caught yet, but it has chosen its move before.
         num_chasers: size of the team; memory grows with cells ** (num_chasers + 1).
-        report: told how far it is, now and then: the share of the work in [0, 1], as far as that
+        report: called regularly with the fraction of the work done in [0, 1], as far as that
             can be said. A game that was solved before is not solved again, and reports nothing.
 
     Raises:

@@ -1,6 +1,6 @@
 """Games of two agents as a whole, in zero-sum form: values and equilibria of races and heists.
 
-What one agent gets is its *lead*: what it is paid less what the other is paid. So in a race of two
+The payoff of an agent is its *lead*: its reward minus that of the other. So in a race of two
 both want more goals than the other, and in a heist what the chaser loses counts for the evader.
 """
 
@@ -50,7 +50,7 @@ class JointGame:
 def solve_joint_game(
     task: Task, discount: float = 0.95, most_states: int = MAX_GAME_STATES
 ) -> JointGame:
-    """The value and an equilibrium of a game of two agents whose aim is to lead.
+    """The value and an equilibrium of a game of two agents that maximise their lead.
 
     Shapley (1953): value iteration in which every state is a matrix game, by its saddle point or a
     linear program, with steps of policy evaluation in between where they help.
@@ -67,8 +67,8 @@ def solve_joint_game(
     task = checked_task(task)
     if task.num_agents != 2 or task.reward_function is not None:
         raise ValueError(
-            f"task {task.name!r}: {task.num_agents} agents, paid by {task.rewards!r}; the lead is "
-            "zero-sum between two agents that the rule book pays: give two, and coefficients"
+            f"task {task.name!r}: {task.num_agents} agents, rewards {task.rewards!r}; the lead is "
+            "zero-sum between two agents with reward coefficients: give two, and coefficients"
         )
     if not 0.0 < number("discount", discount) <= MAX_DISCOUNT:
         raise ValueError(

@@ -1,6 +1,6 @@
-"""Compiled kernels of games as a whole: numbers for all that can stand in a game, and sweeps.
+"""Compiled kernels of games as a whole: state numbers, transitions and sweeps.
 
-A *state* is a number: who is still free (a *group*), which cells hold goals (a *set*), and the
+A *state* is a number: which evaders are free (a *group*), which cells hold goals (a *set*), and the
 cells of all free agents. Captured evaders have no cell. States are numbered group after group, sets
 within them, and cells within those, the last agent's fastest. Groups of fewer free evaders and sets
 of fewer goals come first: a step leads to a state of the same set, or to one of a smaller number.
@@ -29,7 +29,7 @@ TIE = 1e-12
 
 @inlined
 def number_of(games: Games, game: int, teams: Teams, cells: int, numbering: Numbering) -> int:
-    """The number of what stands in a game; -1 where it is over."""
+    """The state of a game; -1 if it has ended."""
     mask, place = 0, 0
     for chaser in layout.chasers_of(teams):
         place = place * cells + games.position[game, chaser]
@@ -63,7 +63,7 @@ def number_of(games: Games, game: int, teams: Teams, cells: int, numbering: Numb
 def put(
     games: Games, game: int, state: int, group: int, teams: Teams, cells: int, numbering: Numbering
 ) -> None:
-    """Put a state into a game. Captured evaders stand where the first chaser does."""
+    """Write a state into a game. Captured evaders are in the cell of the first chaser."""
     rest = state - numbering.offsets[group]
     goals = rest // numbering.sizes[group]
     rest -= goals * numbering.sizes[group]
@@ -89,7 +89,7 @@ def put(
 
 @inlined
 def can_be(games: Games, game: int, teams: Teams) -> bool:
-    """Whether a state can stand between two steps: nobody is about to be caught, or on a goal."""
+    """Whether a state can occur between steps: no chaser on an evader, no collector on a goal."""
     for evader in layout.evaders_of(teams):
         for chaser in layout.chasers_of(teams):
             here = games.position[game, chaser] == games.position[game, evader]
@@ -127,7 +127,7 @@ def fill_games(
 def fill_numbers(
     games: Games, teams: Teams, cells: int, numbering: Numbering, numbers: Any
 ) -> None:
-    """Fill `numbers` [games] with the states in which games stand; -1 where they are over."""
+    """Fill `numbers` [games] with the states of games; -1 if they have ended."""
     for game in range(numbers.shape[0]):
         numbers[game] = number_of(games, game, teams, cells, numbering)
 
@@ -241,7 +241,7 @@ def expand(
     numbering: Numbering, players: Players, quantities: Quantities, workspace: Workspace,
     store: Store, state: int,
 ) -> None:  # fmt: skip
-    """Store what follows the state in which the game stands."""
+    """Store the transitions of the current state of the game."""
     agents, cells, number = players.seats.shape[0], int(world.num_cells[0]), workspace.sums.shape[0]
     for agent in layout.agents_of(rules.teams):
         workspace.cells[agent] = games.position[0, agent]

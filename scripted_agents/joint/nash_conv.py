@@ -1,4 +1,4 @@
-"""How much everybody could gain by playing otherwise, in any small game: NashConv, exactly."""
+"""Exact NashConv of any small game: the sum of all gains by best responses."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class JointNashConv:
     """What `joint_nash_conv` found, in returns or leads: means over the starts that are drawn.
 
     Attributes:
-        returns: by player, what it is paid when all play the policies.
-        best: by player, the most that it can be paid while the others play them.
+        returns: by player, its return when all play the policies.
+        best: by player, its best response return while the others play them.
     """
 
     returns: dict[str, float]
@@ -46,7 +46,7 @@ def joint_nash_conv(
 ) -> JointNashConv:
     """What every player's best response gains against the policies of all others, exactly.
 
-    Defined for any number of players and whatever they are paid (no zero sum is needed): in a race
+    Defined for any number of players and any rewards (no zero sum is needed): in a race
     every runner is a player. Arguments and errors are those of `solve_joint`; policies must be
     stationary.
 

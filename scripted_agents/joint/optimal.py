@@ -210,7 +210,7 @@ class BestResponder(ExactAgent):
         move_order: of `action_probabilities`; in games it plays by theirs.
 
     Raises:
-        ValueError: an opponent that is no table, or whose role is not known.
+        ValueError: an opponent that is not a table, or has an unknown role.
     """
 
     def __init__(

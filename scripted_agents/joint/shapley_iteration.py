@@ -30,7 +30,7 @@ STATES_A_REPORT = 20_000
 
 Values = NDArray[np.float64]
 Report = Callable[[float], None]
-"""Told the share of the work that is done, in [0, 1]."""
+"""Called with the fraction of the work done, in [0, 1]."""
 
 
 def silent(share: float) -> None:
@@ -45,11 +45,11 @@ class StochasticGame:
     Args:
         states: of the game.
         seats: of all agents, the row player first.
-        paid: what the column player pays the row player.
+        payoff: of the row player; the column player gets its negative.
         discount: of each step.
         twins: [states] int64, the state that stands for each: one that is the same but for the
             names of agents. Only these are looked at.
-        report: told how far it is.
+        report: called with the progress.
 
     Attributes:
         mixed: [states] bool, whether there is no pure saddle point; of the last sweep.
@@ -70,11 +70,11 @@ class StochasticGame:
     ) -> None:
         task, self.count, self.discount = states.task, states.count, discount
         self.report, self.share = report, (0.0, 0.0)
-        nobody = OtherPolicies([], np.zeros((0, self.count), dtype=np.uint32), np.zeros(0))
+        no_others = OtherPolicies([], np.zeros((0, self.count), dtype=np.uint32), np.zeros(0))
         wanted = np.ones(self.count, dtype=bool)
         if twins is not None:
             wanted = twins == np.arange(self.count)
-        problem = Problem(states, seats, nobody, (payoff,), moves_first=False)
+        problem = Problem(states, seats, no_others, (payoff,), moves_first=False)
         self.store = filled_store(problem, wanted)
         following = self.store.following
         if twins is not None:
@@ -83,7 +83,7 @@ class StochasticGame:
         self.mixed = np.zeros(self.count, dtype=bool)
         self._chances = np.zeros(len(following))
         self._options = task.num_actions, task.num_actions ** (task.num_agents - 1)
-        # What every step pays, whatever is done in it; None where that differs.
+        # The reward of every step if it is constant, else None.
         self._step_reward = (
             None if any(payoff.reward_weights) or payoff.ending else float(any(payoff.lasting))
         )
@@ -119,7 +119,7 @@ class StochasticGame:
             rewards = csr_array((gains, columns, self.store.pairs), shape).sum(axis=1)
         else:
             rewards = np.full(self.count, self._step_reward)
-            # Where the game never ends every step is paid, exactly; a solve would lose digits.
+            # If the game never ends every step is rewarded: exact, where a solve loses digits.
             values[going] = self._step_reward / (1.0 - self.discount)
             going &= following.sum(axis=1) < 1.0 - 1e-9
             count, before = int(going.sum()), 0

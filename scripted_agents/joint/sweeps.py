@@ -49,7 +49,7 @@ class Quantity:
     """What is summed up along a game.
 
     Attributes:
-        paid: [agents], how much of what each is paid counts.
+        reward_weights: [agents], the weight of each agent's reward.
         lasting: [agents], 1: a step counts 1 as long as any of these is free.
         ending: what the end of the game counts.
     """
@@ -70,7 +70,7 @@ class Problem:
         quantities: what is summed up.
         sign: -1 to make as much of it.
         discount: of what the next step counts.
-        only_whether: 1 for whatever is above 0.
+        only_whether: 1 for values above 0.
         moves_first: of equally good actions moves are chosen before standing still.
     """
 
@@ -84,7 +84,7 @@ class Problem:
     moves_first: bool = True
 
     def for_kernels(self) -> tuple[Any, ...]:
-        """The game, who plays and what is summed up, as `sweep` takes them."""
+        """The game, its players and quantities: the arguments of `sweep`."""
         task, wanted = self.states.task, self.quantities
         players = [*((seat,) for seat in self.deciding), *self.others.players]
         return (
@@ -145,7 +145,7 @@ class Problem:
         return found
 
     def counts(self, mask: int) -> bool:
-        """Whether anybody who counts is free, where these evaders are."""
+        """Whether any agent that counts is free, if these evaders are."""
         task = self.states.task
         for agent in range(task.num_agents):
             evader = agent - task.num_chasers
@@ -163,7 +163,7 @@ class Sweeper:
     Args:
         problem: what is swept over.
         values: [states, quantities] float64, where it begins.
-        choice: [states] int16, which gets the joint actions of those who decide.
+        choice: [states] int16, which gets the joint actions of the deciding players.
 
     Raises:
         ValueError: what follows all states does not fit into memory.

@@ -1,4 +1,4 @@
-"""The tours of a runner that is paid for every goal, and how much longer than shortest they are.
+"""Tours that are optimal for the discounted rewards of goals, and their gap to shortest tours.
 
 A runner is trained on a reward for each goal with a discount, and judged by its steps. The policy
 that is best by the reward may be longer than the shortest tour: the objective has a floor of its
