@@ -188,7 +188,7 @@ class PursuitParallelEnv(SimulatorParallelEnv):
         render_mode: None, "ansi", "rgb_array" or "human".
         mask_bumps: the info of each agent holds "action_mask", [actions] int8: 1 for the moves that
             change its cell and for staying, all 1 once it is captured or its game terminated. Many
-            libraries apply it by default; without the stay action it forbids waiting (with a warning).
+            libraries apply it by default. Without the stay action it forbids waiting (and warns).
         mask_in_observation: observations are {"observation", "action_mask"}, as many libraries
             expect; without `mask_bumps` the masks are all 1.
 

@@ -65,7 +65,7 @@ class Recorder:
         """The episodes that have ended."""
         task = self._simulator.task
         return Replay(
-            task, tuple(self.episodes), "", self.seed, has_reward_function=has_reward_function(task)
+            task, tuple(self.episodes), "", self.seed, own_rewards=has_reward_function(task)
         )
 
     def save(self, path: str | Path) -> Path:

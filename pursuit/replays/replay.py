@@ -82,7 +82,7 @@ class Replay:
         seed: that of the games, if it is known; replays do not need it.
         players: who acted, in words, by agent.
         versions: what it was recorded with.
-        own_rewards: whether a function of a user's paid, which the file does not hold; the
+        own_rewards: whether a custom reward function was used, which the file does not hold; the
             rewards are then not compared.
     """
 
@@ -92,7 +92,7 @@ class Replay:
     seed: int | None = None
     players: dict[str, str] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=lambda: versions())
-    has_reward_function: bool = False
+    own_rewards: bool = False
 
     @property
     def world(self) -> Any:
@@ -131,7 +131,7 @@ class Replay:
                 differences.append("it ends in another way")
             if digest_of(states) != episode.digest:
                 differences.append("its states are others")
-            if not self.has_reward_function and not np.allclose(
+            if not self.own_rewards and not np.allclose(
                 rewards, episode.rewards, rtol=CLOSE, atol=CLOSE
             ):
                 differences.append("its rewards are others")
@@ -244,7 +244,7 @@ class _File(msgspec.Struct):
     seed: int | None = None
     players: dict[str, str] = {}
     versions: dict[str, str] = {}
-    has_reward_function: bool = False
+    own_rewards: bool = False
 
 
 def _file_of(replay: Replay) -> _File:
@@ -271,7 +271,7 @@ def _file_of(replay: Replay) -> _File:
         replay.seed,
         replay.players,
         replay.versions,
-        replay.has_reward_function or has_reward_function(replay.task),
+        replay.own_rewards or has_reward_function(replay.task),
     )
 
 
@@ -282,7 +282,7 @@ def _replay_of(file: _File) -> Replay:
     task = world.task(file.task)
     episodes = tuple(_episode_of(each, world, task) for each in file.episodes)
     return Replay(
-        task, episodes, file.title, file.seed, file.players, file.versions, file.has_reward_function
+        task, episodes, file.title, file.seed, file.players, file.versions, file.own_rewards
     )
 
 

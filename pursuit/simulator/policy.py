@@ -25,7 +25,7 @@ class GameArrays:
 
     @property
     def positions(self) -> NDArray[np.int32]:
-        """[num_games, num_agents] int32, cells; a captured evader stays in the cell of its capture."""
+        """[num_games, num_agents] int32, cells; captured evaders stay in the cell of capture."""
         return self.games.position
 
     @property

@@ -30,7 +30,7 @@ def replay_of(session: Session, name: str) -> Replay:
     title = f"{name}, by hand: {session.title()}"
     players = {**session.players(), session.own: f"{name}, by hand"}
     own = has_reward_function(session.task)
-    return Replay(session.task, (episode,), title, session.seed, players, has_reward_function=own)
+    return Replay(session.task, (episode,), title, session.seed, players, own_rewards=own)
 
 
 class Keeper:

@@ -88,7 +88,7 @@ class Builder:
         for number, episode in enumerate(replay.episodes):
             played = replay.play(number)
             paid = played.rewards
-            if replay.has_reward_function:  # what a function paid is known from the record only
+            if replay.own_rewards:  # what a function paid is known from the record only
                 paid = episode.rewards[: len(played.rewards)]
             title = " ".join(filter(None, (replay.title, episode.label)))
             name = extras.names[number] if number < len(extras.names) else title
