@@ -260,7 +260,7 @@ def test_settings_out_of_range_are_refused() -> None:
             lambda: SuccessGated(STAGES, window=1.5),
             "window=1.5; give a whole number, at least 1 ep",
         ),
-        (lambda: SuccessGated(STAGES, window=True), "window=True; a whole number"),
+        (lambda: SuccessGated(STAGES, window=True), "window=True; give a whole number"),
         (lambda: LevelReplay(capacity=2.5), "capacity=2.5; give a whole number, at least 2 levels"),
         *(
             (lambda kind=kind, value=value: kind([1.0, value]), "all different and finite")
@@ -333,7 +333,7 @@ def test_a_level_is_scored_by_its_last_episode_and_learnability_by_all() -> None
 def test_unknown_optima_and_impossible_seeds_are_refused() -> None:
     with pytest.raises(ValueError, match="needs the exact optimum"):
         LevelReplay("regret").update(outcomes([1]), Progress())
-    with pytest.raises(ValueError, match="no seed of a level"):
+    with pytest.raises(ValueError, match="seeds are whole numbers"):
         LevelReplay("learnability").update(outcomes([0.5]), Progress())
 
 

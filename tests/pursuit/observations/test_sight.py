@@ -191,17 +191,17 @@ def test_sight_is_said_in_several_ways_and_kept_in_one() -> None:
     ("given", "said"),
     [
         ({"view_radius": -1}, "view_radius=-1; it is at least 0"),
-        ({"view_radius": True}, "view_radius=True; path steps"),
-        ({"view_radius": 1.5}, "view_radius=1.5; path steps"),
-        ({"view_radius": "two"}, "view_radius='two'; path steps"),
+        ({"view_radius": True}, "view_radius=True; give a path distance"),
+        ({"view_radius": 1.5}, "view_radius=1.5; give a path distance"),
+        ({"view_radius": "two"}, "view_radius='two'; give a path distance"),
         ({"view_radius": {"chaser": "x"}}, "view_radius of chaser='x'"),
-        ({"view_radius": "chaser=1,chaser=2"}, "view_radius='chaser=1,chaser=2'; .* named twice"),
+        ({"view_radius": "chaser=1,chaser=2"}, "view_radius='chaser=1,chaser=2'; .* given twice"),
         ({"view_radius": "chaser="}, "view_radius='chaser='; give a role or agent and"),
         ({"view_radius": {"runner": 2}}, "view_radius of unknown agent 'runner'; one of"),
         ({"line_of_sight": 1}, "line_of_sight=1; give True for all"),
         ({"line_of_sight": "chaser,"}, "give True for all"),
         ({"unknown_maze": ("chaser", "evader_1")}, "unknown_maze of unknown agent 'evader_1'"),
-        ({"maze": "HUGE", "view_radius": 2}, "up to 4096"),
+        ({"maze": "HUGE", "view_radius": 2}, "at most 4096"),
     ],
 )
 def test_sight_that_is_none_is_refused(given: dict[str, Any], said: str) -> None:

@@ -175,7 +175,7 @@ def test_large_mazes_without_tables_are_searched_too() -> None:
             {"min_start_distance": 9, "start": "marks", "maze": MARKED},
             "with marks .*Lower the minimum",
         ),
-        ({"min_start_distance": 7, "maze": ("9x9", "3x3")}, "maze 3x3"),
+        ({"min_start_distance": 7, "maze": ("9x9", "3x3")}, "in 3x3"),
     ],
     ids=str,
 )
@@ -187,8 +187,8 @@ def test_what_cannot_be_placed_is_no_task(settings: dict[str, Any], message: str
 def test_what_cannot_be_placed_cannot_be_configured() -> None:
     simulator = Simulator(make_task("chase", maze=("9x9", "3x3"), min_start_distance=2), 4)
     for wrong, message in (
-        ({"min_start_distance": 7}, "maze 3x3.*Lower"),
-        ({"min_start_distance": [2, 2, 7, 2], "maze": [0, 0, 1, 1]}, "maze 3x3"),
+        ({"min_start_distance": 7}, "in 3x3.*Lower"),
+        ({"min_start_distance": [2, 2, 7, 2], "maze": [0, 0, 1, 1]}, "in 3x3"),
         ({"max_start_distance": 1}, "=2 and max_start_distance=1.*Lower the minimum, raise"),
     ):
         with pytest.raises(ValueError, match=message):
