@@ -8,8 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.observations.custom import is_builtin
 from pursuit.observations.observations import Encoder
-from pursuit.observations.own import is_ours
 
 SEEN_AS: dict[str, Literal["planes", "grid", "flat"]] = {
     "auto": "planes",
@@ -55,7 +55,7 @@ def features_of(encoder: Encoder, num_agents: int) -> Features:
         num_agents: entities before the goals.
     """
     shape, high = tuple(encoder.shape), np.asarray(encoder.space.high)
-    if not is_ours(encoder.encoding):  # a user's own, whose bounds may be anything
+    if not is_builtin(encoder.encoding):  # a user's own, whose bounds may be anything
         largest = np.maximum(np.abs(encoder.space.low.astype(np.float64)), np.abs(high))
         bounds = np.where(np.isfinite(largest), largest, 1.0)
         return Features("planes" if len(shape) == 3 else "flat", shape, bounds)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.maze_arrays import lay_out
+from pursuit.observations.custom import is_builtin
 from pursuit.observations.masks import action_masks
 from pursuit.observations.observations import Encoder
-from pursuit.observations.own import is_ours
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView, pairs_of_cells
 from pursuit.simulator.simulator import Simulator
@@ -157,7 +157,7 @@ class Seat:
         one that remembers is not."""
         if self.frame_stack > 1 or getattr(network, "policy_memory", None) is not None:
             return RememberingPolicy(network, self, greedy)
-        sees_more = not is_ours(self.encoding) and not sees_cells_only(self.task, self.encoding)
+        sees_more = not is_builtin(self.encoding) and not sees_cells_only(self.task, self.encoding)
         return (NetworkPolicy if sees_more else LearnedPolicy)(network, self, greedy)
 
 

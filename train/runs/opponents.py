@@ -7,7 +7,7 @@ from typing import Any
 
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
-from pursuit.validation import truth
+from pursuit.validation import check_bool
 from scripted_agents.environments import (
     chosen_policies,
     default_policies,
@@ -41,7 +41,7 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
         ValueError: no run, a damaged one, or one without the distribution asked for; or `greedy`
             is no truth value.
     """
-    folder, greedy = Path(folder), truth("greedy", greedy)
+    folder, greedy = Path(folder), check_bool("greedy", greedy)
     settings, state = load_settings(folder), load_checkpoint(folder)
     algorithm = entry(settings.algorithm)
     check(

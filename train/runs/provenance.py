@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypedDict
 
-from pursuit.observations.own import OBSERVATIONS
+from pursuit.observations.custom import OBSERVATIONS
 from pursuit.plugins import Registry, is_reference, sha256_of
 from pursuit.tasks.rewards import REWARDS
 from scripted_agents.environments import POLICIES

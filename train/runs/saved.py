@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pursuit.observations.own import is_ours
+from pursuit.observations.custom import is_builtin
 from train.algorithms.registry import entry
 from train.networks.arm_policy import ArmSeat
 from train.networks.policy import Seat
@@ -95,7 +95,7 @@ def player_of(settings: TrainSettings[Any]) -> Seat | ArmSeat:
     task = task_of(given)
     agent = agent_of(given, task)
     played = training_task(settings.curriculum, settings.lessons, task)
-    unseen = agent.startswith("runner") and len(task.mazes) > 1 and is_ours(settings.observation)
+    unseen = agent.startswith("runner") and len(task.mazes) > 1 and is_builtin(settings.observation)
     plans = settings.network == "auto" and settings.device == "cpu" and unseen
     network = "planning" if plans else settings.network
     how = (settings.observation, given.mask_bumps, settings.frame_stack, network)

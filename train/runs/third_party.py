@@ -21,7 +21,7 @@ from gymnasium.spaces import Discrete
 from pursuit.plugins import check_trusted
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
-from pursuit.validation import truth
+from pursuit.validation import check_bool
 from train.files import read_json, write_json
 from train.networks.policy import NetworkPolicy, Seat
 from train.runs.forms import RESTORE, Description
@@ -123,7 +123,7 @@ def load_stable_baselines(
     seat = Seat(task, agent, observation, mask_bumps)
     policy = _policy_in(path, seat)
     draws = not hasattr(policy, "q_net")
-    greedy = not draws if greedy is None else truth("greedy", greedy)
+    greedy = not draws if greedy is None else check_bool("greedy", greedy)
     check(
         greedy or draws, f"{path}: dqn learns no distribution over actions; take the greedy policy"
     )

@@ -101,7 +101,7 @@ class GridWorld:
 
 
 @dataclass(frozen=True)
-class ArmWorld:
+class ArmAdapter:
     """An arm; in the same shape as `GridWorld`."""
 
     settings: ReacherSettings
@@ -135,9 +135,9 @@ class ArmWorld:
         return ArmContest(self.task, episodes, seed)
 
 
-World = GridWorld | ArmWorld
+World = GridWorld | ArmAdapter
 
 
 def world_of(settings: AnyTask) -> World:
     """The world of a task's settings."""
-    return ArmWorld(settings) if isinstance(settings, ReacherSettings) else GridWorld(settings)
+    return ArmAdapter(settings) if isinstance(settings, ReacherSettings) else GridWorld(settings)

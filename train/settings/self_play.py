@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
-from pursuit.observations.own import check_observation
+from pursuit.observations.custom import check_observation
 from pursuit.plugins import Registry
-from scripted_agents.environments import AGENTS, is_own_policy
+from scripted_agents.environments import AGENTS, is_custom_policy
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import NotNegative, at_least, check, passes, threads_from
 from train.settings.common import RunSettings
@@ -101,7 +101,7 @@ class SelfPlaySettings(RunSettings):
         check(bool(self.learning), "chaser and evader are both frozen; let one of them learn")
         for name in self.members:
             check(
-                name in AGENTS or is_own_policy(name),
+                name in AGENTS or is_custom_policy(name),
                 f"unknown member {name!r}; of {', '.join(AGENTS)}, or package.module:Name",
             )
             check(self.members.count(name) == 1, f"member {name!r} is given twice")

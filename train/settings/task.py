@@ -7,12 +7,17 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from pursuit.mazes.suite_files import PREFIX, is_suite
-from pursuit.observations.own import check_observation
+from pursuit.observations.custom import check_observation
 from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
 from pursuit.reacher.task import ReacherTask
-from pursuit.tasks.rewards import kept_rewards, rewards_text
-from pursuit.tasks.sight import chosen_text, kept_chosen, kept_radius, radius_text
+from pursuit.tasks.rewards import check_rewards, rewards_text
 from pursuit.tasks.task import TASK_NAMES
+from pursuit.tasks.visibility import (
+    agent_choice_text,
+    check_agent_choice,
+    check_view_radius,
+    view_radius_text,
+)
 from train.settings.checks import RANDOM_MOVES, Rule, Settings, check, check_choice, one_of, rule
 
 REACHER = "reacher"
@@ -31,18 +36,18 @@ def kept_text_of_rewards(name: str, given: Any) -> str:
     """Rewards as one text."""
     text = rewards_text(given)
     if text != "default":
-        kept_rewards(name, text)
+        check_rewards(name, text)
     return text
 
 
 def kept_text_of_radius(name: str, given: Any) -> str | None:
     """Radii of sight as one text; None for none."""
-    return radius_text(kept_radius(name, given))
+    return view_radius_text(check_view_radius(name, given))
 
 
 def kept_text_of_agents(name: str, given: Any) -> str:
     """Roles and agents as one text."""
-    return chosen_text(kept_chosen(name, given))
+    return agent_choice_text(check_agent_choice(name, given))
 
 
 @dataclass(frozen=True)

@@ -77,8 +77,8 @@ def first_rows(maze: Maze, rows: int, needed: int) -> Maze | None:
         return None
     part = Maze(
         walkable,
-        maze.joined_south[: rows - 1],
-        maze.joined_east[:rows],
+        maze.open_south[: rows - 1],
+        maze.open_east[:rows],
         name=f"{maze.name}, {rows} rows",
     )
     return part if part.is_connected else None
@@ -86,7 +86,7 @@ def first_rows(maze: Maze, rows: int, needed: int) -> Maze | None:
 
 def opened(maze: Maze, share: float) -> Maze:
     """`maze` with this share of its inner walls opened: always the same ones first."""
-    south, east = maze.joined_south.copy(), maze.joined_east.copy()
+    south, east = maze.open_south.copy(), maze.open_east.copy()
     walkable = maze.cell_numbers >= 0
     walls_south = np.argwhere(~south & walkable[:-1] & walkable[1:])
     walls_east = np.argwhere(~east & walkable[:, :-1] & walkable[:, 1:])

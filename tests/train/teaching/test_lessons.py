@@ -54,7 +54,7 @@ def test_mazes_of_a_curriculum_agree_with_the_last_one() -> None:
         (
             {**CHASE, "curriculum": "opponent-epsilon", "easiest": 0.1,
              "schedule": "exponential", "schedule_unit": "episodes"},
-            "floor 0.2 lies above the start 0.1",
+            "end 0.2 is above the start 0.1",
         ),
         ({**MAZE, "curriculum": "goal-spread-start", "schedule_length": -0.1}, "at least 0"),
         ({**MAZE, "curriculum": "goal-spread-start", "schedule": "step"}, "shares of the budget"),
