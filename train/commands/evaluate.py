@@ -14,16 +14,16 @@ from train.commands.parse import heard, parse, warn
 from train.commands.scores import (
     certificate_of,
     print_bounds,
-    print_floor,
+    print_objective_gap,
     print_reference,
     print_scores,
 )
 from train.commands.suites import compared, exact_where_known, judged
 from train.evaluation.arm_contest import ArmContest
-from train.evaluation.closeups import recorded
 from train.evaluation.contest import GameContest
-from train.evaluation.floor import UNKNOWN, objective_floor
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
+from train.evaluation.objective_gap import UNKNOWN, objective_gap
+from train.evaluation.recordings import recorded
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.files import check_folder, check_new_files, reserved, write_json
@@ -120,12 +120,12 @@ def carry_out(given: Any, replays: Path | None) -> None:
         print_scores(scores, certificate_of(contest), contest.measure)
     if isinstance(contest, ArmContest):
         print_bounds(contest)
-    floor = UNKNOWN if judged_by.gamma is None else objective_floor(contest, judged_by.gamma)
+    floor = UNKNOWN if judged_by.gamma is None else objective_gap(contest, judged_by.gamma)
     chosen = "greedy" if judged_by.greedy else "sampled"
     held = evaluation_of(scores, chosen, floor, certificate_of(contest), contest)
     print_reference(held["reference"], contest)
     if judged_by.gamma is not None:
-        print_floor(held["evaluation"], judged_by.gamma)
+        print_objective_gap(held["evaluation"], judged_by.gamma)
     if replays is not None:
         shown = policies[evaluated]
         games = {f"episode {number + 1}": number for number in range(given.replay_episodes)}

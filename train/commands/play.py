@@ -11,8 +11,8 @@ from typing import Annotated
 
 from train.commands.parse import fail, heard, options_in, parse, taken_allowed
 from train.play.browser import open_page
-from train.play.kept import Keeper
 from train.play.outcome import total_line
+from train.play.replay_folder import Keeper
 from train.play.server import PlayServer
 from train.play.session import Session
 from train.runs.folder import CONFIG
@@ -56,7 +56,7 @@ def play(arguments: Sequence[str]) -> None:
     options = options_in(arguments)
     against, run = options.get("against"), None
     if against and (Path(against) / CONFIG).exists():
-        from train.play.seats import game_of_run  # torch is slow to import
+        from train.play.setup import game_of_run  # torch is slow to import
 
         run = game_of_run(against)
     given = parse(PlayCommand, arguments, "play", PlayCommand(run or TaskSettings()))
@@ -95,14 +95,14 @@ def settings_of(given: PlayCommand, epsilon_given: bool = False) -> TaskSettings
     )
     if against == "optimal" and not epsilon_given:
         task = replace(task, opponent_epsilon=0.0)
-    from train.play.seats import of_side  # torch is slow to import
+    from train.play.setup import of_side  # torch is slow to import
 
     return of_side(replace(task, opponent=against))
 
 
 def session_for(given: PlayCommand, task: TaskSettings) -> Session:
     """The games that the command asks for."""
-    from train.play.seats import session_of  # torch is slow to import
+    from train.play.setup import session_of  # torch is slow to import
     from train.runs.opponents import is_self_play
 
     beside = given.beside or "astar"

@@ -124,11 +124,11 @@ def other_options(others: Mapping[str, Hyperparameters]) -> Any:
     options = []
     for role, hyper in others.items():
         hints = get_type_hints(type(hyper))
-        told = tyro.conf.arg(help=f"Of the {role}s' algorithm: `pursuit train --help` explains it.")
+        help_text = tyro.conf.arg(help=f"See `pursuit train --help`; for the {role}s.")
         options += [
             (
                 f"{role}_{f.name}",
-                Annotated[hints[f.name], told],
+                Annotated[hints[f.name], help_text],
                 field(default=getattr(hyper, f.name)),
             )
             for f in fields(hyper)
@@ -140,7 +140,7 @@ def show(run: Run, content: dict[str, Any]) -> None:
     """Print what was found."""
     from train.experiments.methods import METHODS, methods  # torch is slow to import
     from train.self_play.payoffs import matches_table
-    from train.self_play.report import told_exploitability
+    from train.self_play.report import describe_exploitability
 
     matches = content["matches"]
     table = matches_table(matches)
@@ -152,5 +152,5 @@ def show(run: Run, content: dict[str, Any]) -> None:
         f"({'exact' if exact else '± is the 95 % interval'}); chasers down, evaders across"
     )
     print_table(table, 100)
-    print("", *told_exploitability(content), sep="\n")
+    print("", *describe_exploitability(content), sep="\n")
     print(f"results, curve, table, methods, pool and {REPORT}: {run.folder}")

@@ -106,10 +106,10 @@ def solve(arguments: Sequence[str]) -> None:
         number = cop_number(
             maze, report=lambda done, chasers: alive(f"{chasers} chaser(s) in turns", done)
         )
-        told = "more than 3" if number is None else str(number)
+        text = "more than 3" if number is None else str(number)
     except ValueError as error:
-        told = f"not known ({error})"
-    print(f"{'cop number (in turns)':<32}{told}")
+        text = f"not known ({error})"
+    print(f"{'cop number (in turns)':<32}{text}")
     if given.num_chasers == 1:
         shown = zip(cells.values(), telling_cells(solution), strict=True)
         chaser, evader = (own if cell is None else cell for cell, own in shown)
@@ -170,9 +170,9 @@ def describe_limited_sight(maze: Maze, given: SolveCommand) -> str:
     )
 
 
-def in_lines(told: Mapping[str, str]) -> str:
-    """What is told of each name, a line each."""
-    return "\n".join(f"{name:<32}{text}" for name, text in told.items())
+def in_lines(rows: Mapping[str, str]) -> str:
+    """The entries, one per line."""
+    return "\n".join(f"{name:<32}{text}" for name, text in rows.items())
 
 
 def describe(solution: ChaseSolution, seconds: float) -> str:
@@ -189,7 +189,7 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
     mean = float(values[np.logical_and.reduce(own)].mean())
     escapes = int((values[apart] >= most * (1.0 - 1e-9)).sum())
     places = int(apart.sum())
-    told = {
+    text = {
         "maze": f"{maze.name}: {maze.num_cells} cells, {maze.num_loops} loops",
         "game": f"{chasers} chaser{'s' if chasers > 1 else ''}, 1 evader, {solution.move_order}, "
         f"{'with' if solution.stay_action else 'no'} stay, {how}",
@@ -199,8 +199,8 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
         "optimal play must be random at": f"{mixed:,} of {places:,} places "
         f"({places - mixed:,} have a pure saddle point)",
     }
-    told["solved in"] = f"{seconds:.2f} s, {solution.sweeps} sweeps"
-    return in_lines(told)
+    text["solved in"] = f"{seconds:.2f} s, {solution.sweeps} sweeps"
+    return in_lines(text)
 
 
 def telling_cells(solution: ChaseSolution) -> tuple[int, int]:

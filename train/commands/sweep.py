@@ -152,7 +152,7 @@ class SweepWatch:
     """Says how far a sweep is: a line whenever a run begins or ends, and every half minute."""
 
     def __init__(self) -> None:
-        self.began, self.told = time.monotonic(), 0.0
+        self.began, self.printed = time.monotonic(), 0.0
         self.before: dict[str, str] = {}
         self.done_before: set[str] | None = None
 
@@ -162,15 +162,15 @@ class SweepWatch:
             self.done_before = {name for name, s in statuses.items() if s == "complete"}
             if self.done_before:
                 print(f"{counts(statuses[name] for name in self.done_before)} already")
-        told = (*ENDED, "interrupted")
+        reported = (*ENDED, "interrupted")
         for name, status in statuses.items():
             new = status != self.before.get(name) and name not in self.done_before
-            if new and status in told:
+            if new and status in reported:
                 print(f"{status:<12}{name}", flush=True)
         ended = sum(status in ENDED for status in statuses.values())
         now = time.monotonic()
-        if statuses != self.before or now - self.told > 30:
-            self.told, self.before = now, dict(statuses)
+        if statuses != self.before or now - self.printed > 30:
+            self.printed, self.before = now, dict(statuses)
             left = self.seconds_left(statuses, progress)
             parts = [f"{ended} of {len(statuses)} done", f"{len(progress)} running"]
             if progress:

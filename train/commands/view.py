@@ -13,7 +13,7 @@ import tyro
 from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder, Extras
 from train.commands.parse import heard, parse
-from train.evaluation.closeups import recorded, sides_of
+from train.evaluation.recordings import recorded, sides_of
 from train.files import check_new_files
 from train.play.browser import open_page
 from train.reports.pages import PLAYER_ROOM, write_page
@@ -96,8 +96,8 @@ def together(given: ViewCommand) -> Path:
     title = ", ".join(path.name for path in given.paths)
     for warning in builder.warnings:
         print(f"pursuit: warning: {warning}", file=sys.stderr)
-    told = [f"Warning: {in_markdown(warning)}" for warning in builder.warnings]
-    write_page(page, title, [*told, PLAYER_ROOM], builder.data(title))
+    text = [f"Warning: {in_markdown(warning)}" for warning in builder.warnings]
+    write_page(page, title, [*text, PLAYER_ROOM], builder.data(title))
     return page
 
 

@@ -26,9 +26,9 @@ from train.evaluation.scores import (
     Measure,
     Reference,
     Score,
+    label_of,
     measure_of,
     reference_of,
-    told,
 )
 from train.settings.checks import EVALUATION_SEED
 
@@ -91,7 +91,7 @@ class MazeContest(Contest):
         parts = [f"{n} {name}{'s' if n > 1 else ''}" for name, n in counts.items() if n]
         others = sorted(
             {
-                told(policy)
+                label_of(policy)
                 for role, policy in self.opponents.items()
                 if role in task.seat_roles and (role != self.role or task.count(role) > 1)
             }

@@ -236,7 +236,7 @@ def score_table(
     return ResultTable(rows, columns)
 
 
-def told(policy: Policy) -> str:
+def label_of(policy: Policy) -> str:
     """A policy in words: its own, or else the name of its class."""
     plain = type(policy).__repr__ is object.__repr__
     return type(policy).__name__ if plain else repr(policy)

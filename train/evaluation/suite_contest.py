@@ -103,8 +103,8 @@ class SuiteContest(MazeContest):
     def line(self) -> str:
         """As `Contest`."""
         first, called = self.task.mazes[0], suite_called(self.task)
-        told = f"maze {first.name} ({first.num_cells} cells; "
-        return super().line().replace(told, f"{len(self.task.mazes)} mazes of {called} (")
+        text = f"maze {first.name} ({first.num_cells} cells; "
+        return super().line().replace(text, f"{len(self.task.mazes)} mazes of {called} (")
 
     # -- starts that are played ----------------------------------------------------------------
 

@@ -66,7 +66,7 @@ def summary_of(contest: SuiteContest, found: InMazes) -> dict[str, Any]:
     "optimality_gap" is that of the mean steps; "mean_gap" the mean of the gaps of the mazes, each
     of which counts as much; "solved_mazes" the share of mazes won from everywhere.
     """
-    told: dict[str, Any] = {
+    summary: dict[str, Any] = {
         **{name: contest.describe()[name] for name in ("task", "maze")},
         "mazes": len(contest.played),
         "exact": found.exact,
@@ -76,16 +76,16 @@ def summary_of(contest: SuiteContest, found: InMazes) -> dict[str, Any]:
     }
     measured = found.values(contest.measure)
     if contest.measure.name != "steps" and measured is not None:
-        told[contest.measure.column] = float(measured.mean())
+        summary[contest.measure.column] = float(measured.mean())
     if contest.best is not None:
         gaps = gaps_of(found, contest.best)
-        told |= {
+        summary |= {
             "optimal_steps": float(contest.best.steps.mean()),
             "optimality_gap": float(found.steps.mean() / contest.best.steps.mean() - 1.0),
             "mean_gap": float(gaps.mean()),
             "worst_gap": float(gaps.max() if contest.measure.less_is_better else gaps.min()),
         }
-    return told
+    return summary
 
 
 def generalisation(seen: dict[str, Any], unseen: dict[str, Any]) -> dict[str, Any]:

@@ -13,7 +13,15 @@ from threading import current_thread, main_thread
 from typing import Any, Protocol
 
 from pursuit.plugins import environment
-from train.experiments.study import ERROR, Study, Told, prepare, status_of, statuses_of, to_do
+from train.experiments.study import (
+    ERROR,
+    Study,
+    Watch,
+    prepare,
+    status_of,
+    statuses_of,
+    to_do,
+)
 from train.experiments.worker import perform_here, progress_of, record_end, start_worker
 from train.files import only_one
 from train.settings.checks import check
@@ -38,7 +46,11 @@ class Job(Protocol):
 
 
 def run_study(
-    study: Study, out: Path, slots: int, start: Callable[[Path, int], Job], told: Told
+    study: Study,
+    out: Path,
+    slots: int,
+    start: Callable[[Path, int], Job],
+    watch: Watch,
 ) -> dict[str, str]:
     """Do all jobs that are not complete, and return the status of every job by name.
 
@@ -47,7 +59,7 @@ def run_study(
         out: the folder of the study.
         slots: jobs at a time.
         start: starts the job in a folder, given the number of its slot.
-        told: is told how far it is.
+        watch: called with the status and progress of all runs.
 
     Raises:
         KeyboardInterrupt: once the jobs have saved.
@@ -58,7 +70,7 @@ def run_study(
         for name in waiting:  # what goes on has not failed
             (folders[name] / ERROR).unlink(missing_ok=True)
         statuses = statuses_of(study, out)
-        told(statuses, {})
+        watch(statuses, {})
         running: dict[int, tuple[str, Job]] = {}
         try:
             while waiting or running:
@@ -73,7 +85,7 @@ def run_study(
                         del running[slot]
                         record_end(folders[name], code)
                         statuses[name] = status_of(folders[name])
-                told(statuses, {name: progress_of(folders[name]) for name, _ in running.values()})
+                watch(statuses, {name: progress_of(folders[name]) for name, _ in running.values()})
                 if running:
                     time.sleep(POLL)
         except KeyboardInterrupt:
@@ -121,7 +133,7 @@ class JobHere:
         """As `Job`."""
 
 
-def run_locally(study: Study, out: Path | str, workers: int, told: Told) -> dict[str, str]:
+def run_locally(study: Study, out: Path | str, workers: int, watch: Watch) -> dict[str, str]:
     """Do all jobs that are not complete in `workers` processes.
 
     A job that failed before is tried again. Ctrl-C lets the running ones save their checkpoints.
@@ -132,7 +144,7 @@ def run_locally(study: Study, out: Path | str, workers: int, told: Told) -> dict
         study: the jobs.
         out: the folder of the study.
         workers: processes at a time; 0 does one job after the other in this process.
-        told: is told how far it is.
+        watch: called with the status and progress of all runs.
 
     Returns:
         The status of every job by name.
@@ -141,14 +153,14 @@ def run_locally(study: Study, out: Path | str, workers: int, told: Told) -> dict
         KeyboardInterrupt: once the jobs have saved.
     """
     if not workers:
-        return run_study(study, Path(out), 1, lambda folder, slot: JobHere(folder), told)
+        return run_study(study, Path(out), 1, lambda folder, slot: JobHere(folder), watch)
     os.environ.update(OF_WORKERS)  # libraries of this process have read theirs
     cores = sorted(os.sched_getaffinity(0), reverse=True) if study.pinned else []
 
     def start(folder: Path, slot: int) -> LocalJob:
         return LocalJob(folder, cores[slot % len(cores)] if cores else None)
 
-    return run_study(study, Path(out), workers, start, told)
+    return run_study(study, Path(out), workers, start, watch)
 
 
 # -- Ray -------------------------------------------------------------------------------------------
@@ -210,7 +222,7 @@ class RayJob:
         self.ray.cancel(self.task)
 
 
-def run_on_ray(study: Study, out: Path | str, address: str | None, told: Told) -> dict[str, str]:
+def run_on_ray(study: Study, out: Path | str, address: str | None, watch: Watch) -> dict[str, str]:
     """Do all jobs that are not complete as tasks of a Ray cluster, one core each.
 
     All machines of the cluster read and write the folder `out`: it lies on a disk that they share.
@@ -220,7 +232,7 @@ def run_on_ray(study: Study, out: Path | str, address: str | None, told: Told) -
         study: the jobs.
         out: the folder of the study.
         address: of the cluster, "auto" for the one of this machine; None starts one here.
-        told, returned: as `run_locally`.
+        watch, returned: as `run_locally`.
 
     Raises:
         KeyboardInterrupt: once the jobs have saved.
@@ -235,7 +247,7 @@ def run_on_ray(study: Study, out: Path | str, address: str | None, told: Told) -
             signal.signal(signal.SIGTERM, before)
     try:
         slots = max(int(ray.cluster_resources().get("CPU", 1)), 1)
-        return run_study(study, Path(out), slots, lambda folder, _: RayJob(ray, folder), told)
+        return run_study(study, Path(out), slots, lambda folder, _: RayJob(ray, folder), watch)
     finally:
         if started_here:
             ray.shutdown()

@@ -35,7 +35,7 @@ FORMAT = 2
 CALL, OUTCOME = "call.json", "outcome.json"
 """Of a job that is a function: its name and arguments, and what it returned."""
 
-Told = Callable[[dict[str, str], dict[str, float]], None]
+Watch = Callable[[dict[str, str], dict[str, float]], None]
 """Called now and then with the status of every job by name, and the progress of those running."""
 
 

@@ -127,8 +127,8 @@ def multiply_out(file: SweepFile, stem: str) -> Study:
                 same = runs.setdefault(run.name.rsplit("-", 1)[1], run)
                 check(  # a combination named twice runs once
                     same.label == run.label,
-                    f"{told(same.label)} and {told(run.label)} have equal settings: they are one "
-                    "run; change one of them, or leave it out",
+                    f"{run_label(same.label)} and {run_label(run.label)} have equal "
+                    "settings; change one of them, or leave it out",
                 )
     return Study(
         stem if file.title is None else file.title,
@@ -173,7 +173,7 @@ def runs_of(
         settings, given = frozen_mazes(asked)
         inputs = inputs_of(settings)
     except ValueError as error:
-        which = told(label | {"seed": seeds[0]})
+        which = run_label(label | {"seed": seeds[0]})
         raise ValueError(f"the combination {which} cannot run: {error}") from None
     if "name" in label:
         varying["variant"] = label["name"]
@@ -183,7 +183,7 @@ def runs_of(
         yield TrainingRun(name, kind, own, episodes, varying, given, inputs)
 
 
-def told(label: Mapping[str, Any]) -> str:
+def run_label(label: Mapping[str, Any]) -> str:
     """What varies, in one line."""
     return ", ".join(f"{name}={value!r}" for name, value in label.items())
 

@@ -32,7 +32,7 @@ REFERENCES = {
 }
 """What stands beside the measure in tables, where the runs have it: means over seeds."""
 HEADS = {
-    "floor": "floor of the objective, %",
+    "floor": "objective gap, %",
     "success": "success, %",
     "less": "less than at the start, %",
     "least": "of the worst seed, %",
@@ -201,8 +201,8 @@ def summary(rows: list[Row], x: str | None) -> list[Row]:
         if before in known:
             less = [reduction(row[before], row[measure.column]) for row in chosen]
             line |= {"less": float(np.mean(less)), "least": min(less)}
-        if measure is GAP and "objective_floor" in known:
-            line["floor"] = 100.0 * mean("objective_floor")
+        if measure is GAP and "objective_gap" in known:
+            line["floor"] = 100.0 * mean("objective_gap")
         if "success_rate" in known:
             line["success"] = 100.0 * mean("success_rate")
         table.append(line | {"seconds": mean("seconds"), "frames": mean("frames")})
@@ -257,7 +257,7 @@ def sentences(rows: list[Row]) -> list[str]:
             "NashConv is exact, of the two policies as they are at that moment; 0 is an "
             "equilibrium. Against A*: expected steps until capture."
         )
-    if measure is GAP and all(row.get("objective_floor") is not None for row in rows):
+    if measure is GAP and all(row.get("objective_gap") is not None for row in rows):
         lines.append(
             "The floor of the objective is the gap of the policy that is best by the discounted "
             "rewards: exact, over all starts."

@@ -111,7 +111,7 @@ class PlayServer:
         app.route("/<token>/state", "GET", self._state)
         app.route("/<token>/move", "POST", self._move)
         app.route("/<token>/next", "POST", self._next)
-        app.default_error_handler = _told
+        app.default_error_handler = _error_text
         return app
 
     def _admit(self) -> None:
@@ -224,7 +224,7 @@ def _guard() -> None:
         bottle.response.set_header(name, value)
 
 
-def _told(error: bottle.HTTPError) -> str:
+def _error_text(error: bottle.HTTPError) -> str:
     """What stands in an answer to what is not there, or went wrong."""
     bottle.response.content_type = "application/json"
     return json.dumps({"error": error.status_line})

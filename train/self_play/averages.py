@@ -111,7 +111,7 @@ def averages_of(
     return nash_convs(averages(task, discount, tables, mixtures))
 
 
-def told_averages(convs: Mapping[str, Sequence[float]]) -> str:
+def describe_averages(convs: Mapping[str, Sequence[float]]) -> str:
     """In words, with the bounds where they are not one number."""
     parts = []
     for what, (lower, upper) in convs.items():

@@ -12,8 +12,8 @@ import numpy as np
 from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
-from train.evaluation.closeups import MOST_OVERLAY_CELLS, recorded, sides_of
 from train.evaluation.contest import GameContest
+from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded, sides_of
 from train.files import read_json
 from train.reports.curves import Panel, Series, draw_panels
 from train.reports.figures import BLACK, BLUE, ORANGE
@@ -21,7 +21,7 @@ from train.reports.pages import PLAYER_ROOM, details, pairs, picture, section, w
 from train.reports.tables import in_markdown
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
 from train.runs.report import made_with
-from train.self_play.averages import told_averages
+from train.self_play.averages import describe_averages
 from train.self_play.league import Entry, LeagueTable, cycle_of, play_league
 from train.self_play.payoffs import draw_league, matches_table
 from train.settings.self_play import ROLES
@@ -102,7 +102,7 @@ def write_self_play_report(
     about = f"Run {folder.name}: {results['algorithm']}, opponents {results['sampling']}."
     parts = [
         in_markdown(about),
-        *told_exploitability(results),
+        *describe_exploitability(results),
         PLAYER_ROOM,
         *section("Exploitability over time", picture(folder / CURVE, "exploitability over time")),
         *section("Matches at the end", matches_table(results["matches"]).markdown()),
@@ -128,7 +128,7 @@ def snapshots_league(trainee: Any, task: Task, pair: Mapping[str, Policy]) -> Le
     return play_league(task, entries, GAMES, 0)
 
 
-def told_exploitability(results: Mapping[str, Any]) -> list[str]:
+def describe_exploitability(results: Mapping[str, Any]) -> list[str]:
     """What was found, in words: NashConv and value where they are exact, best responses."""
     found, start = results["evaluation"], results.get("at_start", {})
     limited = bool(results.get("limited_sight"))
@@ -138,27 +138,27 @@ def told_exploitability(results: Mapping[str, Any]) -> list[str]:
             "exact for best responses that see everything, so a bound under limited sight, where "
             "an equilibrium need not reach 0"
         )
-    told = []
+    lines = []
     if "nash_conv" in found:
         before = f" (at the start {start['nash_conv']:.3f})" if "nash_conv" in start else ""
-        told.append(f"NashConv {found['nash_conv']:.3f} discounted steps{before}; {meaning}.")
+        lines.append(f"NashConv {found['nash_conv']:.3f} discounted steps{before}; {meaning}.")
     if results.get("averages"):
-        told.append(f"{told_averages(results['averages'])}.")
+        lines.append(f"{describe_averages(results['averages'])}.")
     if results.get("whole_game"):
-        told.append(told_whole_game(results["whole_game"]))
+        lines.append(describe_whole_game(results["whole_game"]))
     if "game_value" in found and "value" in found:
         sight = " in full sight" if limited else ""
-        told.append(f"Value {found['value']:.3f}; of the game{sight} {found['game_value']:.3f}.")
+        lines.append(f"Value {found['value']:.3f}; of the game{sight} {found['game_value']:.3f}.")
     for kind in ("exact", "approximate"):
         for name, steps in results.get(f"{kind}_best_response", {}).items():
             full = " of full sight" if kind == "exact" and limited else ""
             against = name.replace("_", " the ")
-            told.append(f"{kind} best response{full} {against}: {steps:.2f} steps.".capitalize())
-    told.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
-    return told
+            lines.append(f"{kind} best response{full} {against}: {steps:.2f} steps.".capitalize())
+    lines.append(f"{results['frames']:,} frames in {results['seconds']:.1f} s.")
+    return lines
 
 
-def told_whole_game(found: Mapping[str, Any]) -> str:
+def describe_whole_game(found: Mapping[str, Any]) -> str:
     """NashConv of a game that pays its sides, in words."""
     each = ", ".join(
         f"{role} is paid {paid:.3f} and could gain {found['gains'][role]:.3f}"

@@ -31,17 +31,17 @@ from train.runs.in_play import memories_of, put_memories
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.threads import check_device, prepare_torch
 from train.self_play.averages import averages_of
+from train.self_play.metrics import (
+    exact_best_responses,
+    exploited,
+    format_row,
+    matches,
+    scripted_references,
+    whole_game,
+)
 from train.self_play.parts import SelfPlayParts, self_play_parts, side_settings
 from train.self_play.pool import LATEST, OpponentPool, nash_mixtures, weights
 from train.self_play.side import Side
-from train.self_play.standing import (
-    exact_best_responses,
-    exploited,
-    matches,
-    scripted_beside,
-    told_row,
-    whole_game,
-)
 from train.settings.checks import evaluation_seed
 from train.settings.self_play import LEARN, ROLES, SelfPlaySettings, self_play_ppo
 
@@ -216,16 +216,16 @@ class SelfPlay:
         chaser, evader = (self.policy(role) for role in ROLES)
         row = exploited(self.task, chaser, evader, self.parts.discount)
         row["steps"] = match(self.task, chaser, evader, episodes, most=most).steps
-        for name in scripted_beside(self.task):
+        for name in scripted_references(self.task):
             for role in self.sides:
                 other = self.parts.scripted[name, other_role(role)]
                 one, two = (chaser, other) if role == "chaser" else (other, evader)
                 row[f"{role}_vs_{name}"] = match(self.task, one, two, episodes, most=most).steps
         return row
 
-    def told(self, row: dict[str, float]) -> list[str]:
-        """As `told_row`."""
-        return told_row(row)
+    def format_row(self, row: dict[str, float]) -> list[str]:
+        """As `format_row`."""
+        return format_row(row)
 
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
         """Exploitability, everybody against everybody, pools; for teams how well a best response
@@ -233,7 +233,7 @@ class SelfPlay:
         settings, pair = self.settings, {role: self.policy(role) for role in ROLES}
         players = {
             role: {"learned" if role in self.sides else "frozen": pair[role]}
-            | {name: self.parts.scripted[name, role] for name in scripted_beside(self.task)}
+            | {name: self.parts.scripted[name, role] for name in scripted_references(self.task)}
             for role in ROLES
         }
         content: dict[str, Any] = {

@@ -18,8 +18,8 @@ from train import settings_of, start
 from train.commands.scores import print_scores, print_whole_game
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
-from train.evaluation.floor import objective_floor
 from train.evaluation.games import won_by
+from train.evaluation.objective_gap import objective_gap
 from train.evaluation.scores import (
     BY_LONG_LIFE,
     BY_RETURN,
@@ -105,7 +105,7 @@ def test_other_references_stay_as_they_are() -> None:
 
 def test_the_floor_of_a_whole_game_is_what_the_best_by_the_rewards_loses() -> None:
     for contest, discount in ((RACE, 0.8), (HEIST, 0.8)):
-        floor = objective_floor(contest, discount)
+        floor = objective_gap(contest, discount)
         name = contest.task.agent_names[contest.task.seat(contest.agent)]
         plan = solve_joint(contest.task, [name], contest.opponents, None, discount, "return").policy
         score = contest.score("best by the rewards", plan)
@@ -119,9 +119,9 @@ def test_the_floor_of_a_whole_game_is_what_the_best_by_the_rewards_loses() -> No
             assert gap == pytest.approx(floor.gap, abs=0.03)
     # The farther it looks ahead, the nearer it is to what it is paid in the end.
     for contest in (RACE, HEIST):
-        near, far = (objective_floor(contest, discount).paid for discount in (0.5, 0.999))
+        near, far = (objective_gap(contest, discount).paid for discount in (0.5, 0.999))
         assert near is not None and far is not None and far <= near and far < 1e-3
-    assert objective_floor(HEIST, 1.0) == (None, None)
+    assert objective_gap(HEIST, 1.0) == (None, None)
 
 
 def score(name: str, steps: float, paid: float | None = None) -> Score:

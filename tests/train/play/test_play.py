@@ -24,9 +24,9 @@ from pursuit.replays.replay import Replay
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner
 from train.commands import play as play_command
 from train.commands.main import main
-from train.play.kept import PATTERN
-from train.play.seats import session_of
+from train.play.replay_folder import PATTERN
 from train.play.server import PlayServer
+from train.play.setup import session_of
 from train.settings.task import TaskSettings
 
 PAGE = Path(__file__).parents[3] / "docs" / "play.md"

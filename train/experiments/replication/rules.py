@@ -101,7 +101,7 @@ def part_of(run: Ran, part: str) -> float:
     ones, "learning" the rest. 0 where there is no gap at all.
     """
     gap, solved = run.number("optimality_gap"), run.number("solved_gap")
-    floor = run.number("objective_floor")
+    floor = run.number("objective_gap")
     parts = {"floor": floor, "loops": gap - solved, "learning": solved - floor}
     return 100.0 * parts[part] / gap if gap > 0.0 else 0.0
 

@@ -13,7 +13,7 @@ from pursuit.tasks.task import Task
 from scripted_agents import action_values
 from train.evaluation.contest import GameContest
 from train.evaluation.games import is_exact, table_in
-from train.evaluation.scores import told
+from train.evaluation.scores import label_of
 from train.evaluation.suite_contest import SuiteContest
 
 MOST_OVERLAY_CELLS = 225
@@ -52,7 +52,7 @@ def players_of(contest: Any, player: str) -> dict[str, str]:
     found = {}
     for name, role in zip(task.agent_names, task.seat_roles, strict=True):
         policy = contest.opponents.get(name, contest.opponents.get(role))
-        found[name] = player if name == own or policy is None else told(policy)
+        found[name] = player if name == own or policy is None else label_of(policy)
     return found
 
 

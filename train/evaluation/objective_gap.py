@@ -22,14 +22,14 @@ from train.evaluation.joint_contest import joint_work
 MAX_CELLS = 256
 """Above this number of cells the floor of a duel is not computed: some seconds."""
 
-MAX_FLOOR_WORK = 50_000_000
+MAX_OBJECTIVE_WORK = 50_000_000
 """Above this size (`joint_work`) that of a whole game is not: a quarter of a minute on 5x5."""
 
 TIE = 1e-9
 """Relative difference below which two actions count as equally good."""
 
 
-class Floor(NamedTuple):
+class ObjectiveGap(NamedTuple):
     """What the best policy by the rewards loses; None where it is not known.
 
     Attributes:
@@ -41,10 +41,10 @@ class Floor(NamedTuple):
     paid: float | None = None
 
 
-UNKNOWN = Floor()
+UNKNOWN = ObjectiveGap()
 
 
-def objective_floor(contest: Any, discount: float) -> Floor:
+def objective_gap(contest: Any, discount: float) -> ObjectiveGap:
     """What the best policy by the rewards of the task with this discount loses.
 
     Exact, over all starts. Of policies that are equally good by the rewards the one that is best in
@@ -66,12 +66,12 @@ def objective_floor(contest: Any, discount: float) -> Floor:
     if paid.distance != 0.0 or task.reward_function is not None:
         return UNKNOWN
     if (task.num_agents, task.num_runners) == (1, 1):
-        return Floor(_tour(task, paid, discount))
+        return ObjectiveGap(_tour(task, paid, discount))
     if contest.is_exact and not contest.mask_bumps and task.max_cells <= MAX_CELLS:
-        return Floor(_duel(contest, paid, discount))
+        return ObjectiveGap(_duel(contest, paid, discount))
     if contest.is_exact or contest.mask_bumps or discount >= 1.0:
         return UNKNOWN
-    if joint_work(task) > MAX_FLOOR_WORK:
+    if joint_work(task) > MAX_OBJECTIVE_WORK:
         return UNKNOWN
     return _whole_game(contest, discount)
 
@@ -119,7 +119,7 @@ def _duel(contest: GameContest, paid: Rewards, discount: float) -> float | None:
     return mean_over_starts(steps, maze, least) / mean_over_starts(best.values, maze, least) - 1.0
 
 
-def _whole_game(contest: GameContest, discount: float) -> Floor:
+def _whole_game(contest: GameContest, discount: float) -> ObjectiveGap:
     """Against fixed opponents, by whole games: the best by the objective, and what it gets.
 
     The learner does not see how many steps are left, so its best policy is that of the game without
@@ -132,7 +132,7 @@ def _whole_game(contest: GameContest, discount: float) -> Floor:
     task, name = contest.task, best.agents[0]
     plan = solve_joint(task, [name], contest.opponents, None, discount, "return").policy
     found = evaluate_joint(task, {**contest.opponents, name: plan}, task.max_steps, agents=[name])
-    return Floor(
+    return ObjectiveGap(
         None if steps is None else found.steps[name] / steps.mean_over_starts - 1.0,
         None if paid is None else paid.mean_over_starts - found.returns[name],
     )

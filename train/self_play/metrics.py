@@ -51,7 +51,7 @@ def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> di
     }
 
 
-def told_row(row: Mapping[str, float]) -> list[str]:
+def format_row(row: Mapping[str, float]) -> list[str]:
     """The figures of an evaluation in words: exploitability, steps, and both sides against A*."""
     parts = []
     if "nash_conv" in row:
@@ -68,7 +68,7 @@ def told_row(row: Mapping[str, float]) -> list[str]:
     return parts
 
 
-def scripted_beside(task: Task) -> tuple[str, ...]:
+def scripted_references(task: Task) -> tuple[str, ...]:
     """The scripted agents that stand beside the learned ones: optimal only where it is so."""
     solved = all(why_not_optimal(task, role) is None for role in ROLES) and (
         task.max_cells <= MAX_GAME_CELLS if task.is_duel else work_of(task) <= MAX_EXACT_WORK
