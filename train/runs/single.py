@@ -231,7 +231,7 @@ def evaluation_of(
             "unsolved_share": 1.0 - learned.success_rate,
             "solved_gap": learned.solved_gap,
             "objective_gap": objective.gap if optimum else None,
-            **({"return_gap": objective.paid} if best else {}),
+            **({"return_gap": objective.missing_return} if best else {}),
             **certified,
             **others,
         },

@@ -111,8 +111,8 @@ def test_the_floor_of_a_whole_game_is_what_the_best_by_the_rewards_loses() -> No
         score = contest.score("best by the rewards", plan)
         scores = {each.name: each for each in contest.baselines()}
         paid = BY_RETURN.distance(score, scores["optimal return"])
-        assert floor.paid is not None and floor.paid > -1e-9
-        assert paid == pytest.approx(floor.paid, abs=0.06)
+        assert floor.missing_return is not None and floor.missing_return > -1e-9
+        assert paid == pytest.approx(floor.missing_return, abs=0.06)
         assert (floor.gap is None) == (contest is HEIST)
         if floor.gap is not None:
             gap = optimality_gap(score, scores["optimal"])
