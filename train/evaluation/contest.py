@@ -1,7 +1,7 @@
 """Evaluation of one agent of a task in one maze, with exact references.
 
-Small chases of one evader are evaluated exactly, by backward induction over the cells of all agents.
-Other games are sampled from seeded starts that are the same for all policies.
+Small chases of one evader are evaluated exactly, by backward induction over the cells of all
+agents. Other games are sampled from seeded starts that are the same for all policies.
 """
 
 from __future__ import annotations
@@ -268,8 +268,8 @@ class GameContest(MazeContest):
         return Score(name, mean, ci95, float(won.mean()), self.episodes, False, **means)
 
     def optimal_return(self) -> Score | None:
-        """The best response in returns: `mean_return` is its exact expectation from the same starts.
-        None if it is not known, or if no other agent competes for goals."""
+        """The best response in returns: `mean_return` is its exact expectation from the same
+        starts. None if it is not known, or if no other agent competes for goals."""
         best = self.best_of_returns
         return None if best is None else self._joint_score(best, BY_RETURN)
 

@@ -1,8 +1,8 @@
 """Certified bounds of the optimum of an agent with a limited view.
 
 The best response to an opponent is the optimum of an agent with full view. For a limited view only
-an interval of the optimum is proven, in discounted steps (`solve_hidden_chase`), so scores are given
-in discounted steps as well.
+an interval of the optimum is proven, in discounted steps (`solve_hidden_chase`), so scores are
+given in discounted steps as well.
 """
 
 from __future__ import annotations
@@ -107,8 +107,8 @@ def discounted(
     """The mean discounted steps of a policy, and half the width of its 95 % confidence interval.
 
     Exact over all starts, without time limit, for a policy that is a table. Otherwise from sampled
-    games with `lengths` [games]: truncated games count as the worst case for `role`, as infinite for
-    a chaser, and as ended there for an evader.
+    games with `lengths` [games]: truncated games count as the worst case for `role`, as infinite
+    for a chaser, and as ended there for an evader.
     """
     if is_table_in(task, policy):
         values = values_between(task, role, (table_in(task, policy), table), None, DISCOUNT)

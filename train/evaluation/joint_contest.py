@@ -1,7 +1,8 @@
 """Exact references of games that need a solver of whole games: teams, races, heists.
 
-A game in which evaders collect goals ends with a capture or with the last goal, so it is measured by
-returns, not by steps. A race is measured by goals; its optima in goals, returns and steps are known.
+A game in which evaders collect goals ends with a capture or with the last goal, so it is measured
+by returns, not by steps. A race is measured by goals; its optima in goals, returns and steps are
+known.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ from scripted_agents import (
 )
 
 MAX_WORK, MAX_EVALUATED_WORK = 5_000_000, 200_000_000
-"""Maximum size (`joint_work`) of a whole game that is solved: at the start of a run (4x4, two agents
-and three goals: two seconds); and at its end, by `pursuit evaluate` and by `pursuit baseline` (5x5,
-two agents and three goals or two against two: 15 seconds; up to some 10 million states)."""
+"""Maximum size (`joint_work`) of a whole game that is solved: at the start of a run (4x4, two
+agents and three goals: two seconds); and at its end, by `pursuit evaluate` and by `pursuit
+baseline` (5x5, two agents and three goals or two against two: 15 seconds; up to some 10 million
+states)."""
 
 
 def joint_work(task: Task) -> int:

@@ -48,12 +48,13 @@ def objective_gap(contest: Any, discount: float) -> ObjectiveGap:
     """The loss of the policy with the best discounted return, exact over all starts.
 
     Among policies with equal return the one with the fewest steps (evader: most) counts; in a whole
-    game (team, race, heist) any of them. In a race both values are known, and that of steps is large
-    with any discount, as rewards for goals give no reason to end the game soon.
+    game (team, race, heist) any of them. In a race both values are known, and that of steps is
+    large with any discount, as rewards for goals give no reason to end the game soon.
 
-    Unknown for games too large to be solved, action masks, distance or user-defined rewards, several
-    mazes, starts at marks, too many goals to enumerate, rewards that do not favour short episodes
-    (evader: long ones), a limited view, a whole game without discount, a discount of 0, and the arm.
+    Unknown for games too large to be solved, action masks, distance or user-defined rewards,
+    several mazes, starts at marks, too many goals to enumerate, rewards that do not favour short
+    episodes (evader: long ones), a limited view, a whole game without discount, a discount of 0,
+    and the arm.
     """
     if not isinstance(contest, GameContest) or contest.is_limited or discount == 0.0:
         return UNKNOWN

@@ -260,7 +260,7 @@ class SuiteContest(MazeContest):
         ]
         best = self.best_in_full_sight
         if best is not None and self.is_limited:
-            best = replace(best, name="optimal, full sight")
+            best = replace(best, name="optimal, full view")
         return found if best is None else [*found, best]
 
 

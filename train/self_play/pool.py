@@ -251,14 +251,14 @@ class PoolPolicy:
         self.opponents = np.zeros(num_games, dtype=np.int64)
         self.tables = CellTables(num_games * steps)
 
-    def recurrent(self) -> dict[str, Any]:
+    def recurrent_members(self) -> dict[str, Any]:
         """The members with memory, by name."""
         policies = {member.name: member.policy for member in self.pool.members}
         return {name: policy for name, policy in policies.items() if hasattr(policy, "memory")}
 
     def act(self, view: GameView) -> NDArray[np.int32]:
-        """[num_games] int32 actions: drawn from tables if available (see `CellTables`), otherwise by
-        one forward pass per distinct opponent."""
+        """[num_games] int32 actions: drawn from tables if available (see `CellTables`), otherwise
+        by one forward pass per distinct opponent."""
         policies = [member.policy for member in self.pool.members]
         places = self.tables.places(policies, view.task)
         present = np.flatnonzero(np.bincount(self.opponents))

@@ -1,9 +1,9 @@
 """Opponents as tables: the action probabilities of networks for all pairs of cells.
 
 In a duel a network without memory is a function of two cells. Snapshots never change, and the
-latest opponent is constant between updates. So each network is evaluated once per rollout on all pairs of
-cells, and actions are drawn from the table. The probabilities equal those of the network up to
-rounding, as matrix products of other sizes round differently.
+latest opponent is constant between updates. So each network is evaluated once per rollout on all
+pairs of cells, and actions are drawn from the table. The probabilities equal those of the network
+up to rounding, as matrix products of other sizes round differently.
 """
 
 from __future__ import annotations
