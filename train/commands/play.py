@@ -12,7 +12,7 @@ from typing import Annotated
 from train.commands.parse import fail, heard, options_in, parse, taken_allowed
 from train.play.browser import open_page
 from train.play.outcome import total_line
-from train.play.replay_folder import Keeper
+from train.play.replay_folder import ReplayFolder
 from train.play.server import PlayServer
 from train.play.session import Session
 from train.runs.folder import CONFIG
@@ -62,7 +62,7 @@ def play(arguments: Sequence[str]) -> None:
     given = parse(PlayCommand, arguments, "play", PlayCommand(run or TaskSettings()))
     task = settings_of(given, "opponent_epsilon" in options)
     session = session_for(given, task)
-    keeper = None if given.out is None else Keeper(given.out, given.name)
+    keeper = None if given.out is None else ReplayFolder(given.out, given.name)
     print(session.title())
     on_page(session, given.port, not given.no_browser, keeper)
     if keeper is not None and keeper.added:
@@ -113,7 +113,7 @@ def session_for(given: PlayCommand, task: TaskSettings) -> Session:
         return session_of(task, beside, evaluation_seed(seed))
 
 
-def on_page(session: Session, port: int, browser: bool, keeper: Keeper | None) -> None:
+def on_page(session: Session, port: int, browser: bool, keeper: ReplayFolder | None) -> None:
     """Serve the page until Ctrl-C."""
 
     def over(session: Session) -> None:

@@ -1,4 +1,4 @@
-"""The jobs of a study in processes of this machine, or as tasks of a Ray cluster."""
+"""Execution of the jobs of a study, in local processes or as tasks of a Ray cluster."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ from train.files import only_one
 from train.settings.checks import check
 
 POLL = 0.2
-"""Seconds between two looks at the running jobs."""
+"""Polling interval of running jobs in seconds."""
 SECONDS_TO_ANSWER = 5.0
-"""How long the answer of a cluster is waited for."""
+"""Timeout for the connection to a cluster."""
 OF_WORKERS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-"""Environment variables: one core a job; libraries' threads would get in each other's way."""
-OF_WORKERS["PYTHONSAFEPATH"] = "1"  # a train.py in the current folder does not stand in for ours
+"""Environment variables: one thread per job, as jobs run on one core each."""
+OF_WORKERS["PYTHONSAFEPATH"] = "1"  # a train.py in the current folder is not imported
 
 
 class Job(Protocol):
-    """A job that was started."""
+    """A running job."""
 
     def poll(self) -> int | None:
-        """Its exit status, negative where a signal ended it; None while it runs."""
+        """Its exit status, negative if a signal ended it; None while it runs."""
 
     def stop(self) -> None:
-        """Have it save and end."""
+        """Make it save and exit."""
 
 
 def run_study(
@@ -52,13 +52,13 @@ def run_study(
     start: Callable[[Path, int], Job],
     watch: Watch,
 ) -> dict[str, str]:
-    """Do all jobs that are not complete, and return the status of every job by name.
+    """Execute all jobs that are not complete, and return the status of every job by name.
 
     Args:
         study: the jobs.
         out: the folder of the study.
-        slots: jobs at a time.
-        start: starts the job in a folder, given the number of its slot.
+        slots: number of parallel jobs.
+        start: starts the job in a folder; the second argument is the index of its slot.
         watch: called with the status and progress of all runs.
 
     Raises:
@@ -67,7 +67,7 @@ def run_study(
     with only_one(out, "sweep"):
         folders = {run.name: folder for run, folder in prepare(study, out)}
         waiting = to_do(folders)
-        for name in waiting:  # what goes on has not failed
+        for name in waiting:  # retried
             (folders[name] / ERROR).unlink(missing_ok=True)
         statuses = statuses_of(study, out)
         watch(statuses, {})
@@ -101,7 +101,7 @@ def run_study(
 
 
 class LocalJob:
-    """A job in a process of this machine, kept on `core` unless that is None."""
+    """A job in a local process, pinned to `core` unless that is None."""
 
     def __init__(self, folder: Path, core: int | None) -> None:
         self.process = start_worker(folder)
@@ -120,7 +120,7 @@ class LocalJob:
 
 
 class JobHere:
-    """A job that was done in this process."""
+    """A job that is executed in this process."""
 
     def __init__(self, folder: Path) -> None:
         self.code = perform_here(str(folder), {})

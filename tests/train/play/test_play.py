@@ -196,7 +196,7 @@ def test_a_race_tells_who_has_collected_what() -> None:
 def test_a_person_takes_any_seat(task: str, role: str, known: bool, tmp_path: Path) -> None:
     settings = TaskSettings(task=task, role=role, maze="4x4", stay_action=True, max_steps=40)
     session = session_of(settings, "astar", 1)
-    keeper = play_command.Keeper(tmp_path / "hand", "Ann")
+    keeper = play_command.ReplayFolder(tmp_path / "hand", "Ann")
     taken = []
     while not session.over:
         taken.append(session.step % 5)
@@ -217,7 +217,7 @@ def test_a_person_takes_any_seat(task: str, role: str, known: bool, tmp_path: Pa
 def test_a_captured_evader_is_over_for_the_person_alone(tmp_path: Path) -> None:
     settings = TaskSettings(maze="2x2", num_evaders=2, role="evader_1", opponent_epsilon=0.0)
     session = session_of(settings, "random", 0)
-    keeper = play_command.Keeper(tmp_path, "Ann")
+    keeper = play_command.ReplayFolder(tmp_path, "Ann")
     open_ends = 0
     for _ in range(20):
         while not session.over:
