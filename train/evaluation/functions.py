@@ -65,22 +65,26 @@ def evaluate(
     """See `pursuit.evaluate`; `settings` are those of the opponents and of the task."""
     whole("episodes", episodes, 2)
     own = {key: value for key, value in settings.items() if not key.startswith("opponent")}
-    check(isinstance(task, str) or not own, f"{', '.join(own)}: settings of a task that exists; give
-    them to make_task") if isinstance(task, str):
+    check(
+        isinstance(task, str) or not own, f"{', '.join(own)}: the task exists already; leave it out"
+    )
+    if isinstance(task, str):
         task = make_reacher_task(**own) if task == "reacher" else make_task(task, **own)
-    contest: Any if isinstance(task, ReacherTask):
-        check(agent in (None, "arm"), f"agent={agent!r}; in task 'reacher' it is 'arm'") for name,
-        none in (("opponent", None), ("opponent_epsilon", 0.0)):
+    contest: Any
+    if isinstance(task, ReacherTask):
+        check(agent in (None, "arm"), f"agent={agent!r}; in task 'reacher' it is 'arm'")
+        for name, none in (("opponent", None), ("opponent_epsilon", 0.0)):
             check(
                 settings[name] == none,
                 f"{name}={settings[name]!r}; task 'reacher' has no other agents; leave it out",
             )
         contest = ArmContest(task, episodes, evaluation_seed(seed))
     else:
-        agent = checked_task(task).agent_names[0] if agent is None else agent task.seat(agent)
+        agent = checked_task(task).agent_names[0] if agent is None else agent
+        task.seat(agent)
         others = chosen_policies(task, agent, settings["opponent"], settings["opponent_epsilon"])
-        rest = (episodes, evaluation_seed(seed), False, MAX_EVALUATED_WORK) contest =
-        GameContest(task, agent, others, *rest)
+        rest = (episodes, evaluation_seed(seed), False, MAX_EVALUATED_WORK)
+        contest = GameContest(task, agent, others, *rest)
     if not callable(getattr(policy, "act", None)):
         check(callable(policy), f"policy={policy!r}; give a function of observations, or a Policy")
         encoding = "positions" if isinstance(task, ReacherTask) else "one_hot"

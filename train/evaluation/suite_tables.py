@@ -72,8 +72,7 @@ def tables_of(policy: Policy, task: Task, seat: int) -> Iterator[NDArray[np.floa
     if hasattr(policy, "task") and isinstance(policy, DistributionPolicy):  # a learned one
         yield from _learned_tables(policy, task, seat)
         return
-    if isinstance(policy, (NearestGoalRunner, TourRunner)):  # with one goal both take a shortest
-    path
+    if isinstance(policy, (NearestGoalRunner, TourRunner)):  # one goal: a shortest path
         policy = AStarChaser(policy.epsilon)
     if not isinstance(policy, TabularPolicy):
         raise ValueError(f"{policy!r}: not a table over pairs of cells; use sampled evaluation")

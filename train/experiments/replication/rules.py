@@ -97,8 +97,8 @@ def worse_by(run: Ran, to: str) -> float:
 def part_of(run: Ran, part: str) -> float:
     """The share of one part (`PARTS`) in the gap of a run, in per cent.
 
-    "floor" is the objective gap, "loops" the gap added by unsolved starts, "learning" the rest. 0 if
-    there is no gap.
+    "floor" is the objective gap, "loops" the gap added by unsolved starts, "learning" the rest.
+    0 if there is no gap.
     """
     gap, solved = run.number("optimality_gap"), run.number("solved_gap")
     floor = run.number("objective_gap")
