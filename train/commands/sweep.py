@@ -68,7 +68,7 @@ def sweep(arguments: Sequence[str]) -> None:
 
 
 def check_options(given: SweepCommand) -> None:
-    """ValueError for options that no sweep takes, whatever its file."""
+    """ValueError for options that are invalid for every sweep file."""
     check(
         given.file is None or not given.list,
         f"{given.file!r} with --list, which names the shipped files; leave one of the two out",
@@ -81,13 +81,13 @@ def check_options(given: SweepCommand) -> None:
 
 
 def carry_out(plan: Study, given: SweepCommand, again: str) -> None:
-    """Do the runs of `plan` as the options say, watch them, and report.
+    """Execute the runs of `plan`, print the progress, and write the report.
 
-    Exits with 1 where runs failed; `again` says how to go on.
+    Exits with status 1 if runs failed; `again` is the command that continues.
 
     Raises:
-        ValueError: options that make no sense.
-        KeyboardInterrupt: it was interrupted; what was learned is saved.
+        ValueError: invalid options.
+        KeyboardInterrupt: on interruption; checkpoints are saved.
     """
     from train.experiments.executors import run_locally, run_on_ray  # torch is slow to import
     from train.experiments.report import report_on
@@ -113,7 +113,7 @@ def carry_out(plan: Study, given: SweepCommand, again: str) -> None:
     left = {name: status for name, status in statuses.items() if status != "complete"}
     for name, status in left.items():
         folder = out / "runs" / name
-        where = folder / "error.txt" if status == "failed" else f"{folder}; go on with: {again}"
+        where = folder / "error.txt" if status == "failed" else f"{folder}; continue with: {again}"
         print(f"{status}: {where}", file=sys.stderr)
     if left:
         sys.exit(1)
@@ -121,7 +121,7 @@ def carry_out(plan: Study, given: SweepCommand, again: str) -> None:
 
 @contextlib.contextmanager
 def resumable(again: str, now: Callable[[], str] = lambda: "") -> Iterator[None]:
-    """Says, where it is interrupted, how far it is (`now`) and by which command it goes on."""
+    """Print the progress (`now`) and the command that continues if interrupted."""
     try:
         yield
     except KeyboardInterrupt:
@@ -149,7 +149,7 @@ def list_runs(plan: Study, out: Path) -> None:
 
 
 class SweepWatch:
-    """Says how far a sweep is: a line whenever a run begins or ends, and every half minute."""
+    """Prints the progress of a sweep, when a run starts or ends and every 30 seconds."""
 
     def __init__(self) -> None:
         self.began, self.printed = time.monotonic(), 0.0

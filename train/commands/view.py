@@ -30,13 +30,13 @@ class ViewCommand(Settings):
 
     Of one run, or of self-play, it is the report, RUN/report.html if --out is left out. Of several,
     and of replays, it has all their episodes, to be watched one by one or side by side: those of
-    runs of one task begin alike. The page is one file that asks nothing of anywhere.
+    runs of one task have the same starts. The page is one file without network requests.
     """
 
     paths: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Folders of runs, and replays (.json)."""
     out: Path | None = None
-    """The page; replay.html if left out and no run's report is asked for."""
+    """The output page; by default report.html of a run, otherwise replay.html."""
     episodes: Annotated[int, at_least(1)] = 4
     """Episodes of each run, where several things are shown."""
     overwrite: bool = False
@@ -72,7 +72,7 @@ def report_again(folder: Path, out: Path | None) -> Path:
     kind, _ = read_config(folder)
     check(
         (folder / RESULTS).exists(),
-        f"{folder}: no results yet; go on with it: {KINDS[kind].again} --resume {folder}",
+        f"{folder}: no results yet; continue with {KINDS[kind].again} --resume {folder}",
     )
     if kind == SELF_PLAY:
         results = read_results(folder / RESULTS, RUN)
