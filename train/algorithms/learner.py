@@ -185,7 +185,13 @@ class NetworkLearner:
         env: the games.
         network: what learns.
         device: where it lives.
+
+    Attributes:
+        average: makes tensors their means over the processes that learn these weights; None where
+            there is one.
     """
+
+    average: Callable[[list[torch.Tensor]], None] | None = None
 
     def __init__(
         self, settings: NetworkSettings, env: Games, network: Network, device: str
@@ -218,6 +224,8 @@ class NetworkLearner:
     def descend_by_gradients(self) -> None:
         """One step of Adam with the gradients that all weights have, scaled down likewise."""
         weights = self.optimizer.param_groups[0]["params"]
+        if self.average is not None:
+            self.average([weight.grad for weight in weights if weight.grad is not None])
         clip_gradients(weights, self._descent.max_grad_norm)
         step_adam(self.optimizer)
         # A fused step does not count as a change of the weights, which cached tables of a policy

@@ -124,8 +124,8 @@ def _print(task: Task, table: LeagueTable, tables: Mapping[str, ResultTable], co
     if content["cycle"]:
         chain = " -> ".join([*content["cycle"], content["cycle"][0]])
         print(
-            "\nwarning: these results are not transitive, so no single order says who is better; "
-            f"each is the best answer to the one before: {chain}",
+            "\nwarning: these results are not transitive, so there is no single ranking; "
+            f"each is the best response to the previous one: {chain}",
             file=sys.stderr,
         )
 

@@ -125,7 +125,9 @@ def resumable(again: str, now: Callable[[], str] = lambda: "") -> Iterator[None]
     try:
         yield
     except KeyboardInterrupt:
-        print(f"\ninterrupted; what is done is kept{now()}. Go on with: {again}", file=sys.stderr)
+        print(
+            f"\ninterrupted; completed work is kept{now()}. Continue with: {again}", file=sys.stderr
+        )
         raise
 
 

@@ -20,6 +20,7 @@ from train.evaluation.scores import (
     Score,
     optimality_gap,
 )
+from train.runs.data_parallel import Partner
 from train.runs.folder import MISFITS, RUN, misfit
 from train.runs.in_play import begin, state_in_play
 from train.runs.loop import Budget, Clock, Objective, Run
@@ -46,6 +47,7 @@ class SingleAgent:
 
     Attributes:
         parts, simulator, env, learner, teacher: what it is made of; no teacher without curriculum.
+        partner: the process that learns with this one; None without.
         contest, optimum: what it is judged by, and the exact optimum where it is known.
         policy: the learner's policy as `evaluate` has it, always up to date.
     """
@@ -55,6 +57,7 @@ class SingleAgent:
 
     def __init__(self, parts: Parts, evaluate: str, state: dict[str, Any] | None = None) -> None:
         self.parts, self.evaluated = parts, evaluate
+        self.partner: Partner | None = None
         self._judged: Any = None
         self._solved_work = 0
         self.env, self.teacher, self.learner = begin(parts, state)
@@ -70,15 +73,20 @@ class SingleAgent:
 
     @property
     def frames(self) -> int:
-        """Steps of all games."""
-        return int(self.learner.frames)
+        """Steps of all games, those of the partner included."""
+        return int(self.learner.frames) * (1 if self.partner is None else 2)
 
     def iterate(self, clock: Clock) -> dict[str, float]:
         """One iteration of the learner, after the curriculum has heard of the last one."""
         progress = clock.progress
         if self.teacher is not None:
             self.teacher.update(progress, self.frames, clock.seconds)
-        figures: dict[str, float] = self.learner.iterate(progress)
+        if self.partner is None:
+            own: dict[str, float] = self.learner.iterate(progress)
+            return own
+        figures, returns, lengths = self.partner.iterate(progress, clock.seconds)
+        self.env.finished_returns += returns
+        self.env.finished_lengths += lengths
         return figures
 
     def evaluate(self) -> dict[str, float]:
@@ -143,6 +151,7 @@ class SingleAgent:
             "algorithm": self.parts.algorithm.name,
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
+            **({} if self.partner is None else {"processes": 2}),
             **evaluation_of(scores, self.evaluated, objective, certificate, contest),
             "device": build.device,
             "precision": "bfloat16" if build.bfloat16 else "float32",
@@ -155,9 +164,11 @@ class SingleAgent:
         return {} if form is None else {"update": form}
 
     def state_dict(self) -> dict[str, Any]:
-        """Learner, teacher and games, with what is remembered of them."""
+        """Learner, teacher and games, with what is remembered of them; the partner's as well."""
         state = state_in_play(self.env, self.teacher, self.learner)
         state["algorithm"] = self.parts.algorithm.name
+        if self.partner is not None:
+            state["partner"] = self.partner.state()
         return state
 
     def learned(self) -> dict[str, Any]:
@@ -170,8 +181,10 @@ class SingleAgent:
             write_log(folder, self.teacher.rows)
 
     def close(self) -> None:
-        """End the learner's collecting."""
+        """End the learner's collecting, and the partner."""
         self.learner.close()
+        if self.partner is not None:
+            self.partner.close()
 
 
 def measured(measure: Measure, score: Score) -> float:
@@ -249,12 +262,17 @@ def make_run(
         ValueError: settings that cannot run here, or a checkpoint that does not fit.
     """
     check_device(settings.device)
-    budget = Budget(settings.seconds, settings.frames, settings.threads, settings.clock)
+    threads = 1 if settings.processes == 2 else settings.threads
+    budget = Budget(settings.seconds, settings.frames, threads, settings.clock)
     prepare_torch(budget.first_threads, settings.seed)
     parts = parts_of(settings)
-    if state is None:
-        return Run(SingleAgent(parts, settings.evaluate), folder, budget)
     try:
-        return Run(SingleAgent(parts, settings.evaluate, state["trainee"]), folder, budget, state)
+        saved = None if state is None else state["trainee"]
+        trainee = SingleAgent(parts, settings.evaluate, saved)
+        if settings.processes == 2:
+            trainee.partner = Partner(settings, trainee.learner, folder, saved)
+        return Run(trainee, folder, budget, state)
     except MISFITS as error:
+        if state is None:
+            raise
         raise misfit(folder, error) from error

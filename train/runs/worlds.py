@@ -71,6 +71,7 @@ class GridWorld:
         num_games: int,
         seed: int,
         plan: Plan | None,
+        first_game: int = 0,
     ) -> tuple[SimulatorEnv, Teacher | None]:
         """The training games as a TorchRL environment, and who teaches in them.
 
@@ -79,6 +80,7 @@ class GridWorld:
             num_games: in lockstep.
             seed: of the games.
             plan: what is taught; None without a curriculum.
+            first_game: the number of the first of them among those of the seed.
         """
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
         judge = Judge(
@@ -86,7 +88,7 @@ class GridWorld:
             lambda games: games.returns[:, number],
             measure_of(seat.task, seat.role) != BY_LONG_LIFE,
         )
-        simulator = Simulator(seat.task, num_games, seed, auto_restart=False)
+        simulator = Simulator(seat.task, num_games, seed, first_game, auto_restart=False)
         teacher = None if plan is None else Teacher(plan, simulator, judge)
         return SimulatorEnv(simulator, seat, policies, teacher), teacher
 
@@ -120,9 +122,10 @@ class ArmWorld:
         num_games: int,
         seed: int,
         plan: Plan | None,
+        first_game: int = 0,
     ) -> tuple[ArmEnv, Teacher | None]:
         """As of `GridWorld`."""
-        simulator = ReacherSimulator(seat.task, num_games, seed, auto_restart=False)
+        simulator = ReacherSimulator(seat.task, num_games, seed, first_game, auto_restart=False)
         judge = Judge(lambda arms: arms.terminated, lambda arms: arms.returns)
         teacher = None if plan is None else Teacher(plan, simulator, judge)
         return ArmEnv(simulator, seat, teacher), teacher

@@ -7,7 +7,7 @@ from typing import Any
 
 from pursuit.plugins import Registry
 from train.settings.checks import Count, NotNegative, Positive, Share, check
-from train.settings.hyperparameters import Hyperparameters, NetworkSettings
+from train.settings.hyperparameters import Activation, Hyperparameters, NetworkSettings
 from train.settings.off_policy import DDPGSettings, DQNSettings, SACSettings, TD3Settings
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "LEARNERS",
     "A2CSettings",
     "ActorCriticSettings",
+    "CrossEntropySettings",
     "DDPGSettings",
     "DQNSettings",
     "Hyperparameters",
@@ -150,6 +151,41 @@ class ReinforceSettings(ActorCriticSettings):
 
 
 @dataclass(frozen=True)
+class CrossEntropySettings(Hyperparameters):
+    """The cross-entropy method on network weights (Rubinstein, 1999; Szita and Lőrincz, 2006)."""
+
+    num_games: Count = 1024
+    """Games in lockstep, shared out among the population."""
+    population: Count = 64
+    """Weight vectors in each generation."""
+    elite_share: Share = 0.125
+    """Share of the population that the next distribution is fitted to."""
+    initial_std: Positive = 0.3
+    """Standard deviation of every weight at the start."""
+    extra_std: NotNegative = 0.02
+    """Added to the standard deviations, annealed to 0: it keeps the search from ending early."""
+    action_std: Positive = 0.1
+    """Standard deviation of continuous actions, before tanh; it is not searched."""
+    width: Count = 16
+    """Units of each of the two hidden layers."""
+    activation: Activation = "tanh"
+    """relu or tanh."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(
+            self.num_games % self.population == 0,
+            f"num_games={self.num_games} cannot be shared out among population={self.population}; "
+            "give a multiple of it",
+        )
+        check(
+            round(self.population * self.elite_share) >= 2,
+            f"elite_share={self.elite_share} of population={self.population} is fewer than two; "
+            "raise one of them",
+        )
+
+
+@dataclass(frozen=True)
 class QLearningSettings(Hyperparameters):
     """Tabular Q-learning (Watkins, 1989)."""
 
@@ -181,6 +217,7 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "ddpg": DDPGSettings,
     "td3": TD3Settings,
     "sac": SACSettings,
+    "cross_entropy": CrossEntropySettings,
     "q_learning": QLearningSettings,
 }
 """The settings of every algorithm by its name; `algorithms/registry.py` says what each can do."""

@@ -310,19 +310,19 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
 
     PPO's standardised advantages want a bonus for entropy of 0.1 and a loss of the value four times
     as heavy as usual: runners end at half the gap so, chasers at a fifth; but with eight goals and
-    values that heavy some runs stay with long tours. See docs/speed.md.
+    values that heavy some runs stay with long tours. See docs/results/hyperparameters.md.
 
     A2C's advantages have a standard deviation of about 0.2 in a maze at first, 0.07 later. To make
     it 1 is to make the bonus for entropy 5 to 15 times as weak beside them: some policies were then
     certain of their moves before they solved anything, and stayed with what they had. See
-    docs/speed.md.
+    docs/results/hyperparameters.md.
     """
     hyper = hyperparameter_form(algorithm)()
     if algorithm not in HYPERPARAMETERS:  # a user's own, whose defaults are as they are meant
         return hyper
     if setting.task == "reacher" and isinstance(hyper, ActorCriticSettings):
         return tuned_for_arms(hyper, setting.joints)
-    if setting.unseen_mazes and isinstance(hyper, PPOSettings):  # see docs/unseen_mazes.md
+    if setting.unseen_mazes and isinstance(hyper, PPOSettings):  # see docs/results/unseen_mazes.md
         hyper = replace(hyper, learning_rate=1e-3, epochs=3, minibatch_size=1024)
         return replace(hyper, gamma=0.97, entropy_coef=0.02)
     for form, where, values in TUNED_ROWS:

@@ -3,15 +3,52 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 from train.settings.algorithms import Hyperparameters, PPOSettings
-from train.settings.checks import check, one_of, threads_from
+from train.settings.checks import check, one_of, rule, threads_from
 from train.settings.common import RunSettings
-from train.settings.curricula import CurriculumSettings, curriculum_form
+from train.settings.curricula import (
+    CurriculumSettings,
+    ReversedSettings,
+    ScheduleSettings,
+    ShuffledSettings,
+    UniformSettings,
+    curriculum_form,
+)
 from train.settings.task import AnyTask, TaskSettings
 
 S = TypeVar("S", bound=Hyperparameters, covariant=True)
+ALIKE = (CurriculumSettings, ScheduleSettings, UniformSettings, ReversedSettings, ShuffledSettings)
+"""Curricula that two processes go through alike, whatever episodes each of them has seen."""
+SHARED_OUT = ("num_games", "minibatch_size")
+"""What two processes that learn together have a half each of."""
+
+
+def check_two_processes(settings: TrainSettings[Any]) -> None:
+    """ValueError for a run that two processes cannot share."""
+    hyper, lessons = settings.hyper, settings.lessons
+    alike = type(lessons) in ALIKE and getattr(lessons, "schedule_unit", "share") != "episodes"
+    found = [
+        ("algorithm", settings.algorithm, settings.algorithm == "ppo", "take ppo"),
+        ("device", settings.device, settings.device == "cpu", "take cpu"),
+        ("clock", settings.clock, settings.clock == "wall", "take wall"),
+        ("threads", settings.threads, settings.threads <= 1, "each has one: leave threads out"),
+        ("recurrent", hyper.recurrent, hyper.recurrent is None, "leave it out"),
+        (
+            "curriculum",
+            settings.curriculum,
+            alike,
+            "it learns from episodes, of which each has seen its own: take a scheduled one, not by "
+            "episodes",
+        ),
+    ]
+    for name in SHARED_OUT:
+        value = getattr(hyper, name, 0)
+        fits = value % 2 == 0 and value >= 4
+        found.append((name, value, fits, "each has half of it: take an even number from 4 on"))
+    for name, value, fits, instead in found:
+        check(fits, f"{name}={value!r} with processes=2; {instead}, or take processes=1")
 
 
 @dataclass(frozen=True)
@@ -24,8 +61,8 @@ class TrainSettings(RunSettings, Generic[S]):
     lessons: CurriculumSettings = field(default_factory=CurriculumSettings)
     """The settings of the curriculum."""
     algorithm: str = "ppo"
-    """The learner: ppo, a2c, reinforce, dqn, q_learning; of an arm ppo, a2c, reinforce, ddpg, td3,
-    sac; or package.module:Name of your own."""
+    """The learner: ppo, a2c, reinforce, dqn, cross_entropy, q_learning; of an arm ppo, a2c,
+    reinforce, cross_entropy, ddpg, td3, sac; or package.module:Name of your own."""
     curriculum: str = "none"
     """What is taught when. Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start,
     start-distance, num-goals, maze-size, loops; of an arm target-distance, free-joints, hold,
@@ -44,6 +81,9 @@ class TrainSettings(RunSettings, Generic[S]):
     threads: Annotated[int, threads_from(0)] = 0
     """Threads of torch. 0 is one for each core; with a budget in seconds, one or all of them,
     whichever is the faster at the time; with one in seconds of the processor, one."""
+    processes: Annotated[int, rule(lambda value: value in (1, 2), "1 or 2")] = 1
+    """2: two processes with one thread each learn one policy, from half of the games and of every
+    minibatch each (ppo, for two free cores; a start of some seconds)."""
 
     def __post_init__(self) -> None:
         if self.observation == "auto":
@@ -60,3 +100,5 @@ class TrainSettings(RunSettings, Generic[S]):
             type(self.lessons) is curriculum_form(self.curriculum),
             f"curriculum={self.curriculum!r} with settings of {type(self.lessons).__name__}",
         )
+        if self.processes == 2:
+            check_two_processes(self)

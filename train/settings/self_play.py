@@ -28,7 +28,7 @@ def self_play_ppo() -> PPOSettings:
     """The settings of PPO in self-play: the discount is that of the exact game.
 
     The entropy bonus is annealed to 0. It was chosen with `sampling` on generated mazes; see
-    docs/self_play.md.
+    docs/results/self_play.md.
     """
     return PPOSettings(num_games=512, learning_rate=3e-3, entropy_coef=0.3, minibatch_size=2048)
 
