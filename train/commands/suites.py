@@ -64,15 +64,15 @@ def compared(contest: SuiteContest, found: InMazes, training: SuiteContest, poli
         mazes = tuple(training.task.mazes[int(n * step)] for n in range(SEEN_MAZES))
         training = replace(training, task=replace(training.task, maze=mazes))
     seen = summary_of(training, training.in_mazes(found.name, policy))
-    text = generalisation(seen, summary_of(contest, found))
+    result = generalisation(seen, summary_of(contest, found))
     print(f"in {seen['maze']}, of its training: ", end="")
     tell(seen)
-    lost = text["lost"]
+    lost = result["lost"]
     text = f"generalisation gap: {100 * lost['success_rate']:+.2f} points of success"
     if "optimality_gap" in lost:
         text += f", {100 * lost['optimality_gap']:+.2f} points of the gap to the optimum"
     print(text)
-    return text
+    return result
 
 
 def exact_where_known(contest: SuiteContest, policies: Sequence[Any]) -> SuiteContest:

@@ -205,7 +205,7 @@ def test_a_verdict_needs_more_than_chance() -> None:
         assert told[0] == "control" and told[1].startswith(wanted)
     three = verdicts(hints, none=control[:3], variant=[curve([1.0], seed) for seed in range(3)])
     assert three[1] == "no difference shown (p = 0.10)"
-    assert verdicts(hints, none=control[:1], variant=control[:1])[1] == "nothing can be said"
+    assert verdicts(hints, none=control[:1], variant=control[:1])[1] == "too few runs"
 
 
 def test_many_arms_need_more_and_the_one_that_was_named_before_does_not() -> None:
