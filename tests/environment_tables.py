@@ -1,6 +1,6 @@
 """The tables of the environments' pages, made of the code: signatures, docstrings, spaces, rewards.
 
-    python tests/environment_tables.py      # writes them anew into docs/
+    PYTHONPATH=. python tests/environment_tables.py      # writes them anew into docs/
 
 A page holds a table between `<!-- table: NAME -->` and `<!-- end -->`; tests/test_docs.py compares.
 """
