@@ -445,5 +445,5 @@ def test_who_interrupts_is_given_a_command_that_a_shell_takes(
     again = [*command, "--out", str(tmp_path / "it's mine; or $HOME")]
     with pytest.raises(SystemExit):
         main(again)
-    said = capsys.readouterr().err.partition("Go on with: ")[2]
+    said = capsys.readouterr().err.partition("Continue with: ")[2]
     assert shlex.split(said) == ["pursuit", *again]

@@ -278,10 +278,10 @@ def test_every_shipped_ablation_is_sound_in_both_versions(name: str) -> None:
         ),
         ('name = "near first"', 'name = "near first"\nseed = 7', "sets seed; variants have equal"),
         ("num-goals", "num-stars", "unknown curriculum 'num-stars'"),
-        ("[[variants]]", "[[variants]]", r"called \[\[variants\]\]"),
+        ("[[variants]]", "[[arms]]", r"it is \[\[variants\]\] now"),
         ('curriculum = "num-goals"', 'curriculum = "opponent-epsilon"', "needs opponents"),
         ('task = "maze"', 'task = "heist"', "exact optimum of task 'heist' .* is not known"),
-        ('task = "maze"', 'task = "race"\nnum_goals = 2', "'race' is judged by goals, and an abl"),
+        ('task = "maze"', 'task = "race"\nnum_goals = 2', "'race' is scored by goals, and an abl"),
     ],
 )
 def test_bad_files_are_refused_before_anything_runs(

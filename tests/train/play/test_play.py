@@ -273,7 +273,7 @@ def test_the_command_serves_a_game_keeps_it_and_ends_by_ctrl_c(
     thread.join(20)
     printed = capsys.readouterr().out
     assert f"opened {seen[0]}" in printed and seen[1] in printed
-    assert "optimum  not known" in printed and f"kept: {tmp_path / 'hand'}" in printed
+    assert "optimum  not known" in printed and f"replays: {tmp_path / 'hand'}" in printed
     (kept,) = (tmp_path / "hand").glob(PATTERN)
     replay = Replay.load(kept)
     assert replay.check() == [] and replay.players["evader_0"] == "Ann, by hand"
