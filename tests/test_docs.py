@@ -25,7 +25,7 @@ from pursuit.plugins import is_reference
 from pursuit.tasks.rewards import REWARDS
 from train.commands.main import COMMANDS, command, main
 from train.experiments.ablation import load_ablation
-from train.experiments.comparison.plan import load_race
+from train.experiments.comparison.plan import load_comparison
 from train.experiments.sweep import load_sweep
 
 ROOT = Path(__file__).parents[1]
@@ -250,7 +250,7 @@ def test_the_sweep_files_of_a_page_load(page: str, folder: Path) -> None:
             file.write_text(text, encoding="utf-8")
             load: Any = load_ablation if "control = " in text else load_sweep
             if "contestants = " in text:
-                assert load_race(str(file), "short").trials
+                assert load_comparison(str(file), "short").trials
             else:
                 assert load(str(file), "short").runs
 

@@ -26,14 +26,14 @@ from train.settings.task import AnyTask, TaskSettings
 
 @dataclass(frozen=True)
 class BaselineCommand(Settings):
-    """Random, scripted and optimal agents on a task, exactly where that is possible; of an arm
-    (--task reacher) inverse kinematics and the least steps."""
+    """Evaluate random, scripted and optimal agents on a task, exactly if possible; for the arm
+    (--task reacher) inverse kinematics and the minimum steps."""
 
     task: AnyTask = field(default_factory=TaskSettings)
     episodes: Annotated[int, at_least(2)] = 10_000
-    """Episodes played where there is no exact answer."""
+    """Number of sampled episodes, if there is no exact solution."""
     seed: int = 0
-    """Of those episodes: 0 for those of every evaluation, or others; none is ever trained on."""
+    """Seed of these episodes; 0 as in all evaluations. Training never uses their starts."""
 
 
 def baseline(arguments: Sequence[str]) -> None:

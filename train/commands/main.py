@@ -58,8 +58,8 @@ Compare, with seeds and intervals:
               pursuit sweep maze_by_size --dry-run
   ablate    curricula against each other: equal budgets, the same final difficulty
               pursuit ablate opponent-epsilon --dry-run
-  race      PPO of several libraries against each other, settings searched alike
-              pursuit race ppo --dry-run
+  compare   PPO of several libraries against each other, settings searched alike
+              pursuit compare ppo --dry-run
   report    figures and tables of a sweep; curves of runs laid over each other
               pursuit report runs/first runs/second --x seconds --log
 
@@ -172,6 +172,8 @@ def command(name: str) -> Callable[[Sequence[str]], None]:
     Imported only when it is called, as some of what they need is slow to import. What imports torch
     is imported by the subcommand itself, once its options are accepted.
     """
+    if name == "race":
+        raise ValueError("unknown command 'race' (a race is a task); it is `pursuit compare` now")
     if name not in COMMANDS:
         return COMMAND_PARTS.get(name)
     module = name.replace("-", "_")

@@ -82,9 +82,9 @@ def maze(arguments: Sequence[str]) -> None:
         draw_maze(made, picture)
 
 
-def in_lines(told: Mapping[str, str]) -> str:
-    """What is told of each name, a line each."""
-    return "\n".join(f"{name:<26}{text}" for name, text in told.items())
+def in_lines(rows: Mapping[str, str]) -> str:
+    """The entries, one per line."""
+    return "\n".join(f"{name:<26}{text}" for name, text in rows.items())
 
 
 def draw_maze(maze: Maze, path: Path) -> None:
@@ -108,17 +108,17 @@ def draw_maze(maze: Maze, path: Path) -> None:
 def describe_maze(maze: Maze) -> str:
     """What `pursuit maze` says of a maze, a line each."""
     parts = maze.num_components
-    told = {
+    text = {
         "cells": f"{maze.num_cells} of {maze.height} x {maze.width}",
         "connected": "yes" if parts == 1 else f"no: {parts} parts",
         "dead ends": str(len(maze.dead_ends)),
         "loops": str(maze.num_loops),
     }
     if maze.num_cells <= MAX_TABLE_CELLS:
-        told["longest shortest path"] = str(maze.longest_distance)
+        text["longest shortest path"] = str(maze.longest_distance)
     if parts == 1 and maze.num_cells <= MAX_TABLE_CELLS:
         for goals in range(1, min(3, maze.num_cells - 1) + 1):
             mean = expected_tour_length(maze, goals)
             how = "" if mean.exact else f" (sampled, ± {mean.ci95:.2f})"
-            told[f"mean tour of {goals} goal(s)"] = f"{mean:.4f}{how}"
-    return in_lines(told)
+            text[f"mean tour of {goals} goal(s)"] = f"{mean:.4f}{how}"
+    return in_lines(text)

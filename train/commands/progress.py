@@ -32,16 +32,16 @@ class Alive:
     """
 
     def __init__(self) -> None:
-        self.began = self.told = perf_counter()
+        self.began = self.printed = perf_counter()
         self.what, self.open = "", False
 
     def __call__(self, what: str, share: float) -> None:
         """Report what goes on, and its share that is done, in [0, 1]."""
         now, live = perf_counter(), sys.stderr.isatty()
         if what != self.what:
-            self.what, self.began, self.told = what, now, now
-        elif now - self.told >= (0.5 if live else 10.0) and now - self.began >= QUIET:
-            self.told, self.open = now, live
+            self.what, self.began, self.printed = what, now, now
+        elif now - self.printed >= (0.5 if live else 10.0) and now - self.began >= QUIET:
+            self.printed, self.open = now, live
             line = f"{what}: {100 * share:3.0f} %, {now - self.began:.0f} s"
             print(
                 f"\r{line}" if live else line, end="" if live else "\n", file=sys.stderr, flush=True
@@ -83,7 +83,7 @@ class Watch:
             f"{run.seconds:6.1f} s",
             f"{run.trainee.frames / 1e6:7.2f} M frames",
             f"{row['frames_per_second'] / 1e3:5.1f} k/s",
-            *run.trainee.told(row),
+            *run.trainee.format_row(row),
         ]
         self.progress.console.print("  ".join(parts), highlight=False, soft_wrap=True)
 

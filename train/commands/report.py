@@ -20,7 +20,7 @@ TIME_UNIT = rule(lambda value: value in (None, *UNITS), "frames or seconds")
 
 @dataclass(frozen=True)
 class ReportCommand(Settings):
-    """Figures and tables of a sweep or an ablation, or of several folders beside each other.
+    """Figures and tables of a sweep or an ablation, or of several folders in one figure.
 
     One sweep or ablation: its runs as Parquet tables, its figures and its report, in its folder.
     Several folders, of runs, sweeps and ablations: one report on all of them, in --out. Every

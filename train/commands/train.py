@@ -15,19 +15,19 @@ from train.commands.parse import (
 )
 from train.commands.progress import RunCommand, begun, carry_out, leave
 from train.commands.scores import (
+    announce_solution,
     certificate_of,
     print_bounds,
-    print_floor,
+    print_objective_gap,
     print_reference,
     print_scores,
-    say_what_is_solved,
 )
 from train.evaluation.arm_contest import ArmContest
 from train.evaluation.scores import Score
 from train.files import write_text
 from train.runs.folder import CURVE, REPLAY, REPORT, RUN
 from train.runs.pictures import draw_learning_curve, save_replay
-from train.runs.report import headline, loops_told, of_solved, write_report
+from train.runs.report import describe_loops, headline, of_solved, write_report
 from train.runs.tasks import default_settings
 from train.settings.algorithms import Hyperparameters
 from train.settings.presets import TUNED
@@ -85,7 +85,7 @@ def train(arguments: Sequence[str]) -> None:
         run,
         final.episodes,
         "pursuit train",
-        lambda: say_what_is_solved(trainee.contest, run.stopped),
+        lambda: announce_solution(trainee.contest, run.stopped),
     )
     show(run, content)
     leave(run)
@@ -143,10 +143,10 @@ def show(run: Run, content: dict[str, Any]) -> None:
             f"{100 * evaluation['optimality_gap']:+.2f} %{of_solved(evaluation)}"
         )
     remembers = settings.frame_stack > 1 or settings.hyper.recurrent is not None
-    if settings.evaluate == "greedy" and not remembers and (told := loops_told(content)):
+    if settings.evaluate == "greedy" and not remembers and (told := describe_loops(content)):
         print(told)
     if column != "mean_steps":
         print(f"\n{headline(content)}")
     print_reference(content.get("reference", {}), judged)
-    print_floor(evaluation, trainee.parts.hyper.last_gamma)
+    print_objective_gap(evaluation, trainee.parts.hyper.last_gamma)
     print(f"results, curve, replay, methods and {REPORT}: {run.folder}")

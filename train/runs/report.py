@@ -9,8 +9,8 @@ from typing import Any
 
 from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.tasks.task import Task
-from train.evaluation.closeups import recorded, sides_of
 from train.evaluation.hidden_contest import Certificate
+from train.evaluation.recordings import recorded, sides_of
 from train.evaluation.scores import Reference, Score, score_table
 from train.files import read_json
 from train.reports.pages import PLAYER_ROOM, details, pairs, picture, section, write_page
@@ -84,7 +84,7 @@ def of_solved(evaluation: Mapping[str, Any]) -> str:
     return f" ({100 * unsolved:.1f} % unsolved; gap of the solved {100 * gap:+.2f} %)"
 
 
-def loops_told(content: Mapping[str, Any]) -> str:
+def describe_loops(content: Mapping[str, Any]) -> str:
     """What helps a runner that solves a few starts as it draws and not greedily.
 
     Nothing where there are none, or where it has yet to learn.
@@ -143,11 +143,11 @@ def summary(results: Mapping[str, Any]) -> str:
     held = results.get("reference") or {}
     if held.get("kind") in ("bound", "best known"):
         told += f"; {Reference(**held).line()}"
-    floor, paid = found.get("objective_floor"), found.get("return_floor")
+    floor, paid = found.get("objective_gap"), found.get("return_gap")
     if floor is not None or paid is not None:
         known = [] if floor is None or paid is not None else [f"{100 * floor:+.2f} %"]
         known += [] if paid is None else [f"{paid:.4f} paid less"]
-        told += f" (floor of the objective: {', '.join(known)})"
+        told += f" (objective gap: {', '.join(known)})"
     told += f". {results['frames']:,} frames in {results['seconds']:.1f} s"
     told += " of the processor" if results.get("clock") == "processor" else ""
     return told + (", interrupted." if results["interrupted"] else ".")

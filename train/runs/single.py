@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from train.evaluation.contest import GameContest
-from train.evaluation.floor import UNKNOWN, Floor, objective_floor
 from train.evaluation.hidden_contest import Certificate
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK, MAX_WORK
+from train.evaluation.objective_gap import UNKNOWN, ObjectiveGap, objective_gap
 from train.evaluation.scores import (
     BEST_PAID,
     BY_GOALS,
@@ -106,7 +106,7 @@ class SingleAgent:
         lengths.clear()
         return row if self.teacher is None else row | self.teacher.figures()
 
-    def told(self, row: dict[str, float]) -> list[str]:
+    def format_row(self, row: dict[str, float]) -> list[str]:
         """Return, length and lesson of the training games, steps and gap of the evaluation."""
         parts = []
         if "episode_return" in row:
@@ -144,7 +144,7 @@ class SingleAgent:
         if self.parts.algorithm.learns_distribution:
             scores.append(contest.score("learned, sampled", self.learner.policy(greedy=False)))
         build, plan = self.parts.build, self.parts.plan
-        floor = objective_floor(contest, self.parts.hyper.last_gamma)
+        objective = objective_gap(contest, self.parts.hyper.last_gamma)
         certificate = contest.certificate() if isinstance(contest, GameContest) else None
         return {
             **contest.describe(),
@@ -152,7 +152,7 @@ class SingleAgent:
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
             **({} if self.partner is None else {"processes": 2}),
-            **evaluation_of(scores, self.evaluated, floor, certificate, contest),
+            **evaluation_of(scores, self.evaluated, objective, certificate, contest),
             "device": build.device,
             "precision": "bfloat16" if build.bfloat16 else "float32",
             **self._update(),
@@ -197,11 +197,11 @@ def measured(measure: Measure, score: Score) -> float:
 def evaluation_of(
     scores: list[Score],
     evaluated: str,
-    floor: Floor = UNKNOWN,
+    objective: ObjectiveGap = UNKNOWN,
     certificate: Certificate | None = None,
     contest: Any = None,
 ) -> dict[str, Any]:
-    """ "evaluation", "reference" and "scores" of `results.json`; `floor` is the objective's.
+    """ "evaluation", "reference" and "scores" of `results.json`; `objective` is the objective gap.
 
     Under limited sight no optimum is known, but what is certain of it. `contest` says what is held
     against what; without it there is no reference.
@@ -243,8 +243,8 @@ def evaluation_of(
             "optimality_gap": optimality_gap(learned, optimum),
             "unsolved_share": 1.0 - learned.success_rate,
             "solved_gap": learned.solved_gap,
-            "objective_floor": floor.gap if optimum else None,
-            **({"return_floor": floor.paid} if best else {}),
+            "objective_gap": objective.gap if optimum else None,
+            **({"return_gap": objective.missing_return} if best else {}),
             **certified,
             **others,
         },

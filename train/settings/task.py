@@ -125,7 +125,7 @@ class TaskSettings(Settings):
     @property
     def agent(self) -> str:
         """Who learns."""
-        return who_learns(self.task, self.role)
+        return learning_role(self.task, self.role)
 
     @property
     def label(self) -> str:
@@ -138,7 +138,7 @@ class TaskSettings(Settings):
         check_observation(name)
 
 
-def who_learns(task: str, role: str) -> str:
+def learning_role(task: str, role: str) -> str:
     """The role that is named, or the first of a task for "auto"."""
     if role != "auto":
         return role
