@@ -10,7 +10,7 @@ import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.fused_rollouts import Frames
-from train.algorithms.learner import Build, Games, NetworkLearner, has_masks
+from train.algorithms.learner import Build, NetworkLearner, VecEnv, has_masks
 from train.algorithms.rollouts import Figures, RolloutLearner, actor_critic_of
 from train.networks.actor_critic import ActorCritic
 from train.networks.fused_actor_critic import LossCoefficients
@@ -33,7 +33,7 @@ class A2C(RolloutLearner):
     def __init__(
         self,
         settings: A2CSettings,
-        env: Games,
+        env: VecEnv,
         network: ActorCritic,
         device: str = "cpu",
         fused: bool = True,
@@ -87,7 +87,7 @@ def a2c_loss(
     Returns:
         The loss, and its parts for the log, detached.
     """
-    hidden, value_hidden, frames = network.through(frames)
+    hidden, value_hidden, frames = network.forward_sequence(frames)
     output = network.policy_head(hidden)
     distribution = network.distribution(output, frames.get(ACTION_MASK, None))
     advantage = frames["advantage"]
@@ -120,7 +120,7 @@ class Reinforce(NetworkLearner):
     network: ActorCritic
 
     def __init__(
-        self, settings: ReinforceSettings, env: Games, network: ActorCritic, device: str = "cpu"
+        self, settings: ReinforceSettings, env: VecEnv, network: ActorCritic, device: str = "cpu"
     ) -> None:
         super().__init__(settings, env, network, device)
         self.settings = settings
@@ -192,12 +192,12 @@ class Reinforce(NetworkLearner):
         return frames
 
 
-def build_a2c(settings: A2CSettings, env: Games, how: Build) -> A2C:
+def build_a2c(settings: A2CSettings, env: VecEnv, how: Build) -> A2C:
     """The learner over its games."""
     network = actor_critic_of(settings, env.player, how)
     return A2C(settings, env, network, how.device, how.fused)
 
 
-def build_reinforce(settings: ReinforceSettings, env: Games, how: Build) -> Reinforce:
+def build_reinforce(settings: ReinforceSettings, env: VecEnv, how: Build) -> Reinforce:
     """The learner over its games."""
     return Reinforce(settings, env, actor_critic_of(settings, env.player, how), how.device)

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 
 from pursuit.observations.masks import ACTION_MASK
-from train.algorithms.learner import Games
+from train.algorithms.learner import VecEnv
 from train.environments.lockstep import LockstepEnv
 
 Columns = dict[str, torch.Tensor]
@@ -45,7 +45,7 @@ class Collector:
 
     def __init__(
         self,
-        env: Games,
+        env: VecEnv,
         act: Act,
         steps: int,
         state_size: int = 0,

@@ -9,7 +9,7 @@ import torch
 from curricula import linear
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import NEXT_MASK, Collector, Columns
-from train.algorithms.learner import Build, Games
+from train.algorithms.learner import Build, VecEnv
 from train.algorithms.off_policy import OffPolicyLearner
 from train.algorithms.replay import Batch, mean
 from train.networks.distributions import masked
@@ -38,7 +38,7 @@ class DQN(OffPolicyLearner):
     def __init__(
         self,
         settings: DQNSettings,
-        env: Games,
+        env: VecEnv,
         network: QNetwork,
         target: QNetwork,
         device: str,
@@ -66,7 +66,7 @@ class DQN(OffPolicyLearner):
     def act(self, seen: Columns, state: torch.Tensor) -> tuple[Columns, torch.Tensor]:
         """Actions of the largest values, or with probability `epsilon` any; of those allowed."""
         allowed = seen.get(ACTION_MASK, None)
-        values = masked(self.network.quick(seen["observation"]), allowed)
+        values = masked(self.network.forward_inference(seen["observation"]), allowed)
         greedy = values.argmax(dim=-1)
         explores = torch.rand(greedy.shape, device=greedy.device) < self.epsilon
         if allowed is None:
@@ -127,10 +127,10 @@ def dqn_loss(
         The loss, and |error| [batch], detached.
     """
     with torch.no_grad():
-        next_values = target.quick(batch["next_observation"])
-        chooser = network.quick(batch["next_observation"]) if double else next_values
+        next_values = target.forward_inference(batch["next_observation"])
+        chooser = network.forward_inference(batch["next_observation"]) if double else next_values
         chooser = masked(chooser, batch.get(NEXT_MASK, None))
-    values = network.quick(batch["observation"])
+    values = network.forward_inference(batch["observation"])
     next_action = chooser.argmax(dim=-1, keepdim=True)
     next_value = next_values.gather(-1, next_action).squeeze(-1)
     discount = gamma ** batch["steps"] * ~batch["terminated"]
@@ -145,7 +145,7 @@ def network_of(settings: DQNSettings, player: Player, build: Build) -> QNetwork:
     return QNetwork(*sizes, settings.dueling, build.fused).to(build.device)
 
 
-def build(settings: DQNSettings, env: Games, how: Build) -> DQN:
+def build(settings: DQNSettings, env: VecEnv, how: Build) -> DQN:
     """The learner over its games."""
     network, target = (network_of(settings, env.player, how) for _ in range(2))
     return DQN(settings, env, network, target, how.device, how.seed)

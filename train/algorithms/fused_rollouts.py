@@ -19,7 +19,7 @@ from train.networks.fused_actor_critic import (
 
 Frames = dict[str, torch.Tensor]
 """What a rollout leaves to learn from, column by column; a row is a frame, or of a network that
-remembers a sequence. `ActorCritic.through` says which columns there are."""
+remembers a sequence. `ActorCritic.forward_sequence` says which columns there are."""
 
 
 class FusedUpdate:

@@ -17,7 +17,7 @@ from train.networks.policy import Network, Player
 from train.settings.algorithms import NetworkSettings
 
 
-class Games(Protocol):
+class VecEnv(Protocol):
     """A batched TorchRL environment (an `EnvBase`), with what learners ask beside its specs.
 
     Attributes:
@@ -188,7 +188,7 @@ class NetworkLearner:
     """
 
     def __init__(
-        self, settings: NetworkSettings, env: Games, network: Network, device: str
+        self, settings: NetworkSettings, env: VecEnv, network: Network, device: str
     ) -> None:
         self.env, self.network, self.device = env, network, device
         self._descent = settings

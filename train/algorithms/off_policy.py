@@ -8,7 +8,7 @@ import torch
 
 from curricula import linear
 from train.algorithms.collector import Collector, Columns
-from train.algorithms.learner import Games, NetworkLearner, has_masks, means
+from train.algorithms.learner import NetworkLearner, VecEnv, has_masks, means
 from train.algorithms.prioritized import Priorities
 from train.algorithms.replay import Batch, Replay, n_step_rows
 from train.networks.policy import Network
@@ -32,7 +32,7 @@ class OffPolicyLearner(NetworkLearner):
     def __init__(
         self,
         settings: ReplaySettings,
-        env: Games,
+        env: VecEnv,
         network: Network,
         collector: Collector,
         device: str,

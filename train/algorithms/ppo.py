@@ -9,7 +9,7 @@ import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.fused_rollouts import Frames, select
-from train.algorithms.learner import Build, Games, means
+from train.algorithms.learner import Build, VecEnv, means
 from train.algorithms.rollouts import Figures, RolloutLearner, actor_critic_of
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
@@ -35,7 +35,7 @@ class PPO(RolloutLearner):
     def __init__(
         self,
         settings: PPOSettings,
-        env: Games,
+        env: VecEnv,
         network: ActorCritic,
         device: str = "cpu",
         fused: bool = True,
@@ -122,15 +122,15 @@ def ppo_loss(
 
     Args:
         network: policy and value.
-        minibatch: what `ActorCritic.through` takes, with what was drawn ("action", or "drawn"
-            before tanh), "action_log_prob", "advantage" and "value_target"; with `kl_coef` the
-            "distribution" that it was drawn from; with masks "action_mask".
+        minibatch: the columns that `ActorCritic.forward_sequence` takes, with "action" (continuous
+            actions: "drawn", before tanh), "action_log_prob", "advantage" and "value_target"; with
+            `kl_coef` the "distribution" of the collecting policy; with masks "action_mask".
         coefficients: of the parts of the loss.
 
     Returns:
         The loss, and its parts for the log, detached.
     """
-    hidden, value_hidden, minibatch = network.through(minibatch)
+    hidden, value_hidden, minibatch = network.forward_sequence(minibatch)
     output = network.policy_head(hidden)
     distribution = network.distribution(output, minibatch.get(ACTION_MASK, None))
     advantage = minibatch["advantage"]
@@ -158,7 +158,7 @@ def ppo_loss(
     return total, {name: value.detach() for name, value in parts.items()}
 
 
-def build(settings: PPOSettings, env: Games, how: Build) -> PPO:
+def build(settings: PPOSettings, env: VecEnv, how: Build) -> PPO:
     """The learner over its games."""
     network = actor_critic_of(settings, env.player, how)
     return PPO(settings, env, network, how.device, how.fused)

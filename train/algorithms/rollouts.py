@@ -11,7 +11,7 @@ from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.advantages import advantages
 from train.algorithms.collector import Collector, Columns
 from train.algorithms.fused_rollouts import Frames, FusedUpdate, fused_update
-from train.algorithms.learner import Build, Games, NetworkLearner
+from train.algorithms.learner import Build, NetworkLearner, VecEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
 from train.networks.fused_actor_critic import LossCoefficients
@@ -51,7 +51,7 @@ class TorchUpdate:
 
     def __init__(
         self,
-        env: Games,
+        env: VecEnv,
         network: ActorCritic,
         steps: int,
         loss: Loss,
@@ -85,7 +85,7 @@ class TorchUpdate:
 
     def collect(self, gamma: float, gae_lambda: float) -> Frames:
         """A rollout with its advantages: its frames, or of a network that remembers a sequence for
-        every game, as `ActorCritic.through` takes them."""
+        every game, as `ActorCritic.forward_sequence` takes them."""
         rollout = self.collector.rollout()
         if not self.critic:
             rollout["value_after"] = torch.zeros_like(rollout["value"])
@@ -141,7 +141,7 @@ class RolloutLearner(NetworkLearner):
     def __init__(
         self,
         settings: RolloutSettings,
-        env: Games,
+        env: VecEnv,
         network: ActorCritic,
         device: str,
         gae_lambda: float,
@@ -189,7 +189,7 @@ class RolloutLearner(NetworkLearner):
         self.gamma = self.gamma_at(progress)
 
     def collect(self) -> Frames:
-        """A rollout with its advantages, as `ActorCritic.through` takes it."""
+        """A rollout with its advantages, as `ActorCritic.forward_sequence` takes it."""
         self.frames += self.steps * self.env.action_spec.shape[0]
         return self.update.collect(self.gamma, self.gae_lambda)
 

@@ -27,8 +27,8 @@ from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.files import check_folder, check_new_files, reserved, write_json
-from train.runs.effects import check_task_effects
 from train.runs.tasks import agent_of, task_of
+from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings, at_least, check
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings, in_maze
 
@@ -176,7 +176,7 @@ def run_to_judge(given: EvaluateCommand) -> Judged:
         if isinstance(settings.task, ReacherSettings):
             raise ValueError(f"--opponent-epsilon, and {given.run} moves an arm; leave it out")
         task = replace(settings.task, opponent_epsilon=given.opponent_epsilon)
-        check_task_effects(task)
+        check_unused_task_settings(task)
         settings = replace(settings, task=task)
     policies = {"learned": policy}
     if entry(settings.algorithm).learns_distribution:
@@ -195,7 +195,7 @@ def run_to_judge(given: EvaluateCommand) -> Judged:
 def model_to_judge(given: EvaluateModelCommand) -> Judged:
     """The policies of a saved model, in the task of the options."""
     from train.runs.opponents import check_fits  # torch is slow to import
-    from train.runs.third_party import load_stable_baselines
+    from train.runs.stable_baselines import load_stable_baselines
 
     built = task_of(given.task)
     agent = agent_of(given.task, built)

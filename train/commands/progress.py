@@ -83,7 +83,7 @@ class Watch:
             f"{run.seconds:6.1f} s",
             f"{run.trainee.frames / 1e6:7.2f} M frames",
             f"{row['frames_per_second'] / 1e3:5.1f} k/s",
-            *run.trainee.told(row),
+            *run.trainee.log_fields(row),
         ]
         self.progress.console.print("  ".join(parts), highlight=False, soft_wrap=True)
 

@@ -27,7 +27,7 @@ from train.evaluation.scores import Score
 from train.files import write_text
 from train.runs.folder import CURVE, REPLAY, REPORT, RUN
 from train.runs.pictures import draw_learning_curve, save_replay
-from train.runs.report import headline, loops_told, of_solved, write_report
+from train.runs.report import describe_loops, headline, of_solved, write_report
 from train.runs.tasks import default_settings
 from train.settings.algorithms import Hyperparameters
 from train.settings.presets import TUNED
@@ -143,7 +143,7 @@ def show(run: Run, content: dict[str, Any]) -> None:
             f"{100 * evaluation['optimality_gap']:+.2f} %{of_solved(evaluation)}"
         )
     remembers = settings.frame_stack > 1 or settings.hyper.recurrent is not None
-    if settings.evaluate == "greedy" and not remembers and (told := loops_told(content)):
+    if settings.evaluate == "greedy" and not remembers and (told := describe_loops(content)):
         print(told)
     if column != "mean_steps":
         print(f"\n{headline(content)}")

@@ -154,7 +154,7 @@ class ActorCritic(nn.Module):
         state = torch.cat([own, other], dim=-1)
         return self.policy_head(hidden), self.value_head(value_hidden), state
 
-    def through(
+    def forward_sequence(
         self, frames: Mapping[str, torch.Tensor]
     ) -> tuple[torch.Tensor, torch.Tensor, Mapping[str, torch.Tensor]]:
         """What the heads work on, [frames, width] each, and the other columns of these frames.

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from pursuit.reacher.observations import space_of
 from pursuit.reacher.policy import ArmView
 from pursuit.reacher.task import ReacherTask
-from train.networks.features import Features, seen_by
+from train.networks.features import Features, features_for
 from train.networks.policy import ActionNetwork, PolicyNetwork
-from train.networks.remembering import chosen_from, probabilities_of
+from train.networks.recurrent_policy import chosen_from, probabilities_of
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class ArmSeat:
         PPO (one core) an arm of 8 joints reached 87 % of its targets, and 57 % so scaled in 60 s.
         """
         shape = space_of(self.task, self.encoding).shape
-        return seen_by(Features("flat", shape, np.ones(shape)), self.network)
+        return features_for(Features("flat", shape, np.ones(shape)), self.network)
 
     def policy(self, network: Any, greedy: bool = True) -> ArmNetworkPolicy:
         """A network that moves the arm: an `ActionNetwork`, or a `PolicyNetwork` of choices."""

@@ -69,7 +69,7 @@ def features_of(encoder: Encoder, num_agents: int) -> Features:
     return Features("index", shape, high, np.append(rows, num_rows), num_rows)
 
 
-def seen_by(features: Features, network: str) -> Features:
+def features_for(features: Features, network: str) -> Features:
     """The features as a network is given them, by its name in the settings."""
     if network not in SEEN_AS:
         return replace(features, network=network)

@@ -45,7 +45,7 @@ class FrameStack:
 
     Attributes:
         count: the argument.
-        shape: of what `joined` gives of a game.
+        shape: of what `concatenate` gives of a game.
     """
 
     def __init__(self, features: Features, count: int) -> None:
@@ -63,7 +63,7 @@ class FrameStack:
         """Empty those of some games: new episodes begin there."""
         frames[games] = self._empty
 
-    def joined(self, frames: NDArray[Any]) -> NDArray[Any]:
+    def concatenate(self, frames: NDArray[Any]) -> NDArray[Any]:
         """[games, *shape], a fresh array, from [games, count, ...] with the newest first."""
         if self._offsets is not None:
             added = frames + self._offsets.astype(frames.dtype)[:, None]
@@ -71,10 +71,10 @@ class FrameStack:
         return frames.reshape(len(frames), *self.shape).copy()
 
     def seen(self, frames: NDArray[Any], observed: NDArray[Any]) -> NDArray[Any]:
-        """`joined` of what is seen now [games, *shape of one] and the older ones in `frames`, which
-        takes it in."""
+        """Writes the current observation [games, *shape of one] into `frames`, and returns
+        `concatenate(frames)`."""
         frames[:, 0] = observed
-        return self.joined(frames)
+        return self.concatenate(frames)
 
 
 def shift(frames: NDArray[Any]) -> None:

@@ -238,7 +238,7 @@ class Trunk(nn.Module):
         # Zeros and ones are exact in bfloat16, and need no cast in every pass then.
         return prepared.bfloat16() if self.casts else prepared
 
-    def glance(self, observation: torch.Tensor) -> torch.Tensor:
+    def prepare_inference(self, observation: torch.Tensor) -> torch.Tensor:
         """As `prepare`, for passes without gradients: the quicker form of the first layer.
 
         The same function, whose sums are taken in another order.
@@ -248,7 +248,7 @@ class Trunk(nn.Module):
         return self.first.prepare(observation, learning=False)
 
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:
-        """[..., width] float32, from what `prepare` or `glance` made of observations."""
+        """[..., width] float32, from what `prepare` or `prepare_inference` made of observations."""
         with torch.autocast(prepared.device.type, torch.bfloat16, enabled=self.autocast_bfloat16):
             hidden: torch.Tensor = self.rest(self.first(prepared))
         return hidden.float()

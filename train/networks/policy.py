@@ -21,10 +21,10 @@ from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView, pairs_of_cells
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
-from train.networks.features import Features, features_of, seen_by
+from train.networks.features import Features, features_for, features_of
 from train.networks.frames import stacked
-from train.networks.remembering import (
-    RememberingPolicy,
+from train.networks.recurrent_policy import (
+    RecurrentPolicy,
     check_looks,
     chosen_from,
     numbers_fit,
@@ -150,13 +150,13 @@ class Seat:
     @cached_property
     def features(self) -> Features:
         """Of what its network is given."""
-        return seen_by(stacked(self.seen, self.frame_stack), self.network)
+        return features_for(stacked(self.seen, self.frame_stack), self.network)
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> Any:
         """A network in this seat; one that sees cells only is known as a distribution over them,
         one that remembers is not."""
         if self.frame_stack > 1 or getattr(network, "policy_memory", None) is not None:
-            return RememberingPolicy(network, self, greedy)
+            return RecurrentPolicy(network, self, greedy)
         sees_more = not is_ours(self.encoding) and not sees_cells_only(self.task, self.encoding)
         return (NetworkPolicy if sees_more else LearnedPolicy)(network, self, greedy)
 

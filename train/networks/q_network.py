@@ -71,13 +71,13 @@ class QNetwork(nn.Module):
         fused = self._fused
         return "fused" if fused and fused.second.weight.device.type == "cpu" else "torch"
 
-    def quick(self, observation: torch.Tensor) -> torch.Tensor:
+    def forward_inference(self, observation: torch.Tensor) -> torch.Tensor:
         """The same for observations [batch, *shape], quicker, up to the last bits."""
         trunk, layers = self.policy_trunk, self._fused
         if layers is not None and observation.is_cpu:
             q_values: torch.Tensor = self.policy_head(fused_hidden(layers, observation))
             return q_values
-        prepare = trunk.prepare if torch.is_grad_enabled() else trunk.glance
+        prepare = trunk.prepare if torch.is_grad_enabled() else trunk.prepare_inference
         q_values = self.policy_head(trunk(prepare(observation)))
         return q_values
 

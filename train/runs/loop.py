@@ -80,7 +80,7 @@ class Trainee(Protocol):
     def evaluate(self) -> dict[str, float]:
         """The figures of an evaluation now."""
 
-    def told(self, row: dict[str, float]) -> list[str]:
+    def log_fields(self, row: dict[str, float]) -> list[str]:
         """What a person is told of an evaluation, in few words each."""
 
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:

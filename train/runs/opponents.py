@@ -25,7 +25,7 @@ from train.runs.folder import (
     misfit,
 )
 from train.runs.saved import load_settings, player_of
-from train.runs.third_party import load_stable_baselines
+from train.runs.stable_baselines import load_stable_baselines
 from train.settings.checks import check
 from train.settings.task import in_maze
 

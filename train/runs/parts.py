@@ -23,7 +23,7 @@ from train.settings.checks import check, evaluation_seed
 from train.settings.off_policy import ReplaySettings
 from train.settings.run import TrainSettings
 from train.settings.task import AnyTask, in_maze
-from train.teaching.plan import Plan, plan_lessons
+from train.teaching.plan import Plan, plan_curriculum
 from train.teaching.teacher import Teacher
 
 
@@ -80,7 +80,7 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
             "take window:R, planes or walls",
             stacklevel=2,
         )
-    plan = plan_lessons(settings.curriculum, settings.lessons, world.ground, settings.seed)
+    plan = plan_curriculum(settings.curriculum, settings.lessons, world.context, settings.seed)
     if plan is not None:
         check(
             algorithm.has_advantages or not plan.lessons.needs_advantages,

@@ -84,7 +84,7 @@ def of_solved(evaluation: Mapping[str, Any]) -> str:
     return f" ({100 * unsolved:.1f} % unsolved; gap of the solved {100 * gap:+.2f} %)"
 
 
-def loops_told(content: Mapping[str, Any]) -> str:
+def describe_loops(content: Mapping[str, Any]) -> str:
     """What helps a runner that solves a few starts as it draws and not greedily.
 
     Nothing where there are none, or where it has yet to learn.

@@ -21,10 +21,10 @@ from train.evaluation.scores import (
     optimality_gap,
 )
 from train.runs.folder import MISFITS, RUN, misfit
-from train.runs.in_play import begin, state_in_play
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.parts import Parts, parts_of
 from train.runs.threads import check_device, prepare_torch
+from train.runs.training_state import build_env_and_learner, training_state
 from train.settings.checks import check
 from train.settings.run import TrainSettings
 from train.teaching.teacher import write_log
@@ -57,7 +57,7 @@ class SingleAgent:
         self.parts, self.evaluated = parts, evaluate
         self._judged: Any = None
         self._solved_work = 0
-        self.env, self.teacher, self.learner = begin(parts, state)
+        self.env, self.teacher, self.learner = build_env_and_learner(parts, state)
         self.simulator = self.env.simulator
         self.policy = self.learner.policy(greedy=evaluate == "greedy")
         if self.teacher is not None:
@@ -98,14 +98,14 @@ class SingleAgent:
         lengths.clear()
         return row if self.teacher is None else row | self.teacher.figures()
 
-    def told(self, row: dict[str, float]) -> list[str]:
+    def log_fields(self, row: dict[str, float]) -> list[str]:
         """Return, length and lesson of the training games, steps and gap of the evaluation."""
         parts = []
         if "episode_return" in row:
             parts.append(f"return {row['episode_return']:7.2f}")
             parts.append(f"length {row['episode_length']:6.2f}")
-        if "lesson" in row:
-            parts.append(f"lesson {row['lesson']:5.2f}")
+        if "stage" in row:
+            parts.append(f"stage {row['stage']:5.2f}")
         name, measure = self.evaluated, self.contest.measure
         of_steps = measure.name == "steps"
         if not of_steps:
@@ -156,7 +156,7 @@ class SingleAgent:
 
     def state_dict(self) -> dict[str, Any]:
         """Learner, teacher and games, with what is remembered of them."""
-        state = state_in_play(self.env, self.teacher, self.learner)
+        state = training_state(self.env, self.teacher, self.learner)
         state["algorithm"] = self.parts.algorithm.name
         return state
 

@@ -11,9 +11,9 @@ from pursuit.tasks.task import Task, make_task
 from train.settings.checks import check
 from train.settings.presets import (
     TUNED,
-    Setting,
+    TaskProfile,
+    curriculum_for,
     hyperparameters,
-    lessons_for,
     preset_algorithm,
 )
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
@@ -92,12 +92,12 @@ def agent_of(settings: TaskSettings, task: Task) -> str:
     return settings.agent
 
 
-def setting_of(settings: AnyTask) -> Setting:
+def profile_of(settings: AnyTask) -> TaskProfile:
     """What the presets go by: task, role and size, of an arm the number of joints."""
     if isinstance(settings, ReacherSettings):
-        return Setting("reacher", "arm", 0, joints=settings.build().joints)
+        return TaskProfile("reacher", "arm", 0, joints=settings.build().joints)
     task = task_of(settings)
-    return Setting(
+    return TaskProfile(
         settings.task,
         agent_of(settings, task).split("_")[0],
         task.max_cells,
@@ -128,8 +128,8 @@ def default_settings(
         ValueError: an unknown name, a task that makes no game, or a preset of another algorithm.
     """
     algorithm = algorithm or preset_algorithm(preset) or "ppo"
-    setting = replace(setting_of(task), recurrent=recurrent is not None)
-    curriculum, lessons = lessons_for(algorithm, setting, preset, curriculum)
+    setting = replace(profile_of(task), recurrent=recurrent is not None)
+    curriculum, lessons = curriculum_for(algorithm, setting, preset, curriculum)
     return {
         "task": task,
         "hyper": hyperparameters(algorithm, setting, preset, gamma is not None),

@@ -25,9 +25,9 @@ from train.runs.opponents import opponents_of
 from train.runs.tasks import agent_of, task_of
 from train.settings.checks import EVALUATION_SEED
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings
-from train.teaching.grounds import ArmGround, Ground
+from train.teaching.context import ArmContext, CurriculumContext
 from train.teaching.plan import Plan
-from train.teaching.teacher import Judge, Teacher
+from train.teaching.teacher import EpisodeMetrics, Teacher
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class GridWorld:
 
     Attributes:
         task: what is evaluated.
-        ground: what lessons are planned over.
+        context: what lessons are planned over.
     """
 
     settings: TaskSettings
@@ -59,11 +59,13 @@ class GridWorld:
         return opponents_of(self.task, self.agent, *how, given.opponent_observation)
 
     @property
-    def ground(self) -> Ground:
+    def context(self) -> CurriculumContext:
         """The task, and who plays in it."""
         given = self.settings
         learned = None if given.opponent in AGENTS else given.opponent
-        return Ground(self.task, self.agent, self.opponents, given.opponent_epsilon, learned)
+        return CurriculumContext(
+            self.task, self.agent, self.opponents, given.opponent_epsilon, learned
+        )
 
     def games(
         self,
@@ -81,7 +83,7 @@ class GridWorld:
             plan: what is taught; None without a curriculum.
         """
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
-        judge = Judge(
+        judge = EpisodeMetrics(
             lambda games: won_by(games, number),
             lambda games: games.returns[:, number],
             measure_of(seat.task, seat.role) != BY_LONG_LIFE,
@@ -110,9 +112,9 @@ class ArmWorld:
         return self.settings.build()
 
     @property
-    def ground(self) -> ArmGround:
+    def context(self) -> ArmContext:
         """The arm."""
-        return ArmGround(self.task)
+        return ArmContext(self.task)
 
     def games(
         self,
@@ -123,7 +125,7 @@ class ArmWorld:
     ) -> tuple[ArmEnv, Teacher | None]:
         """As of `GridWorld`."""
         simulator = ReacherSimulator(seat.task, num_games, seed, auto_restart=False)
-        judge = Judge(lambda arms: arms.terminated, lambda arms: arms.returns)
+        judge = EpisodeMetrics(lambda arms: arms.terminated, lambda arms: arms.returns)
         teacher = None if plan is None else Teacher(plan, simulator, judge)
         return ArmEnv(simulator, seat, teacher), teacher
 

@@ -29,7 +29,7 @@ TUNED = "tuned"
 
 
 @dataclass(frozen=True)
-class Setting:
+class TaskProfile:
     """What good settings depend on.
 
     Attributes:
@@ -224,7 +224,7 @@ def preset_algorithm(preset: str) -> str | None:
 
 
 def hyperparameters(
-    algorithm: str, setting: Setting, preset: str = TUNED, own_gamma: bool = False
+    algorithm: str, setting: TaskProfile, preset: str = TUNED, own_gamma: bool = False
 ) -> Hyperparameters:
     """The settings of `algorithm` in a setting.
 
@@ -246,7 +246,7 @@ def hyperparameters(
 
 
 _BOTH_GRADIENTS = (A2CSettings, ReinforceSettings)
-TUNED_ROWS: tuple[tuple[Any, Callable[[Setting], float], dict[str, Any]], ...] = (
+TUNED_SETTINGS: tuple[tuple[Any, Callable[[TaskProfile], float], dict[str, Any]], ...] = (
     # Against random opponents averages over visits count instead of the last outcome. Who is paid
     # for every step needs a discount, lest values grow without bound.
     (QLearningSettings, lambda s: s.task != "maze", {"learning_rate_power": 0.7}),
@@ -295,11 +295,11 @@ TUNED_ROWS: tuple[tuple[Any, Callable[[Setting], float], dict[str, Any]], ...] =
 `where` gives a share below 1, they go that share of the way to them."""
 
 
-def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
+def tuned(algorithm: str, setting: TaskProfile) -> Hyperparameters:
     """Our own settings: the defaults of each form, and what differs by setting.
 
     The defaults were tuned on maze 5x5 with 3 goals. In larger mazes rewards are farther off, and
-    chance is kept for longer. See `lessons_for` for the curriculum.
+    chance is kept for longer. See `curriculum_for` for the curriculum.
 
     Runners are judged by the length of the tour, and the tour that is best by discounted rewards is
     longer: on 5x5 with 3 goals 0.49 % at 0.95, none at 0.99; with 8 goals 0.35 % at 0.99.
@@ -325,7 +325,7 @@ def tuned(algorithm: str, setting: Setting) -> Hyperparameters:
     if setting.unseen_mazes and isinstance(hyper, PPOSettings):  # see docs/unseen_mazes.md
         hyper = replace(hyper, learning_rate=1e-3, epochs=3, minibatch_size=1024)
         return replace(hyper, gamma=0.97, entropy_coef=0.02)
-    for form, where, values in TUNED_ROWS:
+    for form, where, values in TUNED_SETTINGS:
         share = float(where(setting))
         if isinstance(hyper, form) and share:
             changed = {}
@@ -352,8 +352,8 @@ def tuned_for_arms(hyper: ActorCriticSettings, joints: int) -> ActorCriticSettin
     return replace(hyper, width=128, learning_rate=2e-3) if joints > 2 else hyper
 
 
-def lessons_for(
-    algorithm: str, setting: Setting, preset: str = TUNED, curriculum: str | None = None
+def curriculum_for(
+    algorithm: str, setting: TaskProfile, preset: str = TUNED, curriculum: str | None = None
 ) -> tuple[str, CurriculumSettings]:
     """A curriculum and its settings: the one named, or else that of the preset.
 

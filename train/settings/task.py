@@ -120,7 +120,7 @@ class TaskSettings(Settings):
     @property
     def agent(self) -> str:
         """Who learns."""
-        return who_learns(self.task, self.role)
+        return learning_agent(self.task, self.role)
 
     @property
     def label(self) -> str:
@@ -133,7 +133,7 @@ class TaskSettings(Settings):
         check_observation(name)
 
 
-def who_learns(task: str, role: str) -> str:
+def learning_agent(task: str, role: str) -> str:
     """The role that is named, or the first of a task for "auto"."""
     if role != "auto":
         return role

@@ -21,8 +21,38 @@ from pursuit.tasks.placements import check_placeable
 from pursuit.tasks.task import Task
 from train.settings.checks import check
 from train.settings.curricula import AXIS_PARTS, AxisSettings
-from train.teaching.grounds import AnyGround, Apply, ArmGround, Axis, Ground
+from train.teaching.context import AnyContext, ArmContext, CurriculumContext
 from train.teaching.mazes import training_mazes
+
+Apply = Callable[[Any, NDArray[np.intp], NDArray[np.float64]], None]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One quantity from easy to hard.
+
+    Attributes:
+        name: one of `train.settings.curricula.AXES`, or a user's own.
+        easiest, hardest: the ends.
+        apply: (simulator, games [n], values [n]): has the next episode of each of the games played
+            with its value.
+        whole: whether only whole numbers make sense.
+        mazes: of the training games, where these are what changes; the last is the task's.
+        ordered: False where its values are numbers of things that are not from easy to hard.
+    """
+
+    name: str
+    easiest: float
+    hardest: float
+    apply: Apply
+    whole: bool = True
+    mazes: tuple[Maze, ...] = ()
+    ordered: bool = True
+
+    def stages(self, count: int) -> list[float]:
+        """At most `count` values from easy to hard, evenly spaced, all different."""
+        values = np.linspace(self.easiest, self.hardest, count)
+        return list(dict.fromkeys((np.round(values) if self.whole else values).tolist()))
 
 
 @dataclass(frozen=True)
@@ -30,7 +60,7 @@ class Maker:
     """How one axis is made, and what it needs.
 
     Attributes:
-        make: (name, ground, ends) -> the axis; ValueError for ends that are not allowed.
+        make: (name, context, ends) -> the axis; ValueError for ends that are not allowed.
         goals: whether the task must have goals.
         random_starts: whether starts must be random.
         both: whether there must be chasers and evaders.
@@ -47,12 +77,12 @@ class Maker:
     mazes: bool = False
     arm: bool = False
 
-    def check(self, name: str, ground: Any, ends: AxisSettings) -> None:
+    def check(self, name: str, context: Any, ends: AxisSettings) -> None:
         """Raise ValueError for what the task has not."""
-        task, arm = ground.task, isinstance(ground, ArmGround)
+        task, arm = context.task, isinstance(context, ArmContext)
         needs = [(self.arm, arm, "an arm"), (not self.arm, not arm, "games in mazes")]
         if not arm:
-            scripted = task.num_agents > 1 and ground.learned_opponent is None
+            scripted = task.num_agents > 1 and context.learned_opponent is None
             needs += [
                 (self.goals, task.num_goals > 0, "goals"),
                 (self.random_starts, task.start == "random", "random starts"),
@@ -72,7 +102,7 @@ class Maker:
         )
 
 
-def axis_of(name: str, ground: AnyGround, ends: AxisSettings) -> Axis:
+def axis_of(name: str, context: AnyContext, ends: AxisSettings) -> Axis:
     """The axis of that name, or of "auto", over a task.
 
     Warns where an end lies beyond what the maze has, and is clipped.
@@ -80,10 +110,10 @@ def axis_of(name: str, ground: AnyGround, ends: AxisSettings) -> Axis:
     Raises:
         ValueError: the task has not what the axis turns, or ends that are not allowed.
     """
-    name = ground.default_axis if name == "auto" else name
+    name = context.default_axis if name == "auto" else name
     maker = maker_of(name)
-    maker.check(name, ground, ends)
-    return maker.make(name, ground, ends)
+    maker.check(name, context, ends)
+    return maker.make(name, context, ends)
 
 
 def maker_of(name: str) -> Maker:
@@ -143,12 +173,12 @@ def configure(setting: str, limit: float = math.inf, whole: bool = True, **rest:
 # -- what turns -----------------------------------------------------------------------------------
 
 
-def opponent_epsilon(name: str, ground: Ground, ends: AxisSettings) -> Axis:
+def opponent_epsilon(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
     """Share of random moves of the opponents, from 1 down."""
-    own = ground.task.seat(ground.agent)
-    others = [seat for seat in range(ground.task.num_agents) if seat != own]
+    own = context.task.seat(context.agent)
+    others = [seat for seat in range(context.task.num_agents) if seat != own]
     error = "epsilon={}; a share of random moves lies in [0, 1]"
-    default = (1.0, ground.opponent_epsilon)
+    default = (1.0, context.opponent_epsilon)
     first, last = ends_within(ends, default, (0.0, 1.0), error, whole=False)
 
     def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
@@ -158,9 +188,9 @@ def opponent_epsilon(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     return Axis(name, first, last, apply, whole=False)
 
 
-def goal_spread_fixed(name: str, ground: Ground, ends: AxisSettings) -> Axis:
+def goal_spread_fixed(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
     """Steps from the goal marks of the maze to the goals."""
-    maze = ground.task.mazes[0]
+    maze = context.task.mazes[0]
     check(
         bool(maze.goal_marks),
         f"curriculum {name!r} begins at the goal marks 'G' of the maze, and {maze.name} has none; "
@@ -172,35 +202,35 @@ def goal_spread_fixed(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     return Axis(name, first, last, configure("goal_radius", farthest, goals_around="marks"))
 
 
-def goal_spread_start(name: str, ground: Ground, ends: AxisSettings) -> Axis:
+def goal_spread_start(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
     """Steps from the learner's start to the goals."""
-    maze, longest = ground.task.mazes[0], longest_in(ground.task)
+    maze, longest = context.task.mazes[0], longest_in(context.task)
     first, last = _radius(name, ends, (min(3, longest), longest), 1, maze)
     return Axis(name, first, last, configure("goal_radius", longest, goals_around="start"))
 
 
-def start_distance(name: str, ground: Ground, ends: AxisSettings) -> Axis:
+def start_distance(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
     """Steps between chasers and evaders at the start, at most."""
-    maze, least = ground.task.mazes[0], ground.task.min_start_distance
-    longest = longest_in(ground.task)
+    maze, least = context.task.mazes[0], context.task.min_start_distance
+    longest = longest_in(context.task)
     near = min(max(3, least), longest)
     first, last = _radius(name, ends, (near, longest), least, maze)
-    check_placeable(ground.task.apart(0, -1, least, int(min(first, last))))
+    check_placeable(context.task.apart(0, -1, least, int(min(first, last))))
     return Axis(name, first, last, configure("max_start_distance", longest))
 
 
-def num_goals(name: str, ground: Ground, ends: AxisSettings) -> Axis:
+def num_goals(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
     """How many goals there are."""
-    goals = ground.task.num_goals
+    goals = context.task.num_goals
     check(goals > 1, f"curriculum {name!r} needs at least 2 goals; num_goals={goals}")
     error = f"{{:g}} goals; a whole number from 1 to num_goals={goals}"
     first, last = ends_within(ends, (1, goals), (1, goals), error)
     return Axis(name, first, last, configure("num_goals"))
 
 
-def maze_number(name: str, ground: Ground, ends: AxisSettings) -> Axis:
+def maze_number(name: str, context: CurriculumContext, ends: AxisSettings) -> Axis:
     """Which of several mazes is played in."""
-    mazes = training_mazes(name, ends.curriculum_mazes, ground.task)
+    mazes = training_mazes(name, ends.curriculum_mazes, context.task)
     most, names = len(mazes) - 1, ", ".join(maze.name for maze in mazes)
     names = names.replace("{", "{{").replace("}", "}}")
     error = f"maze {{:g}}; whole numbers from 0 to {most}, which count {names}"
@@ -208,9 +238,9 @@ def maze_number(name: str, ground: Ground, ends: AxisSettings) -> Axis:
     return Axis(name, first, last, configure("maze"), mazes=mazes)
 
 
-def target_distance(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
+def target_distance(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
     """Steps to the target, at most; a half turn of every joint reaches anywhere."""
-    longest = math.ceil(math.pi / ground.task.max_turn)
+    longest = math.ceil(math.pi / context.task.max_turn)
     error = f"{name} of {{:g}}; a number of steps above 0"
     above_0 = (math.nextafter(0.0, 1.0), math.inf)
     first, last = ends_within(ends, (min(3, longest), longest), above_0, error, whole=False)
@@ -218,25 +248,25 @@ def target_distance(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
     return Axis(name, first, last, apply, whole=False)
 
 
-def free_joints(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
+def free_joints(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
     """How many joints turn; the others are locked straight."""
-    joints = ground.task.joints
+    joints = context.task.joints
     error = f"{{:g}} free joints; a whole number from 1 to joints={joints}"
     first, last = ends_within(ends, (1, joints), (1, joints), error)
     return Axis(name, first, last, configure("free_joints"))
 
 
-def hold(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
+def hold(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
     """Steps in reach that end an episode."""
-    most = ground.task.max_steps
+    most = context.task.max_steps
     error = f"{name} of {{:g}}; a whole number from 1 to max_steps={most}"
-    first, last = ends_within(ends, (1, ground.task.hold), (1, most), error)
+    first, last = ends_within(ends, (1, context.task.hold), (1, most), error)
     return Axis(name, first, last, configure("hold"))
 
 
-def tolerance(name: str, ground: ArmGround, ends: AxisSettings) -> Axis:
+def tolerance(name: str, context: ArmContext, ends: AxisSettings) -> Axis:
     """How near the tip must come."""
-    own, most = ground.task.tolerance, 2.0 * ground.task.joints
+    own, most = context.task.tolerance, 2.0 * context.task.joints
     error = (
         f"{name} of {{:g}}; from {LEAST_TOLERANCE:g} to {most:g}, twice the joints: set the "
         "task's own tolerance, easiest and hardest within"

@@ -40,11 +40,11 @@ from train.settings.curricula import (
     SuccessGatedSettings,
     UniformSettings,
 )
-from train.teaching.axes import axis_of, maker_of
-from train.teaching.exams import Exam
-from train.teaching.grounds import AnyGround, Axis, Ground
+from train.teaching.axes import Axis, axis_of, maker_of
+from train.teaching.context import AnyContext, CurriculumContext
 from train.teaching.mazes import training_mazes
 from train.teaching.optimum import Optimum
+from train.teaching.regret import RegretScorer
 
 
 @dataclass(frozen=True)
@@ -67,22 +67,22 @@ class Plan:
     task: Any
     optimum: Optimum | None
     seed: int
-    exam: Exam | None = None
+    exam: RegretScorer | None = None
 
     def curriculum(self) -> Curriculum:
         """A fresh curriculum."""
         return make_curriculum(self.name, self.lessons, self.axis, self.seed)
 
 
-def plan_lessons(
-    name: str, lessons: CurriculumSettings, ground: AnyGround, seed: int
+def plan_curriculum(
+    name: str, lessons: CurriculumSettings, context: AnyContext, seed: int
 ) -> Plan | None:
     """What is to be taught in a task; None for the curriculum "none".
 
     Args:
         name: of the curriculum.
         lessons: its settings.
-        ground: the task, with whoever plays in it.
+        context: the task, with whoever plays in it.
         seed: of what the curriculum draws.
 
     Raises:
@@ -91,11 +91,11 @@ def plan_lessons(
     if name == "none":
         return None
     if isinstance(lessons, MazeReplaySettings):
-        return plan_pool(name, lessons, ground, seed)
-    axis, turned, task = None, None, ground.task
+        return plan_pool(name, lessons, context, seed)
+    axis, turned, task = None, None, context.task
     if isinstance(lessons, AxisSettings):
         turned = axis_name(name, lessons)
-        axis = axis_of(turned, ground, lessons)
+        axis = axis_of(turned, context, lessons)
         if axis.easiest == axis.hardest:
             warnings.warn(
                 f"curriculum {name!r} goes from {axis.easiest:g} to {axis.hardest:g}: it teaches "
@@ -104,13 +104,13 @@ def plan_lessons(
             )
         if isinstance(lessons, ScheduleSettings):
             for _, value in lessons.points():  # each must be possible, as the ends must
-                axis_of(turned, ground, replace(lessons, easiest=value))
+                axis_of(turned, context, replace(lessons, easiest=value))
     else:
-        ground.check_levels(name)
+        context.check_levels(name)
     optimum, played = None, training_task(name, lessons, task)
     if lessons.needs_optimum:
         steady = axis is None or turned == "auto" or not maker_of(str(turned)).scripted
-        optimum = ground.optimum(played) if steady else None
+        optimum = context.optimum(played) if steady else None
         check(
             optimum is not None,
             f"curriculum={name!r} as set needs the exact optimum of every start, which is not "
@@ -122,15 +122,15 @@ def plan_lessons(
     return plan
 
 
-def plan_pool(name: str, lessons: MazeReplaySettings, ground: Any, seed: int) -> Plan:
-    """What is to be taught in many mazes, judged exactly; ValueError as `plan_lessons`."""
+def plan_pool(name: str, lessons: MazeReplaySettings, context: Any, seed: int) -> Plan:
+    """What is to be taught in many mazes, judged exactly; ValueError as `plan_curriculum`."""
     check(
-        isinstance(ground, Ground) and len(ground.task.mazes) > 1,
-        f"curriculum={name!r} chooses among mazes, and task {ground.task.name!r} has one; take "
+        isinstance(context, CurriculumContext) and len(context.task.mazes) > 1,
+        f"curriculum={name!r} chooses among mazes, and task {context.task.name!r} has one; take "
         "--maze suite:7x7-train",
     )
-    task = ground.task
-    exam = Exam(task, ground.agent, ground.opponents, lessons.SCORE)
+    task = context.task
+    exam = RegretScorer(task, context.agent, context.opponents, lessons.SCORE)
 
     def apply(simulator: Any, games: NDArray[np.intp], values: NDArray[np.float64]) -> None:
         simulator.configure(games, maze=values.astype(np.int64))

@@ -27,7 +27,7 @@ REASON = "reason"
 
 
 @dataclass(frozen=True)
-class Judge:
+class EpisodeMetrics:
     """How an episode of the learner is read off the games as it ends.
 
     Attributes:
@@ -58,7 +58,7 @@ class Teacher(EpisodeHook):
             it.
     """
 
-    def __init__(self, plan: Plan, simulator: Any, judge: Judge) -> None:
+    def __init__(self, plan: Plan, simulator: Any, judge: EpisodeMetrics) -> None:
         self.name, self.axis = plan.name, plan.axis
         self.curriculum, self.simulator, self.judge = plan.curriculum(), simulator, judge
         self.solved_within = plan.lessons.solved_within
@@ -189,7 +189,7 @@ class Teacher(EpisodeHook):
         if self.axis is None or not self.axis.ordered:
             return figures
         hardest = float(np.average(np.isclose(lessons, self.axis.hardest), weights=lengths))
-        return {"lesson": float(lessons.mean()), "on_hardest": hardest, **figures}
+        return {"stage": float(lessons.mean()), "on_hardest": hardest, **figures}
 
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain values: what a resumed run needs to go on exactly."""

@@ -22,7 +22,7 @@ from train.commands.main import in_words, main
 from train.experiments.executors import check_answers
 from train.files import write_beside
 from train.runs.folder import load_checkpoint, read_metrics
-from train.runs.report import loops_told
+from train.runs.report import describe_loops
 
 TINY = [
     *("--maze", "3x3", "--num-games", "16", "--rollout-steps", "8", "--minibatch-size", "64"),
@@ -92,7 +92,7 @@ def test_who_walks_to_and_fro_is_told_what_cures_it(
         {"name": "learned, sampled", "success_rate": drawn},
     ]
     objective = {"column": "mean_steps", "unit": "steps", "less_is_better": True}
-    found = loops_told({"role": role, "scores": scores, "objective": objective})
+    found = describe_loops({"role": role, "scores": scores, "objective": objective})
     assert told in found and bool(found) == bool(told) == ("--frame-stack 2" in found)
 
 

@@ -75,7 +75,7 @@ def check_looks(
         )
 
 
-class RememberingPolicy:
+class RecurrentPolicy:
     """A network that fills a seat and remembers; a `MemoryPolicy`.
 
     It has a GRU, or is given the last observations, or both. What it does depends on

@@ -15,7 +15,7 @@ SHARED = ("gamma", "gamma_end", "recurrent")
 """Settings of PPO in self-play that other learners take from there, too."""
 
 
-def check_effects(settings: Any) -> None:
+def check_unused_settings(settings: Any) -> None:
     """ValueError for a setting of a new run that is not at its default and has no effect there.
 
     Saved runs are not checked by this: they may hold such settings. Nor are the runs of a sweep,
@@ -24,12 +24,12 @@ def check_effects(settings: Any) -> None:
     Args:
         settings: `TrainSettings` or `SelfPlaySettings`.
     """
-    check_task_effects(settings.task)
+    check_unused_task_settings(settings.task)
     if isinstance(settings, SelfPlaySettings):
-        check_self_play_effects(settings)
+        check_unused_self_play_settings(settings)
 
 
-def check_task_effects(settings: AnyTask) -> None:
+def check_unused_task_settings(settings: AnyTask) -> None:
     """The same for the settings of a task."""
     if isinstance(settings, ReacherSettings):
         return
@@ -47,7 +47,7 @@ def check_task_effects(settings: AnyTask) -> None:
             )
 
 
-def check_self_play_effects(settings: SelfPlaySettings) -> None:
+def check_unused_self_play_settings(settings: SelfPlaySettings) -> None:
     """The same for what only self-play has."""
     hyper, default = settings.hyper, self_play_ppo()
     for name, scheme in (("window", "window"), ("pfsp_power", "pfsp")):

@@ -25,7 +25,7 @@ from train.settings.checks import check
 REGRET, LEARNABILITY = "regret", "learnability"
 
 
-class Exam:
+class RegretScorer:
     """Marks for mazes of a task: exact, over all starts and all chance, without playing a step.
 
     - "regret": how far the mean steps fall short of the optimum of that maze, as a share of it.

@@ -117,7 +117,7 @@ def load_stable_baselines(
         f"{path}: its description {where.name} is not beside it; give the task and "
         "what the model observed in training (--observation of pursuit evaluate, "
         "--opponent-observation of an opponent), or save it "
-        "with train.runs.third_party.save_stable_baselines",
+        "with train.runs.stable_baselines.save_stable_baselines",
     )
     assert task is not None and agent is not None and observation is not None
     seat = Seat(task, agent, observation, mask_bumps)

@@ -2,53 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from pursuit.mazes.maze import Maze
 from pursuit.reacher.task import ReacherTask
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from train.settings.checks import check
 from train.teaching.optimum import Optimum, arm_optimum, optimum_of
 
-Apply = Callable[[Any, NDArray[np.intp], NDArray[np.float64]], None]
-
 
 @dataclass(frozen=True)
-class Axis:
-    """One quantity from easy to hard.
-
-    Attributes:
-        name: one of `train.settings.curricula.AXES`, or a user's own.
-        easiest, hardest: the ends.
-        apply: (simulator, games [n], values [n]): has the next episode of each of the games played
-            with its value.
-        whole: whether only whole numbers make sense.
-        mazes: of the training games, where these are what changes; the last is the task's.
-        ordered: False where its values are numbers of things that are not from easy to hard.
-    """
-
-    name: str
-    easiest: float
-    hardest: float
-    apply: Apply
-    whole: bool = True
-    mazes: tuple[Maze, ...] = ()
-    ordered: bool = True
-
-    def stages(self, count: int) -> list[float]:
-        """At most `count` values from easy to hard, evenly spaced, all different."""
-        values = np.linspace(self.easiest, self.hardest, count)
-        return list(dict.fromkeys((np.round(values) if self.whole else values).tolist()))
-
-
-@dataclass(frozen=True)
-class Ground:
+class CurriculumContext:
     """The game in a maze that axes are laid over.
 
     Attributes:
@@ -90,8 +55,8 @@ class Ground:
 
 
 @dataclass(frozen=True)
-class ArmGround:
-    """The arm that axes are laid over; a `Ground`."""
+class ArmContext:
+    """The arm that axes are laid over; a `CurriculumContext`."""
 
     task: ReacherTask
 
@@ -108,4 +73,4 @@ class ArmGround:
         return arm_optimum(task)
 
 
-AnyGround = Ground | ArmGround
+AnyContext = CurriculumContext | ArmContext

@@ -15,8 +15,10 @@ from train.settings.checks import check
 from train.teaching.teacher import Teacher
 
 
-def begin(parts: Parts, state: dict[str, Any] | None) -> tuple[Any, Teacher | None, Any]:
-    """The games, who teaches in them and the learner, where `state_in_play` left them; None begins.
+def build_env_and_learner(
+    parts: Parts, state: dict[str, Any] | None
+) -> tuple[Any, Teacher | None, Any]:
+    """The games, who teaches in them and the learner, where `training_state` left them; None begins.
 
     Raises:
         One of `MISFITS`: a state of other settings.
@@ -25,10 +27,10 @@ def begin(parts: Parts, state: dict[str, Any] | None) -> tuple[Any, Teacher | No
         check_learned(parts.algorithm.name, state)
     env, teacher = parts.games()
     if state is not None:  # before there is a collector, which begins with what it finds
-        put_games(env.simulator, state["simulator"])
+        restore_simulator(env.simulator, state["simulator"])
         if teacher is not None:
             teacher.load_state_dict(state["teacher"])
-        put_memories(env, state["memories"])
+        restore_policy_memories(env, state["memories"])
         env.resume = True
     learner = parts.algorithm.build(parts.hyper, env, parts.build)
     if state is not None:
@@ -37,17 +39,17 @@ def begin(parts: Parts, state: dict[str, Any] | None) -> tuple[Any, Teacher | No
     return env, teacher, learner
 
 
-def state_in_play(env: Any, teacher: Teacher | None, learner: Any) -> dict[str, Any]:
+def training_state(env: Any, teacher: Teacher | None, learner: Any) -> dict[str, Any]:
     """Learner, teacher and games, with what is remembered of them."""
     return {
         "learner": learner.state_dict(),
         "teacher": None if teacher is None else teacher.state_dict(),
-        "simulator": plain_games(env.simulator),
-        "memories": memories_of(env),
+        "simulator": simulator_tensors(env.simulator),
+        "memories": policy_memories(env),
     }
 
 
-def plain_games(simulator: Any) -> dict[str, torch.Tensor]:
+def simulator_tensors(simulator: Any) -> dict[str, torch.Tensor]:
     """The state of the games for a checkpoint: torch has few operations on uint64, so the bits of
     the random streams travel as int64."""
     return {
@@ -56,8 +58,8 @@ def plain_games(simulator: Any) -> dict[str, torch.Tensor]:
     }
 
 
-def put_games(simulator: Any, saved: dict[str, torch.Tensor]) -> None:
-    """Put what `plain_games` gave of such games into `simulator`, which checks what it takes."""
+def restore_simulator(simulator: Any, saved: dict[str, torch.Tensor]) -> None:
+    """Put what `simulator_tensors` gave of such games into `simulator`, which checks what it takes."""
     arrays = {name: tensor.numpy() for name, tensor in saved.items()}
     form = type(simulator.get_state())
     simulator.set_state(form(**{**arrays, "streams": arrays["streams"].view(np.uint64)}))
@@ -68,7 +70,7 @@ def put_games(simulator: Any, saved: dict[str, torch.Tensor]) -> None:
 Memories = dict[str, dict[str, torch.Tensor]]
 
 
-def memories_of(env: Any) -> Memories:
+def policy_memories(env: Any) -> Memories:
     """Copies of everything that is remembered, by seat (and opponent) and name."""
     return {
         place: {name: torch.from_numpy(_plain(array).copy()) for name, array in arrays.items()}
@@ -76,8 +78,8 @@ def memories_of(env: Any) -> Memories:
     }
 
 
-def put_memories(env: Any, saved: Memories) -> None:
-    """Put what `memories_of` gave of such an environment back, before it is stepped.
+def restore_policy_memories(env: Any, saved: Memories) -> None:
+    """Put what `policy_memories` gave of such an environment back, before it is stepped.
 
     An opponent that is not there any more is passed over; one that was not there begins afresh.
     """
