@@ -18,7 +18,7 @@ from train.teaching.teacher import Teacher
 def build_env_and_learner(
     parts: Parts, state: dict[str, Any] | None
 ) -> tuple[Any, Teacher | None, Any]:
-    """The games, who teaches in them and the learner, where `training_state` left them; None begins.
+    """The environment, the teacher and the learner: new, or restored from a `training_state`.
 
     Raises:
         One of `MISFITS`: a state of other settings.
@@ -59,7 +59,7 @@ def simulator_tensors(simulator: Any) -> dict[str, torch.Tensor]:
 
 
 def restore_simulator(simulator: Any, saved: dict[str, torch.Tensor]) -> None:
-    """Put what `simulator_tensors` gave of such games into `simulator`, which checks what it takes."""
+    """Restore the state of `simulator` from `simulator_tensors`; the simulator checks it."""
     arrays = {name: tensor.numpy() for name, tensor in saved.items()}
     form = type(simulator.get_state())
     simulator.set_state(form(**{**arrays, "streams": arrays["streams"].view(np.uint64)}))

@@ -63,9 +63,8 @@ class GridWorld:
         """The task, and who plays in it."""
         given = self.settings
         learned = None if given.opponent in AGENTS else given.opponent
-        return CurriculumContext(
-            self.task, self.agent, self.opponents, given.opponent_epsilon, learned
-        )
+        epsilon = given.opponent_epsilon
+        return CurriculumContext(self.task, self.agent, self.opponents, epsilon, learned)
 
     def games(
         self,
