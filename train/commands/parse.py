@@ -1,4 +1,4 @@
-"""Options as dataclasses, by tyro, with errors that are one line."""
+"""Parsing of options into dataclasses with tyro, with one-line errors."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from train.settings.task import AnyTask, task_form
 
 Form = TypeVar("Form")
 OF_EVERYBODY = ("--line-of-sight", "--unknown-maze")
-"""Options that name agents, and without a name mean all."""
+"""Options that name agents; without a value they mean all agents."""
 
 
 def fail(message: str, status: int = 2) -> NoReturn:
-    """One line on stderr, and this exit status."""
+    """Print one line on stderr, and exit with this status."""
     print(f"pursuit: error: {' '.join(message.split())}", file=sys.stderr)
     sys.exit(status)
 
 
 @contextlib.contextmanager
 def heard() -> Iterator[None]:
-    """Warnings inside are one line each on stderr, once."""
+    """Print each different warning inside as one line on stderr."""
     with warnings.catch_warnings(record=True) as noted:
         warnings.simplefilter("always", UserWarning)
         yield
@@ -37,14 +37,14 @@ def heard() -> Iterator[None]:
 
 
 def warn(said: str) -> None:
-    """A warning as one line on stderr."""
+    """Print a warning as one line on stderr."""
     print(f"pursuit: warning: {said}", file=sys.stderr)
 
 
 def options_in(arguments: Sequence[str]) -> dict[str, str]:
-    """What each option among the arguments is given last, by its name in Python; "" for nothing.
+    """The last value of each option in the arguments, by its Python name; "" without a value.
 
-    For options that decide what the other options are, before `parse`, which reports errors.
+    For options that determine the other options, before `parse`, which reports errors.
     """
     found: dict[str, str] = {}
     name = ""
@@ -59,26 +59,26 @@ def options_in(arguments: Sequence[str]) -> dict[str, str]:
 
 
 def default_task(options: Mapping[str, str]) -> AnyTask:
-    """The settings of the task that --task names, as they stand by default; chase if left out."""
+    """The default settings of the task that --task names, chase by default."""
     return task_form(options.get("task"))()
 
 
 def default_budget(options: Mapping[str, str], seconds: float) -> dict[str, Any]:
-    """The default budget: `seconds`, or a place for the frames where these are given instead."""
+    """The default budget: `seconds`, or a placeholder for frames if --frames is given."""
     return {"frames": 1} if "frames" in options else {"seconds": seconds}
 
 
-ALLOW_HELP = f"""everywhere:
-  --allow MODULE          let files (of runs, sweeps, models) name parts of this module of yours;
-                          as often as you like; {ALLOW}=MODULE,OTHER does the same
+ALLOW_HELP = f"""all commands:
+  --allow MODULE          allow files (of runs, sweeps, models) to name user-defined parts of this
+                          module; can be repeated; {ALLOW}=MODULE,OTHER does the same
 """
 
 
 def taken_allowed(arguments: Sequence[str]) -> list[str]:
-    """The arguments without every --allow MODULE, whose modules files may name from now on.
+    """The arguments without every --allow MODULE, whose modules are allowed from now on.
 
     Raises:
-        ValueError: no module's name after one.
+        ValueError: --allow without a module name.
     """
     rest, given = [], iter(arguments)
     for argument in given:
@@ -91,7 +91,7 @@ def taken_allowed(arguments: Sequence[str]) -> list[str]:
 
 
 def meant_for_all(arguments: Sequence[str]) -> list[str]:
-    """The arguments, with "all" after options of `OF_EVERYBODY` that stand without a value."""
+    """The arguments, with "all" after options of `OF_EVERYBODY` without a value."""
     found: list[str] = []
     for argument, after in zip(arguments, [*arguments[1:], "--"], strict=False):
         found.append(argument)
@@ -104,17 +104,17 @@ CONFIG = (
     tyro.conf.OmitArgPrefixes,
     tyro.conf.FlagCreatePairsOff,
     tyro.conf.HelptextFromCommentsOff,
-    tyro.conf.AvoidSubcommands,  # the default says which of the tasks' forms
+    tyro.conf.AvoidSubcommands,  # the default determines the form of the task
 )
 
 
 def parse(
     form: type[Form], arguments: Sequence[str], prog: str, default: Form | None = None
 ) -> Form:
-    """`arguments` as the dataclass `form`, by tyro; its error boxes are folded into one line.
+    """`arguments` as the dataclass `form`, parsed by tyro; its error boxes become one line.
 
     Raises:
-        ValueError: arguments that the form does not have, or values that it does not allow.
+        ValueError: options that the form does not have, or values that are not allowed.
     """
     args = meant_for_all(taken_allowed(arguments))
     boxed = io.StringIO()
@@ -130,9 +130,9 @@ def parse(
 
 
 def parse_known(default: Form, arguments: Sequence[str]) -> Form:
-    """Those of `arguments` that the dataclass of `default` has; `default` where one is wrong.
+    """Those of `arguments` that the dataclass of `default` has; `default` if one is wrong.
 
-    For options that decide what the other options are; errors are reported by `parse`.
+    For options that determine the other options; `parse` reports errors.
     """
     args = [argument for argument in arguments if argument not in ("-h", "--help")]
     with contextlib.suppress(SystemExit, ValueError), contextlib.redirect_stderr(io.StringIO()):
@@ -145,7 +145,7 @@ def parse_known(default: Form, arguments: Sequence[str]) -> Form:
 
 
 def in_words(boxed: str) -> str:
-    """tyro's box of an error as one line, without Python's types."""
+    """tyro's error box as one line, without Python types."""
     text = re.sub(r"\x1b\[[0-9;]*m|[─╭╮╰╯│]+|-{5,}", " ", boxed)
     text = " ".join(text.split("For full helptext")[0].split())
     text = re.sub(

@@ -1,7 +1,7 @@
-"""The door: the settings of a run become its parts, once, from top to bottom, and are checked here.
+"""Builds the parts of a run from its settings, and validates them.
 
-Below it nobody knows the settings of a run: a learner gets its own and an environment, a teacher
-its plan, a contest its task and opponents.
+Other modules do not use the settings of a run: a learner gets its hyperparameters and an
+environment, a teacher its plan, a contest its task and opponents.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from train.teaching.teacher import Teacher
 
 @dataclass(frozen=True)
 class Parts:
-    """What a run is made of.
+    """The parts of a run.
 
     Attributes:
-        world: what is played, and by whom else.
-        plan: what is taught when; None without a curriculum.
-        seat: whose policy is learned, in the training games.
-        algorithm, hyper: what it learns by, and the settings of that.
-        build: how the learner is to be built on this machine.
+        world: the task with its opponents.
+        plan: of the curriculum; None without one.
+        seat: the learning agent in the training games.
+        algorithm, hyper: the algorithm and its hyperparameters.
+        build: options of building the learner on this machine.
     """
 
     world: World
@@ -47,7 +47,7 @@ class Parts:
     build: Build
 
     def games(self) -> tuple[Any, Teacher | None]:
-        """The training games as a TorchRL environment, and who teaches in them."""
+        """The training environment, and the teacher in it."""
         return self.world.games(self.seat, self.hyper.num_games, self.build.seed, self.plan)
 
 
@@ -55,8 +55,8 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
     """The parts of a run.
 
     Raises:
-        ValueError: settings that make no game, an agent that does not play in it, an opponent that
-            is none, or what the algorithm or the curriculum cannot do.
+        ValueError: settings that are not valid for the task, the agent, the opponent, the
+            algorithm or the curriculum.
     """
     algorithm, hyper, seat = entry(settings.algorithm), settings.hyper, player_of(settings)
     check(
@@ -68,40 +68,40 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
         starts = hyper.learning_starts
         if settings.frames is not None and settings.frames <= starts:
             warnings.warn(
-                f"frames={settings.frames} and learning_starts={starts}: it ends before anything "
-                "is learned; take more frames, or lower learning_starts",
+                f"frames={settings.frames} with learning_starts={starts}: the run ends before the "
+                "first gradient step; use more frames, or a lower learning_starts",
                 stacklevel=2,
             )
     world = world_of(settings.task)
     mazes = len(getattr(world.task, "mazes", ()))
     if mazes > 1 and settings.observation in NO_WALLS:
         warnings.warn(
-            f"observation={settings.observation!r} shows no walls, so {mazes} mazes look alike; "
-            "take window:R, planes or walls",
+            f"observation={settings.observation!r} does not contain walls, so {mazes} mazes are "
+            "indistinguishable; use window:R, planes or walls",
             stacklevel=2,
         )
     plan = plan_curriculum(settings.curriculum, settings.lessons, world.context, settings.seed)
     if plan is not None:
         check(
             algorithm.has_advantages or not plan.lessons.needs_advantages,
-            f"level_score='value_loss' needs advantages, which algorithm={algorithm.name!r} has "
-            "not; take regret or learnability, or ppo or a2c",
+            f"level_score=value_loss needs advantages, which algorithm={algorithm.name!r} does not "
+            "have; use regret or learnability, or ppo or a2c",
         )
         check(
             plan.exam is None or (hyper.recurrent is None and settings.frame_stack == 1),
-            f"curriculum={settings.curriculum!r} judges mazes by what a policy does in every cell, "
-            "and one that remembers does not go by that; leave out recurrent and frame_stack, or "
-            "take level-replay",
+            f"curriculum={settings.curriculum!r} scores mazes by the policy in every cell, which a "
+            "policy with memory does not have; leave out recurrent and frame_stack, or use "
+            "level-replay",
         )
     check_sizes(hyper, seat)
     return Parts(world, plan, seat, algorithm, hyper, build_of(settings))
 
 
 def check_sizes(hyper: Hyperparameters, seat: Player) -> None:
-    """Refuse rollouts, a replay buffer or a network beyond the free memory of this machine.
+    """Check that rollouts, replay buffer and network fit into the free memory of this machine.
 
     Raises:
-        ValueError: naming the bytes, and the setting that asks for them.
+        ValueError: one does not; names the bytes and the setting.
     """
     given: dict[str, Any] = vars(hyper)
     observation, games = 4 * prod(seat.features.shape), hyper.num_games
@@ -110,7 +110,7 @@ def check_sizes(hyper: Hyperparameters, seat: Player) -> None:
     needs = {
         f"num_games={games} × rollout_steps={steps}": games * steps * frame,
         f"buffer_size={given.get('buffer_size', 0)}": given.get("buffer_size", 0) * frame,
-        # Of each weight of the second layer the gradient and Adam's two moments as well.
+        # Each weight of the second layer also has a gradient and two moments of Adam.
         f"width={width}": 16 * width**2,
     }
     for what, needed in needs.items():
@@ -118,7 +118,7 @@ def check_sizes(hyper: Hyperparameters, seat: Player) -> None:
 
 
 def settings_of(**flat: Any) -> TrainSettings[Any]:
-    """Settings by their names on the command line, with `preset` for what is left out; checked.
+    """Settings by their names on the command line, with defaults from `preset`; validated.
 
     `settings_of(algorithm="dqn", maze="7x7", task="maze", seconds=60, learning_rate=1e-3)`.
 
@@ -131,7 +131,7 @@ def settings_of(**flat: Any) -> TrainSettings[Any]:
 
 
 def build_of(settings: TrainSettings[Any]) -> Build:
-    """How a learner is to be built on this machine."""
+    """The options of building a learner on this machine."""
     bfloat16 = uses_bfloat16(settings.precision, settings.device)
     fused = settings.fused == "auto"
     return Build(settings.device, bfloat16, settings.first_layer, settings.seed, fused)
@@ -140,7 +140,7 @@ def build_of(settings: TrainSettings[Any]) -> Build:
 def suite_contest_of(
     settings: AnyTask, episodes: int, seed: int = 0, exact: bool = False
 ) -> SuiteContest:
-    """The same as a contest over many mazes, of however many there are: `contest_of`.
+    """As `contest_of`, but always a contest over a suite of mazes, even of one maze.
 
     Raises:
         ValueError: a task without mazes.
@@ -151,5 +151,5 @@ def suite_contest_of(
 
 
 def contest_of(settings: AnyTask, episodes: int, seed: int = 0) -> Any:
-    """What a policy is judged by in a task, without any run; `seed` is one of the evaluation's."""
+    """The contest of a task, without a run; `seed` is a seed of evaluations."""
     return world_of(settings).contest(episodes, evaluation_seed(seed))

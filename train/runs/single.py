@@ -1,4 +1,4 @@
-"""A run of one agent against fixed opponents."""
+"""Runs of a single agent against fixed opponents."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ from train.settings.run import TrainSettings
 from train.teaching.teacher import write_log
 
 EPISODES = 500
-"""Of the evaluations while it learns."""
+"""Episodes of an evaluation during training."""
 
 
 class SingleAgent:
-    """One learner in one seat; a `Trainee`.
+    """A single learning agent; a `Trainee`.
 
     Args:
         parts: of the run.
-        evaluate: which policy is evaluated, greedy or sampled.
-        state: what `state_dict` gave; None begins.
+        evaluate: the evaluated policy, greedy or sampled.
+        state: a `state_dict`; None for a new run.
 
     Raises:
         One of `MISFITS`: a state of other settings.
 
     Attributes:
-        parts, simulator, env, learner, teacher: what it is made of; no teacher without curriculum.
-        contest, optimum: what it is judged by, and the exact optimum where it is known.
-        policy: the learner's policy as `evaluate` has it, always up to date.
+        parts, simulator, env, learner, teacher: its parts; no teacher without a curriculum.
+        contest, optimum: of the evaluations, and the exact optimum if it is known.
+        policy: the learner's current policy, greedy or sampled as `evaluate` says.
     """
 
     kind: ClassVar[str] = RUN
@@ -70,11 +70,11 @@ class SingleAgent:
 
     @property
     def frames(self) -> int:
-        """Steps of all games."""
+        """Environment steps, summed over games."""
         return int(self.learner.frames)
 
     def iterate(self, clock: Clock) -> dict[str, float]:
-        """One iteration of the learner, after the curriculum has heard of the last one."""
+        """One iteration of the learner, after an update of the curriculum."""
         progress = clock.progress
         if self.teacher is not None:
             self.teacher.update(progress, self.frames, clock.seconds)
@@ -82,7 +82,7 @@ class SingleAgent:
         return figures
 
     def evaluate(self) -> dict[str, float]:
-        """What it is judged by, steps, success and gap; and how the training games went since the
+        """The objective, steps, success rate and gap; and means of the training games since the
         last evaluation."""
         score, measure = self.contest.score("learned", self.policy), self.contest.measure
         row = {"mean_steps": score.mean_steps, "success_rate": score.success_rate}
@@ -99,7 +99,7 @@ class SingleAgent:
         return row if self.teacher is None else row | self.teacher.figures()
 
     def log_fields(self, row: dict[str, float]) -> list[str]:
-        """Return, length and lesson of the training games, steps and gap of the evaluation."""
+        """Return, length and stage of the training games, steps and gap of the evaluation."""
         parts = []
         if "episode_return" in row:
             parts.append(f"return {row['episode_return']:7.2f}")
@@ -116,9 +116,9 @@ class SingleAgent:
         return parts
 
     def judged(self, episodes: int, most_work: int = MAX_WORK) -> Any:
-        """The contest of the final results, in which whole games of up to `most_work` are solved.
+        """The contest of the final results, with exact solutions of games of up to `most_work`.
 
-        Kept, with what it has solved, for the next that asks for as much or less.
+        It is kept with its solutions for later calls with at most this work.
         """
         kept = self._judged
         if kept is None or kept.episodes != episodes or self._solved_work < most_work:
@@ -129,8 +129,8 @@ class SingleAgent:
         return self._judged
 
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
-        """The references and what was learned, greedy and sampled."""
-        # Nobody waits long for an interrupted run to end.
+        """Scores of the references and of the trained policy, greedy and sampled."""
+        # An interrupted run should end soon.
         contest = self.judged(episodes, MAX_WORK if interrupted else MAX_EVALUATED_WORK)
         scores = [*contest.baselines(), contest.score("learned", self.learner.policy())]
         if self.parts.algorithm.learns_distribution:
@@ -150,18 +150,18 @@ class SingleAgent:
         }
 
     def _update(self) -> dict[str, str]:
-        """Which form of the gradient step runs, where there is one."""
+        """The form of the gradient steps, if there is one."""
         form = getattr(self.learner, "update_form", None)
         return {} if form is None else {"update": form}
 
     def state_dict(self) -> dict[str, Any]:
-        """Learner, teacher and games, with what is remembered of them."""
+        """Learner, teacher and games, with the memories of policies."""
         state = training_state(self.env, self.teacher, self.learner)
         state["algorithm"] = self.parts.algorithm.name
         return state
 
     def learned(self) -> dict[str, Any]:
-        """What the learner keeps."""
+        """The state of the learner."""
         return {"learner": self.learner.state_dict()}
 
     def save_beside(self, folder: Path) -> None:
@@ -170,12 +170,12 @@ class SingleAgent:
             write_log(folder, self.teacher.rows)
 
     def close(self) -> None:
-        """End the learner's collecting."""
+        """Release the resources of the learner."""
         self.learner.close()
 
 
 def measured(measure: Measure, score: Score) -> float:
-    """The value of a score that was played; ValueError where it has none."""
+    """The value of a measured score; ValueError if it has none."""
     value = measure.of(score)
     check(value is not None, f"score {score.name!r} has no {measure.column}; play its games")
     return float(value or 0.0)
@@ -190,8 +190,8 @@ def evaluation_of(
 ) -> dict[str, Any]:
     """ "evaluation", "reference" and "scores" of `results.json`; `floor` is the objective's.
 
-    Under limited sight no optimum is known, but what is certain of it. `contest` says what is held
-    against what; without it there is no reference.
+    With a limited view the optimum is an interval (`certificate`). Without `contest` there is no
+    reference.
     """
     by_name = {score.name: score for score in scores}
     learned = by_name["learned" if evaluated == "greedy" else "learned, sampled"]
@@ -243,10 +243,10 @@ def evaluation_of(
 def make_run(
     settings: TrainSettings[Any], folder: Path, state: dict[str, Any] | None = None
 ) -> Run:
-    """The run of these settings in its folder, from its beginning or from a checkpoint.
+    """The run of these settings in its folder, new or from a checkpoint.
 
     Raises:
-        ValueError: settings that cannot run here, or a checkpoint that does not fit.
+        ValueError: settings that cannot run here, or a checkpoint that does not match them.
     """
     check_device(settings.device)
     budget = Budget(settings.seconds, settings.frames, settings.threads, settings.clock)

@@ -1,4 +1,4 @@
-"""Worlds: what a run of one agent asks of a task, whatever that is; games in mazes, and the arm."""
+"""Tasks with their opponents, environments and contests: games in mazes, and the arm."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ from train.teaching.teacher import EpisodeMetrics, Teacher
 
 @dataclass(frozen=True)
 class GridWorld:
-    """A game in mazes with whoever else plays in it, made of its settings once.
+    """A game in mazes with its opponents, built once from settings.
 
     Attributes:
-        task: what is evaluated.
-        context: what lessons are planned over.
+        task: of the evaluation.
+        context: for which curricula are built.
     """
 
     settings: TaskSettings
 
     @cached_property
     def task(self) -> Task:
-        """The task; ValueError for settings that make no game."""
+        """The task; ValueError for settings that it does not allow."""
         return task_of(self.settings)
 
     @cached_property
     def agent(self) -> str:
-        """Who learns; ValueError where that agent does not play."""
+        """The learning agent; ValueError unless it takes part in the task."""
         return agent_of(self.settings, self.task)
 
     @cached_property
@@ -60,7 +60,7 @@ class GridWorld:
 
     @property
     def context(self) -> CurriculumContext:
-        """The task, and who plays in it."""
+        """The task and its opponents, for a curriculum."""
         given = self.settings
         learned = None if given.opponent in AGENTS else given.opponent
         epsilon = given.opponent_epsilon
@@ -73,13 +73,13 @@ class GridWorld:
         seed: int,
         plan: Plan | None,
     ) -> tuple[SimulatorEnv, Teacher | None]:
-        """The training games as a TorchRL environment, and who teaches in them.
+        """The training environment, and the teacher in it.
 
         Args:
-            seat: who learns, in these games.
-            num_games: in lockstep.
+            seat: the learning agent, with the training task.
+            num_games: number of parallel games.
             seed: of the games.
-            plan: what is taught; None without a curriculum.
+            plan: of the curriculum; None without one.
         """
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
         judge = EpisodeMetrics(
@@ -92,7 +92,7 @@ class GridWorld:
         return SimulatorEnv(simulator, seat, policies, teacher), teacher
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> GameContest | SuiteContest:
-        """What is judged: the task itself, whatever the training games are."""
+        """The contest of evaluations: in the task itself, independent of the curriculum."""
         masks, one = self.settings.mask_bumps, len(self.task.mazes) == 1
         if not one:
             return SuiteContest(self.task, self.agent, self.opponents, episodes, seed)
@@ -101,7 +101,7 @@ class GridWorld:
 
 @dataclass(frozen=True)
 class ArmWorld:
-    """An arm; in the same shape as `GridWorld`."""
+    """An arm, with the same interface as `GridWorld`."""
 
     settings: ReacherSettings
 
@@ -112,7 +112,7 @@ class ArmWorld:
 
     @property
     def context(self) -> ArmContext:
-        """The arm."""
+        """The arm, for a curriculum."""
         return ArmContext(self.task)
 
     def games(
@@ -122,14 +122,14 @@ class ArmWorld:
         seed: int,
         plan: Plan | None,
     ) -> tuple[ArmEnv, Teacher | None]:
-        """As of `GridWorld`."""
+        """As in `GridWorld`."""
         simulator = ReacherSimulator(seat.task, num_games, seed, auto_restart=False)
         judge = EpisodeMetrics(lambda arms: arms.terminated, lambda arms: arms.returns)
         teacher = None if plan is None else Teacher(plan, simulator, judge)
         return ArmEnv(simulator, seat, teacher), teacher
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> ArmContest:
-        """As of `GridWorld`."""
+        """As in `GridWorld`."""
         return ArmContest(self.task, episodes, seed)
 
 
@@ -137,5 +137,5 @@ World = GridWorld | ArmWorld
 
 
 def world_of(settings: AnyTask) -> World:
-    """The world of a task's settings."""
+    """The `GridWorld` or `ArmWorld` of a task's settings."""
     return ArmWorld(settings) if isinstance(settings, ReacherSettings) else GridWorld(settings)

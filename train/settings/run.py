@@ -1,4 +1,4 @@
-"""The settings of one training run: what `config.json` holds."""
+"""The settings of one training run, as saved in `config.json`."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ S = TypeVar("S", bound=Hyperparameters, covariant=True)
 
 @dataclass(frozen=True)
 class TrainSettings(RunSettings, Generic[S]):
-    """One training run, complete."""
+    """All settings of one training run."""
 
     task: AnyTask = field(default_factory=TaskSettings)
     hyper: S = field(default_factory=PPOSettings)  # type: ignore[assignment]
-    """The settings of the algorithm."""
+    """Hyperparameters of the algorithm."""
     lessons: CurriculumSettings = field(default_factory=CurriculumSettings)
-    """The settings of the curriculum."""
+    """Settings of the curriculum."""
     algorithm: str = "ppo"
-    """The learner: ppo, a2c, reinforce, dqn, q_learning; of an arm ppo, a2c, reinforce, ddpg, td3,
-    sac; or package.module:Name of your own."""
+    """ppo, a2c, reinforce, dqn or q_learning; for the arm ppo, a2c, reinforce, ddpg, td3 or sac; or
+    package.module:Name of a user-defined algorithm."""
     curriculum: str = "none"
-    """What is taught when. Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start,
-    start-distance, num-goals, maze-size, loops; of an arm target-distance, free-joints, hold,
-    tolerance. Adaptive: success-gated, learning-progress, level-replay, learnability; over the
-    mazes of a suite maze-replay, maze-learnability. Controls: none, uniform, reversed, shuffled. Or
-    package.module:Name, of a curriculum or an axis of your own."""
+    """Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start, start-distance, num-goals,
+    maze-size, loops; for the arm target-distance, free-joints, hold, tolerance. Adaptive:
+    success-gated, learning-progress, level-replay, learnability; for a suite of mazes maze-replay,
+    maze-learnability. Controls: none, uniform, reversed, shuffled. Or package.module:Name of a
+    user-defined curriculum or axis."""
     observation: str = "auto"
-    """What the network is given. In mazes: index (the same network as one_hot, faster), one_hot,
-    positions, cells, walls, planes or window:R (convolutions), or package.module:Name of your own.
-    Of an arm: positions or positions_angles. auto: the first of these."""
+    """Observation of the network. In mazes: index (one_hot computed faster), one_hot, positions,
+    cells, walls, planes, window:R (convolutions), or package.module:Name of a user-defined one. For
+    the arm: positions or positions_angles. auto: the first of these."""
     evaluate: Annotated[str, one_of("greedy", "sampled")] = "greedy"
-    """Which policy is evaluated: greedy (the most probable action), or sampled (as learned: it
-    gets away where the greedy one steps to and fro for ever). Final results have both."""
+    """Policy of the evaluations during training: greedy (the most probable action) or sampled. The
+    final results have both."""
     first_layer: Annotated[str, one_of("auto", "bag", "dense")] = "auto"
-    """Form of the first layer on index: bag, dense, or auto (the faster, as measured)."""
+    """Form of the first layer for observation index: bag, dense, or auto (the faster one)."""
     threads: Annotated[int, threads_from(0)] = 0
-    """Threads of torch. 0 is one for each core; with a budget in seconds, one or all of them,
-    whichever is the faster at the time; with one in seconds of the processor, one."""
+    """Threads of torch. 0: one per core; with a budget in seconds one or all, whichever is faster;
+    with clock processor one."""
 
     def __post_init__(self) -> None:
         if self.observation == "auto":

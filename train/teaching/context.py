@@ -1,4 +1,4 @@
-"""What lessons are laid over: a task and what is known of it; and an axis, from easy to hard."""
+"""The task for which a curriculum is built, with the opponents."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from train.teaching.optimum import Optimum, arm_optimum, optimum_of
 
 @dataclass(frozen=True)
 class CurriculumContext:
-    """The game in a maze that axes are laid over.
+    """A game in mazes for which a curriculum is built.
 
     Attributes:
-        task: the task itself, to which every axis leads.
-        agent: who learns, by name or role.
+        task: the task of the evaluation, which is the end of every axis.
+        agent: the learning agent, by name or role.
         opponents: the policy of every other role.
         opponent_epsilon: share of random moves of the scripted opponents.
-        learned_opponent: the name of an opponent that is not scripted; None where all are.
+        learned_opponent: the name of an opponent that is not scripted; None without one.
     """
 
     task: Task
@@ -32,44 +32,44 @@ class CurriculumContext:
 
     @property
     def default_axis(self) -> str:
-        """What `axis="auto"` means; ValueError where there is nothing to turn."""
+        """The axis for "auto"; ValueError where there is none."""
         task = self.task
         if task.num_goals:
             return "goal-spread-start"
         check(
             task.num_chasers > 0 and task.num_evaders > 0,
-            f"task {task.name!r} has neither goals nor chasers with evaders; name an axis",
+            f"task {task.name!r} has neither goals nor chasers with evaders; set axis",
         )
         return "start-distance"
 
     def check_levels(self, name: str) -> None:
-        """ValueError where there are no starts to be replayed."""
+        """ValueError unless starts are random, so that levels can be replayed."""
         check(
             self.task.start == "random",
-            f"curriculum={name!r} replays random starts; leave out start='marks'",
+            f"curriculum={name!r} replays random starts; leave out start=marks",
         )
 
     def optimum(self, task: Task) -> Optimum | None:
-        """The exact optimum of every start of `task`, this one in other mazes; None if unknown."""
+        """The optimum of every start of `task` (this task in other mazes); None if unknown."""
         return optimum_of(task, self.agent, self.opponents)
 
 
 @dataclass(frozen=True)
 class ArmContext:
-    """The arm that axes are laid over; a `CurriculumContext`."""
+    """An arm for which a curriculum is built; as `CurriculumContext`."""
 
     task: ReacherTask
 
     @property
     def default_axis(self) -> str:
-        """What `axis="auto"` means."""
+        """The axis for "auto"."""
         return "target-distance"
 
     def check_levels(self, name: str) -> None:
-        """Starts can be replayed whatever they are."""
+        """All starts of an arm can be replayed."""
 
     def optimum(self, task: ReacherTask) -> Optimum | None:
-        """The least steps of any start; None for many joints, and where actions are discrete."""
+        """The least steps of any start; None for many joints, and for discrete actions."""
         return arm_optimum(task)
 
 
