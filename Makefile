@@ -5,7 +5,7 @@ BIN := .venv/bin
 TRAINS := .venv/.trains
 SETUP := .venv/.complete
 
-.PHONY: setup train test test-all lint docs bench campaign clean
+.PHONY: setup train test test-all lint docs docs-test bench campaign clean
 
 train: $(TRAINS)
 	$(BIN)/pursuit train --task chase --role chaser --maze 5x5 --seconds 30
@@ -22,14 +22,15 @@ lint: $(SETUP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Every example of the pages and every notebook runs; links, anchors and names are strict; the site is
-# opened in a browser where there is one.
+# The site, in half a minute; a link, an anchor or a name that does not exist is an error.
 docs: $(SETUP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
-	$(BIN)/python -m pytest -m "slow or not slow" tests/test_docs.py tests/test_notebooks.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
-	$(BIN)/python -m pytest -m "slow or not slow" tests/test_site.py
 	@echo "open build/docs/index.html"
+
+# Every example of the pages and every notebook runs; the site is opened in a browser if there is one.
+docs-test: docs
+	$(BIN)/python -m pytest -n 2 -m "slow or not slow" tests/test_docs.py tests/test_notebooks.py tests/test_site.py
 
 bench: $(SETUP)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[bench]'

@@ -1,4 +1,4 @@
-"""What the site has besides docs/*.md: README, CONTRIBUTING and CHANGELOG, and the notebooks.
+"""What the site has besides docs/*.md: README, CONTRIBUTING, CHANGELOG, notebooks, references.
 
 MkDocs calls these (mkdocs.yml names this file). One text serves the repository and the site, so
 links are turned here from the one's paths to the other's.
@@ -7,6 +7,7 @@ links are turned here from the one's paths to the other's.
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,14 @@ def on_files(files: Files, config: Any) -> Files:
         files.append(File.generated(config, page, content=in_the_site(text)))
     for notebook in sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")):
         add_notebook(notebook, files, config)
+    sys.path.insert(0, str(ROOT / "docs"))
+    import reference_pages
+
+    for name, make in (
+        ("command_line", reference_pages.command_line),
+        ("settings", reference_pages.settings),
+    ):
+        files.append(File.generated(config, f"reference/{name}.md", content=make()))
     return files
 
 
@@ -58,7 +67,7 @@ def add_notebook(notebook: Path, files: Files, config: Any) -> None:
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Links to notebooks lead to their pages, and those to files beside docs/ to theirs."""
     for name, page in FROM_THE_ROOT.items():
-        markdown = markdown.replace(f"](../{name}", f"]({page}")
+        markdown = markdown.replace(f"](../../{name}", f"](../{page}")
     return re.sub(r"\]\(((?:\.\./)?notebooks/\w+)\.ipynb\)", r"](\1.md)", markdown)
 
 

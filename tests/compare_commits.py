@@ -237,7 +237,7 @@ def solutions():
 TRAININGS = {
     **{
         f"chase_{a}": f"--task chase --role chaser --maze 5x5 --algorithm {a}"
-        for a in ("ppo", "a2c", "dqn", "reinforce", "q_learning")
+        for a in ("ppo", "a2c", "dqn", "reinforce", "q_learning", "cross_entropy")
     },
     "evader_ppo": "--task chase --role evader --maze 5x5",
     "maze_ppo": "--task maze --num-goals 3",

@@ -1,6 +1,6 @@
 """The tables of the environments' pages, made of the code: signatures, docstrings, spaces, rewards.
 
-    python tests/environment_tables.py      # writes them anew into docs/
+    PYTHONPATH=. python tests/environment_tables.py      # writes them anew into docs/
 
 A page holds a table between `<!-- table: NAME -->` and `<!-- end -->`; tests/test_docs.py compares.
 """
@@ -41,7 +41,7 @@ GYMNASIUM = {
 
 def pages() -> list[str]:
     """The pages that hold tables."""
-    found = [*(ROOT / "docs" / "environments").glob("*.md"), ROOT / "docs" / "reacher.md"]
+    found = (ROOT / "docs" / "environments").glob("*.md")
     return sorted(str(page.relative_to(ROOT)) for page in found)
 
 
@@ -168,8 +168,18 @@ def facts(name: str) -> str:
             ),
             ("State", f"`{space(env.state_space)}`"),
             ("Ends", f"truncated after {env.task.max_steps} steps"),
+            *([("Defaults", differing)] if (differing := differences(env.task)) else []),
         ],
     )
+
+
+def differences(task: Any) -> str:
+    """The settings of a task whose defaults are not those of chase."""
+    if not isinstance(task, pursuit.Task):
+        return ""
+    common = settings_of(pursuit.make_task("chase"))
+    given = settings_of(task)
+    return ", ".join(f"`{n}={plain(v)}`" for n, v in given.items() if v != common[n])
 
 
 def space(given: gymnasium.Space[Any]) -> str:

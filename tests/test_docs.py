@@ -37,6 +37,7 @@ PAGES = {
     for page in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))
     if page.relative_to(ROOT).parts[1:2] not in [(folder,) for folder in WRITTEN]
 }
+TUTORIALS = [page for page in PAGES if page.startswith("docs/tutorials/")]
 OPTIONAL = {"stable_baselines3", "sb3_contrib", "supersuit", "ray", "pygame", "imageio",
             "benchmarl", "agilerl", "tianshou"}  # fmt: skip
 FENCE = re.compile(r"^```([\w-]*)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -87,29 +88,17 @@ def written(page: str, folder: Path) -> None:
 
 
 ELSEWHERE = {
-    "docs/for_a_paper.md": "train/experiments/test_for_a_paper.py",
-    "docs/other_libraries.md": "pursuit/environments/test_other_libraries.py",
+    "docs/guides/other_libraries.md": "pursuit/environments/test_other_libraries.py",
 }
 """Pages whose Python runs in a test of their own."""
 
 PROMISES: dict[str, Callable[[dict[str, Any], Path], bool]] = {
     # The best response caught the evader that it was solved for.
-    "docs/simulator.md": lambda names, _: names["simulator"].episode_lengths.mean() < 40,
-    "docs/reacher.md": lambda names, folder: (
-        names["observed"].shape == (4096, 7)
-        and (folder / "arm.gif").is_file()
-        and names["rollout"]["next", "observation"].shape == (16, 50, 7)
-        and names["lower"] == names["upper"]
-    ),
-    "docs/viewer.md": lambda names, _: (
+    "docs/guides/simulator.md": lambda names, _: names["simulator"].episode_lengths.mean() < 40,
+    "docs/guides/viewer.md": lambda names, _: (
         len(names["replay"].episodes) == 3 and "my games" in names["html"]
     ),
-    "docs/memory.md": lambda names, _: (
-        names["remembered"].shape == (100, 64)
-        and names["remembered"].any(axis=1).all()
-        and names["recurrent"].num_timesteps == names["maskable"].num_timesteps == 1024
-    ),
-    "docs/own_parts.md": lambda names, _: parts.allowed() == ("my_parts",),
+    "docs/guides/own_parts.md": lambda names, _: parts.allowed() == ("my_parts",),
 }
 """What a page's examples come to, beyond running, from the names that they leave behind."""
 
@@ -124,7 +113,10 @@ def test_a_page_with_a_test_of_its_own_has_one(page: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "page", with_slow([p for p in PAGES if blocks(p, "python") and p not in ELSEWHERE])
+    "page",
+    with_slow(
+        [p for p in PAGES if blocks(p, "python") and p not in ELSEWHERE and p not in TUTORIALS]
+    ),
 )
 def test_the_python_of_a_page_runs_in_order(page: str, folder: Path) -> None:
     written(page, folder)
@@ -143,11 +135,29 @@ def test_the_python_of_a_page_runs_in_order(page: str, folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_commands_of_own_parts_run_in_order(folder: Path) -> None:
-    page = "docs/own_parts.md"
+@pytest.mark.parametrize("page", TUTORIALS)
+def test_a_tutorial_runs_from_top_to_bottom(page: str, folder: Path) -> None:
+    written(page, folder)
+    names: dict[str, Any] = {"__name__": page}
+    for number, (language, code) in enumerate(FENCE.findall(PAGES[page])):
+        if language == "python" and not FILE.match(code):
+            exec(compile(code, f"{page}, block {number}", "exec"), names)
+        elif language == "toml":
+            (folder / code[2 : code.index("\n")]).write_text(code, encoding="utf-8")
+        elif language == "":
+            for words in in_words(code):
+                if words[0] == "pursuit":
+                    main([*words[1:], *(["--no-browser"] if words[1] == "view" else [])])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page", [f"docs/guides/{name}.md" for name in ("own_parts", "own_network", "own_opponents")]
+)
+def test_the_commands_of_own_parts_run_in_order(page: str, folder: Path) -> None:
     written(page, folder)
     commands = [words for words in commands_of(page) if words[0] == "pursuit"]
-    assert len(commands) >= 12
+    assert commands
     for words in commands:
         main(words[1:])
         if "--allow" in words:  # each is a process of its own
@@ -159,7 +169,12 @@ def test_the_commands_of_own_parts_run_in_order(folder: Path) -> None:
 
 def commands_of(page: str) -> list[list[str]]:
     """The words of every command in blocks without a language."""
-    lines = "\n".join(blocks(page, "", "sh", "bash", "console")).replace("\\\n", " ").split("\n")
+    return in_words("\n".join(blocks(page, "", "sh", "bash", "console")))
+
+
+def in_words(text: str) -> list[list[str]]:
+    """The words of every line of a block of commands."""
+    lines = text.replace("\\\n", " ").split("\n")
     return [
         words for line in lines if (words := shlex.split(line.removeprefix("$ "), comments=True))
     ]
@@ -245,19 +260,21 @@ def test_the_sweep_files_of_a_page_load(page: str, folder: Path) -> None:
 
 @pytest.mark.parametrize("page", environment_tables.pages())
 def test_the_tables_of_an_environment_are_those_of_the_code(page: str) -> None:
-    """Where this fails: `python tests/environment_tables.py` writes them anew; read the change."""
+    """Where this fails: `PYTHONPATH=. python tests/environment_tables.py` writes them anew; read the change."""
     text = (ROOT / page).read_text(encoding="utf-8")
     assert environment_tables.renewed(text) == text
 
 
 def test_every_report_is_named() -> None:
-    text = PAGES["docs/reports.md"]
+    text = PAGES["docs/results/index.md"]
     for folder in WRITTEN:
         for report in sorted((DOCS / folder).rglob("*.md")):
             if report.name == "methods.md":  # how a report's runs were made: the report names it
                 assert "(methods.md)" in report.with_name("report.md").read_text(), report
             else:
-                assert f"({report.relative_to(DOCS)})" in text, f"{report}: not in docs/reports.md"
+                assert f"(../{report.relative_to(DOCS)})" in text, (
+                    f"{report}: not in docs/results/index.md"
+                )
 
 
 @pytest.mark.parametrize("package", ["pursuit", "scripted_agents", "curricula", "train"])

@@ -1,5 +1,5 @@
 """How soon the interval of an optimum under limited sight is how narrow: the table of
-docs/hidden_optimum.md. In processor seconds, after compilation.
+docs/results/partial_observability.md. In processor seconds, after compilation.
 
     python tests/benchmarks/bench_hidden.py
 """

@@ -22,6 +22,8 @@ KINDS = {
     "a2c": f"train --algorithm a2c {SMALL}",
     "reinforce": f"train --algorithm reinforce {SMALL}",
     "dqn": f"train --algorithm dqn {SMALL} --learning-starts 200",
+    "cross_entropy": "train --algorithm cross_entropy --maze 3x3 --max-steps 40 --threads 1 "
+    "--frames 20000 --episodes 50",
     "q_learning": f"train --algorithm q_learning {SMALL}",
     "epsilon": f"train {BATCH} --curriculum opponent-epsilon {SMALL}",
     "gated": f"train {BATCH} {SMALL} --curriculum success-gated --axis opponent-epsilon "

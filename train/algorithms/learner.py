@@ -185,7 +185,12 @@ class NetworkLearner:
         env: the training environment.
         network: the trained network.
         device: of the network.
+
+    Attributes:
+        average: replaces tensors by their means over data parallel processes; None for one process.
     """
+
+    average: Callable[[list[torch.Tensor]], None] | None = None
 
     def __init__(
         self, settings: NetworkSettings, env: VecEnv, network: Network, device: str
@@ -218,6 +223,8 @@ class NetworkLearner:
     def descend_by_gradients(self) -> None:
         """One step of Adam with the gradients in `grad`, clipped likewise."""
         weights = self.optimizer.param_groups[0]["params"]
+        if self.average is not None:
+            self.average([weight.grad for weight in weights if weight.grad is not None])
         clip_gradients(weights, self._descent.max_grad_norm)
         step_adam(self.optimizer)
         # Cached tables of a policy compare the versions of the weights, which a fused step does not

@@ -95,6 +95,8 @@ class PPO(RolloutLearner):
 
     def _adapt_kl_coef(self, found: torch.Tensor) -> None:
         """Schulman et al. (2017), section 4, with the thresholds of RLlib."""
+        if self.average is not None:
+            self.average([found])
         divergence = float(found)
         if divergence > 2.0 * self.settings.kl_target:
             self.kl_coef *= 1.5

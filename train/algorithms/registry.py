@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pursuit.simulator.policy import Policy
-from train.algorithms import a2c, continuous, dqn, ppo, q_learning
+from train.algorithms import a2c, continuous, cross_entropy, dqn, ppo, q_learning
 from train.algorithms.learner import Build, Learner, network_loader
 from train.algorithms.rollouts import actor_critic_of
 from train.networks.policy import Player, Seat
@@ -181,6 +181,13 @@ _ours(
     **_GREEDY,
     tabular=True,
     check_player=q_learning.check_player,
+)
+_ours(
+    "cross_entropy",
+    cross_entropy.build,
+    network_loader(cross_entropy.network_of),
+    actions=BOTH,
+    check_player=cross_entropy.check_player,
 )
 _ours("ddpg", continuous.build_ddpg, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)
 _ours("td3", continuous.build_td3, _LOAD_DETERMINISTIC, **_GREEDY, actions=CONTINUOUS)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import tyro
 
 from pursuit.replays.replay import with_suffix
-from train.commands.parse import heard, parse, warn
+from train.commands.parse import parse, print_warnings, warn
 from train.commands.scores import (
     certificate_of,
     print_bounds,
@@ -170,7 +170,7 @@ def run_to_judge(given: EvaluateCommand) -> Judged:
     from train.runs.opponents import load_policy
     from train.runs.saved import load_settings
 
-    with heard():
+    with print_warnings():
         settings, policy = load_settings(given.run), load_policy(given.run)
     if given.opponent_epsilon is not None:
         if isinstance(settings.task, ReacherSettings):

@@ -113,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with Signals() as signals:
         try:
             try:
-                obey(given)
+                run_command(given)
             finally:
                 sys.stdout.flush()  # raises BrokenPipeError here instead of at exit
         except BrokenPipeError:  # for example `head`
@@ -144,7 +144,7 @@ def open_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def obey(given: list[str]) -> None:
+def run_command(given: list[str]) -> None:
     """Run the subcommand in the arguments, or print the usage."""
     for argument in given:
         check_utf8(argument)

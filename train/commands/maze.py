@@ -35,7 +35,7 @@ class MazeCommand:
     height: int = 9
     """Number of rows of the generated maze."""
     width: int | None = None
-    """Number of columns. Default: as many as rows."""
+    """Number of columns. None: as many as rows."""
     loops: float = 0.0
     """Fraction of the remaining inner walls that is removed, in [0, 1]."""
     no_dead_ends: bool = False

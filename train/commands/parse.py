@@ -5,18 +5,21 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import shutil
 import sys
+import textwrap
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NoReturn, TypeVar
 
 import tyro
+from tyro import _strings as tyro_strings
 
 from pursuit.plugins import ALLOW, allow
 from train.settings.task import AnyTask, task_form
 
 Form = TypeVar("Form")
-OF_EVERYBODY = ("--line-of-sight", "--unknown-maze")
+AGENT_OPTIONS = ("--line-of-sight", "--unknown-maze")
 """Options that name agents; without a value they mean all agents."""
 
 
@@ -27,7 +30,7 @@ def fail(message: str, status: int = 2) -> NoReturn:
 
 
 @contextlib.contextmanager
-def heard() -> Iterator[None]:
+def print_warnings() -> Iterator[None]:
     """Print each different warning inside as one line on stderr."""
     with warnings.catch_warnings(record=True) as noted:
         warnings.simplefilter("always", UserWarning)
@@ -69,12 +72,13 @@ def default_budget(options: Mapping[str, str], seconds: float) -> dict[str, Any]
 
 
 ALLOW_HELP = f"""all commands:
-  --allow MODULE          allow files (of runs, sweeps, models) to name user-defined parts of this
-                          module; can be repeated; {ALLOW}=MODULE,OTHER does the same
+  --allow MODULE    allow files (of runs, sweeps, models) to name user-defined
+                    parts of this module; can be repeated;
+                    {ALLOW}=MODULE,OTHER does the same
 """
 
 
-def taken_allowed(arguments: Sequence[str]) -> list[str]:
+def take_allow_options(arguments: Sequence[str]) -> list[str]:
     """The arguments without every --allow MODULE, whose modules are allowed from now on.
 
     Raises:
@@ -90,12 +94,12 @@ def taken_allowed(arguments: Sequence[str]) -> list[str]:
     return rest
 
 
-def meant_for_all(arguments: Sequence[str]) -> list[str]:
-    """The arguments, with "all" after options of `OF_EVERYBODY` without a value."""
+def add_all(arguments: Sequence[str]) -> list[str]:
+    """The arguments, with "all" after options of `AGENT_OPTIONS` without a value."""
     found: list[str] = []
     for argument, after in zip(arguments, [*arguments[1:], "--"], strict=False):
         found.append(argument)
-        if argument.replace("_", "-") in OF_EVERYBODY and after.startswith("--"):
+        if argument.replace("_", "-") in AGENT_OPTIONS and after.startswith("--"):
             found.append("all")
     return found
 
@@ -108,6 +112,44 @@ CONFIG = (
 )
 
 
+def join_lines(text: str) -> str:
+    """The paragraphs of a docstring as single lines, without the indentation of the source.
+
+    tyro joins lines itself, but not those of an indented docstring, so that help texts would keep
+    the line breaks of the source.
+    """
+    return "\n\n".join(" ".join(part.split()) for part in re.split(r"\n\s*\n", text.strip()))
+
+
+tyro_strings.remove_single_line_breaks = join_lines
+
+
+def wrapped(text: str) -> str:
+    """tyro's help text with its description wrapped to the terminal, as its boxes are."""
+    width = shutil.get_terminal_size().columns
+    return "\n".join(
+        textwrap.fill(line, width) if len(line) > width and "│" not in line else line
+        for line in text.split("\n")
+    )
+
+
+class HelpText(io.StringIO):
+    """Captured output with the encoding and the colours of stdout, which tyro adapts to."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._stdout = sys.stdout
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """That of stdout."""
+        return self._stdout.encoding
+
+    def isatty(self) -> bool:
+        """Whether stdout is a terminal."""
+        return self._stdout.isatty()
+
+
 def parse(
     form: type[Form], arguments: Sequence[str], prog: str, default: Form | None = None
 ) -> Form:
@@ -116,15 +158,15 @@ def parse(
     Raises:
         ValueError: options that the form does not have, or values that are not allowed.
     """
-    args = meant_for_all(taken_allowed(arguments))
-    boxed = io.StringIO()
+    args = add_all(take_allow_options(arguments))
+    boxed, shown = io.StringIO(), HelpText()
     extra: Any = {} if default is None else {"default": default}
     try:
-        with contextlib.redirect_stderr(boxed):
+        with contextlib.redirect_stderr(boxed), contextlib.redirect_stdout(shown):
             return tyro.cli(form, args=args, prog=f"pursuit {prog}", config=CONFIG, **extra)
     except SystemExit as exit_:
         if not exit_.code:
-            print(ALLOW_HELP)
+            print(wrapped(shown.getvalue()), ALLOW_HELP, sep="")
             raise
         raise ValueError(f"{in_words(boxed.getvalue())} (see pursuit {prog} --help)") from None
 

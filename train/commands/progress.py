@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from train.commands.parse import heard
+from train.commands.parse import print_warnings
 from train.files import check_folder
 from train.runs.folder import CONFIG, check_new, load_final, load_results
 from train.runs.forms import Final
@@ -25,7 +25,7 @@ QUIET = 2.0
 """Seconds of work without a report."""
 
 
-class Alive:
+class ProgressLine:
     """Reports the progress of long work on stderr; nothing for work of a few seconds.
 
     In a terminal one line is updated, elsewhere a line is printed every ten seconds.
@@ -51,7 +51,7 @@ class Alive:
             print(file=sys.stderr)
 
 
-class Watch:
+class TrainingProgress:
     """Shows the progress of a run: a bar in a terminal, and a line for every evaluation."""
 
     def __init__(self) -> None:
@@ -93,15 +93,15 @@ class RunCommand:
     """Options of commands that train."""
 
     out: Path | None = None
-    """New folder for the run. Default: runs/NAME-TIME."""
+    """New folder for the run. None: runs/NAME-TIME."""
     resume: Path | None = None
     """Resume the run in this folder. All other options are taken from it."""
     episodes: int | None = None
-    """Episodes of the final evaluation, if it is not exact. Default: 1000; with --resume that of
+    """Episodes of the final evaluation, if it is not exact. None: 1000; with --resume that of
     the first command."""
 
 
-def begun(kind: str, settings: Any, given: RunCommand, name: str) -> tuple[Run, Final]:
+def open_run(kind: str, settings: Any, given: RunCommand, name: str) -> tuple[Run, Final]:
     """The run that a command starts or resumes, and the settings of its final results.
 
     Args:
@@ -126,12 +126,12 @@ def begun(kind: str, settings: Any, given: RunCommand, name: str) -> tuple[Run, 
         check_folder(folder)
     from train.experiments.kinds import resume, start  # torch is slow to import
 
-    with heard():
+    with print_warnings():
         run = start(kind, settings, out, final) if folder is None else resume(folder, kind)
     return run, final
 
 
-def carry_out(
+def finish_run(
     run: Run, episodes: int, again: str, before: Callable[[], None] = lambda: None
 ) -> dict[str, Any]:
     """Train until the end of the budget or Ctrl-C; then evaluate, and return the results.
@@ -150,7 +150,7 @@ def carry_out(
     if is_complete(run.folder):
         return load_results(run.folder)
     if run.progress < 1.0:
-        with Watch() as watch:
+        with TrainingProgress() as watch:
             run.train(watch)
     if run.stopped:
         again += allow_options(run.folder / CONFIG)
@@ -164,7 +164,7 @@ def carry_out(
         raise
 
 
-def leave(run: Run) -> None:
+def exit_after_signal(run: Run) -> None:
     """Exit with the status of the signal that stopped the run, if any."""
     if run.exit_status:
         sys.exit(run.exit_status)

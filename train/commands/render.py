@@ -17,7 +17,7 @@ from scripted_agents import (
     why_not_optimal,
 )
 from scripted_agents.environments import DEFAULTS
-from train.commands.parse import default_task, heard, options_in, parse
+from train.commands.parse import default_task, options_in, parse, print_warnings
 from train.evaluation.arm_contest import ArmContest
 from train.files import check_folder, check_new_files
 from train.runs.pictures import save_replay
@@ -64,7 +64,7 @@ def render(arguments: Sequence[str]) -> None:
 
     policy: Any
     if given.run is not None:
-        with heard():
+        with print_warnings():
             policy, contest = load_policy(given.run), contest_of(load_settings(given.run).task, 2)
     else:
         check_unused_task_settings(given.task)

@@ -13,7 +13,7 @@ from train.commands.parse import (
     parse,
     parse_known,
 )
-from train.commands.progress import RunCommand, begun, carry_out, leave
+from train.commands.progress import RunCommand, exit_after_signal, finish_run, open_run
 from train.commands.scores import (
     certificate_of,
     print_bounds,
@@ -73,21 +73,21 @@ def train(arguments: Sequence[str]) -> None:
     default = _defaults(arguments)
     form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
     given: TrainCommand[Any] = parse(form, arguments, "train", default)
-    run, final = begun(RUN, given.settings, given, given.settings.task.label)
+    run, final = open_run(RUN, given.settings, given, given.settings.task.label)
     trainee: SingleAgent = run.trainee
     print(trainee.contest.line())
     if (form := getattr(trainee.learner, "update_form", None)) is not None:
         print(f"update: {form}")
     if trainee.teacher is not None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
-    content = carry_out(
+    content = finish_run(
         run,
         final.episodes,
         "pursuit train",
         lambda: say_what_is_solved(trainee.contest, run.stopped),
     )
     show(run, content)
-    leave(run)
+    exit_after_signal(run)
 
 
 def _defaults(arguments: Sequence[str]) -> TrainCommand[Any]:

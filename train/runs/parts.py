@@ -7,7 +7,7 @@ environment, a teacher its plan, a contest its task and opponents.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from typing import Any
 
@@ -21,7 +21,7 @@ from train.runs.worlds import GridWorld, World, world_of
 from train.settings.algorithms import Hyperparameters
 from train.settings.checks import check, evaluation_seed
 from train.settings.off_policy import ReplaySettings
-from train.settings.run import TrainSettings
+from train.settings.run import SHARED_OUT, TrainSettings
 from train.settings.task import AnyTask, in_maze
 from train.teaching.plan import Plan, plan_curriculum
 from train.teaching.teacher import Teacher
@@ -37,6 +37,7 @@ class Parts:
         seat: the learning agent in the training games.
         algorithm, hyper: the algorithm and its hyperparameters.
         build: options of building the learner on this machine.
+        rank: of the process in data parallel training (`data_parallel.py`), 0 or 1.
     """
 
     world: World
@@ -45,14 +46,20 @@ class Parts:
     algorithm: Algorithm
     hyper: Hyperparameters
     build: Build
+    rank: int = 0
 
     def games(self) -> tuple[Any, Teacher | None]:
         """The training environment, and the teacher in it."""
-        return self.world.games(self.seat, self.hyper.num_games, self.build.seed, self.plan)
+        games = self.hyper.num_games
+        first_game = self.rank * games
+        made = self.world.games(self.seat, games, self.build.seed, self.plan, first_game)
+        if made[1] is not None and self.rank:
+            made[1].rng = made[1].rng.spawn(1)[0]  # independent samples of the curriculum
+        return made
 
 
-def parts_of(settings: TrainSettings[Any]) -> Parts:
-    """The parts of a run.
+def parts_of(settings: TrainSettings[Any], rank: int = 0) -> Parts:
+    """The parts of a run, or of the process of this rank of the two of one.
 
     Raises:
         ValueError: settings that are not valid for the task, the agent, the opponent, the
@@ -94,7 +101,9 @@ def parts_of(settings: TrainSettings[Any]) -> Parts:
             "level-replay",
         )
     check_sizes(hyper, seat)
-    return Parts(world, plan, seat, algorithm, hyper, build_of(settings))
+    if settings.processes == 2:
+        hyper = replace(hyper, **{name: getattr(hyper, name) // 2 for name in SHARED_OUT})
+    return Parts(world, plan, seat, algorithm, hyper, build_of(settings), rank)
 
 
 def check_sizes(hyper: Hyperparameters, seat: Player) -> None:

@@ -20,6 +20,7 @@ from train.evaluation.scores import (
     Score,
     optimality_gap,
 )
+from train.runs.data_parallel import SecondProcess
 from train.runs.folder import MISFITS, RUN, misfit
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.parts import Parts, parts_of
@@ -46,6 +47,7 @@ class SingleAgent:
 
     Attributes:
         parts, simulator, env, learner, teacher: its parts; no teacher without a curriculum.
+        replica: the second process of data parallel training; None without one.
         contest, optimum: of the evaluations, and the exact optimum if it is known.
         policy: the learner's current policy, greedy or sampled as `evaluate` says.
     """
@@ -55,6 +57,7 @@ class SingleAgent:
 
     def __init__(self, parts: Parts, evaluate: str, state: dict[str, Any] | None = None) -> None:
         self.parts, self.evaluated = parts, evaluate
+        self.replica: SecondProcess | None = None
         self._judged: Any = None
         self._solved_work = 0
         self.env, self.teacher, self.learner = build_env_and_learner(parts, state)
@@ -70,15 +73,20 @@ class SingleAgent:
 
     @property
     def frames(self) -> int:
-        """Environment steps, summed over games."""
-        return int(self.learner.frames)
+        """Environment steps, summed over games and processes."""
+        return int(self.learner.frames) * (1 if self.replica is None else 2)
 
     def iterate(self, clock: Clock) -> dict[str, float]:
         """One iteration of the learner, after an update of the curriculum."""
         progress = clock.progress
         if self.teacher is not None:
             self.teacher.update(progress, self.frames, clock.seconds)
-        figures: dict[str, float] = self.learner.iterate(progress)
+        if self.replica is None:
+            own: dict[str, float] = self.learner.iterate(progress)
+            return own
+        figures, returns, lengths = self.replica.iterate(progress, clock.seconds)
+        self.env.finished_returns += returns
+        self.env.finished_lengths += lengths
         return figures
 
     def evaluate(self) -> dict[str, float]:
@@ -143,6 +151,7 @@ class SingleAgent:
             "algorithm": self.parts.algorithm.name,
             "curriculum": "none" if plan is None else plan.name,
             "seed": build.seed,
+            **({} if self.replica is None else {"processes": 2}),
             **evaluation_of(scores, self.evaluated, floor, certificate, contest),
             "device": build.device,
             "precision": "bfloat16" if build.bfloat16 else "float32",
@@ -155,9 +164,11 @@ class SingleAgent:
         return {} if form is None else {"update": form}
 
     def state_dict(self) -> dict[str, Any]:
-        """Learner, teacher and games, with the memories of policies."""
+        """Learner, teacher and games, with the memories of policies; of both processes."""
         state = training_state(self.env, self.teacher, self.learner)
         state["algorithm"] = self.parts.algorithm.name
+        if self.replica is not None:
+            state["partner"] = self.replica.state()
         return state
 
     def learned(self) -> dict[str, Any]:
@@ -170,8 +181,10 @@ class SingleAgent:
             write_log(folder, self.teacher.rows)
 
     def close(self) -> None:
-        """Release the resources of the learner."""
+        """Release the resources of the learner, and end the second process."""
         self.learner.close()
+        if self.replica is not None:
+            self.replica.close()
 
 
 def measured(measure: Measure, score: Score) -> float:
@@ -249,12 +262,17 @@ def make_run(
         ValueError: settings that cannot run here, or a checkpoint that does not match them.
     """
     check_device(settings.device)
-    budget = Budget(settings.seconds, settings.frames, settings.threads, settings.clock)
+    threads = 1 if settings.processes == 2 else settings.threads
+    budget = Budget(settings.seconds, settings.frames, threads, settings.clock)
     prepare_torch(budget.first_threads, settings.seed)
     parts = parts_of(settings)
-    if state is None:
-        return Run(SingleAgent(parts, settings.evaluate), folder, budget)
     try:
-        return Run(SingleAgent(parts, settings.evaluate, state["trainee"]), folder, budget, state)
+        saved = None if state is None else state["trainee"]
+        trainee = SingleAgent(parts, settings.evaluate, saved)
+        if settings.processes == 2:
+            trainee.replica = SecondProcess(settings, trainee.learner, folder, saved)
+        return Run(trainee, folder, budget, state)
     except MISFITS as error:
+        if state is None:
+            raise
         raise misfit(folder, error) from error

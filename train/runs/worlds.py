@@ -72,6 +72,7 @@ class GridWorld:
         num_games: int,
         seed: int,
         plan: Plan | None,
+        first_game: int = 0,
     ) -> tuple[SimulatorEnv, Teacher | None]:
         """The training environment, and the teacher in it.
 
@@ -80,6 +81,7 @@ class GridWorld:
             num_games: number of parallel games.
             seed: of the games.
             plan: of the curriculum; None without one.
+            first_game: index of the first game among those of the seed.
         """
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
         judge = EpisodeMetrics(
@@ -87,7 +89,7 @@ class GridWorld:
             lambda games: games.returns[:, number],
             measure_of(seat.task, seat.role) != BY_LONG_LIFE,
         )
-        simulator = Simulator(seat.task, num_games, seed, auto_restart=False)
+        simulator = Simulator(seat.task, num_games, seed, first_game, auto_restart=False)
         teacher = None if plan is None else Teacher(plan, simulator, judge)
         return SimulatorEnv(simulator, seat, policies, teacher), teacher
 
@@ -121,9 +123,10 @@ class ArmWorld:
         num_games: int,
         seed: int,
         plan: Plan | None,
+        first_game: int = 0,
     ) -> tuple[ArmEnv, Teacher | None]:
         """As in `GridWorld`."""
-        simulator = ReacherSimulator(seat.task, num_games, seed, auto_restart=False)
+        simulator = ReacherSimulator(seat.task, num_games, seed, first_game, auto_restart=False)
         judge = EpisodeMetrics(lambda arms: arms.terminated, lambda arms: arms.returns)
         teacher = None if plan is None else Teacher(plan, simulator, judge)
         return ArmEnv(simulator, seat, teacher), teacher

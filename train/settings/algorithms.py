@@ -7,7 +7,7 @@ from typing import Any
 
 from pursuit.plugins import Registry
 from train.settings.checks import Count, NotNegative, Positive, Share, check
-from train.settings.hyperparameters import Hyperparameters, NetworkSettings
+from train.settings.hyperparameters import Activation, Hyperparameters, NetworkSettings
 from train.settings.off_policy import DDPGSettings, DQNSettings, SACSettings, TD3Settings
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "LEARNERS",
     "A2CSettings",
     "ActorCriticSettings",
+    "CrossEntropySettings",
     "DDPGSettings",
     "DQNSettings",
     "Hyperparameters",
@@ -43,7 +44,7 @@ class ActorCriticSettings(NetworkSettings):
     action_std: Positive = 1.0
     """Initial standard deviation of continuous actions, before tanh; it is learned."""
     gamma_end: float | None = None
-    """Discount at the end of training, below 1. Default: `gamma` throughout."""
+    """Discount at the end of training, below 1. None: `gamma` throughout."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -150,6 +151,41 @@ class ReinforceSettings(ActorCriticSettings):
 
 
 @dataclass(frozen=True)
+class CrossEntropySettings(Hyperparameters):
+    """The cross-entropy method on network weights (Rubinstein, 1999; Szita and Lőrincz, 2006)."""
+
+    num_games: Count = 1024
+    """Games simulated in parallel, divided among the population."""
+    population: Count = 64
+    """Number of weight vectors in each generation."""
+    elite_share: Share = 0.125
+    """Fraction of the population that the next distribution is fitted to."""
+    initial_std: Positive = 0.3
+    """Initial standard deviation of every weight."""
+    extra_std: NotNegative = 0.02
+    """Added to the standard deviations against premature convergence, and annealed to 0."""
+    action_std: Positive = 0.1
+    """Standard deviation of continuous actions, before tanh; it is constant."""
+    width: Count = 16
+    """Units of each of the two hidden layers."""
+    activation: Activation = "tanh"
+    """Activation function: relu or tanh."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(
+            self.num_games % self.population == 0,
+            f"num_games={self.num_games} is not a multiple of population={self.population}; give a "
+            "multiple of it",
+        )
+        check(
+            round(self.population * self.elite_share) >= 2,
+            f"elite_share={self.elite_share} of population={self.population} is less than two; "
+            "raise one of them",
+        )
+
+
+@dataclass(frozen=True)
 class QLearningSettings(Hyperparameters):
     """Tabular Q-learning (Watkins, 1989)."""
 
@@ -181,6 +217,7 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "ddpg": DDPGSettings,
     "td3": TD3Settings,
     "sac": SACSettings,
+    "cross_entropy": CrossEntropySettings,
     "q_learning": QLearningSettings,
 }
 """The hyperparameters of every algorithm by name; see `algorithms/registry.py` for the learners."""

@@ -74,14 +74,14 @@ class AxisSettings(CurriculumSettings):
     """Range of the task parameter that a curriculum varies."""
 
     easiest: float | None = None
-    """Value at the beginning. Default: epsilon 1; a radius or distance of 3 (0 around fixed goals);
+    """Value at the beginning. None: epsilon 1; a radius or distance of 3 (0 around fixed goals);
     one goal; the smallest maze; all walls open; for the arm 3 steps, one joint, hold 1, five times
     the tolerance."""
     hardest: float | None = None
-    """Value at the end. Default: that of the task."""
+    """Value at the end. None: that of the task."""
     curriculum_mazes: str | None = None
     """Mazes for maze-size and loops, from easy to hard, separated by commas. The maze of the task
-    is appended. Default: its first rows, or the maze with walls removed."""
+    is appended. None: its first rows, or the maze with walls removed."""
 
 
 Length = Annotated[float, rule(lambda value: 0 <= value < inf, "must be finite and at least 0")]

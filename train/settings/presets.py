@@ -320,7 +320,7 @@ def tuned(algorithm: str, setting: TaskProfile) -> Hyperparameters:
         return hyper
     if setting.task == "reacher" and isinstance(hyper, ActorCriticSettings):
         return tuned_for_arms(hyper, setting.joints)
-    if setting.unseen_mazes and isinstance(hyper, PPOSettings):  # see docs/unseen_mazes.md
+    if setting.unseen_mazes and isinstance(hyper, PPOSettings):  # see docs/results/unseen_mazes.md
         hyper = replace(hyper, learning_rate=1e-3, epochs=3, minibatch_size=1024)
         return replace(hyper, gamma=0.97, entropy_coef=0.02)
     for form, where, values in TUNED_SETTINGS:

@@ -3,15 +3,59 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 from train.settings.algorithms import Hyperparameters, PPOSettings
-from train.settings.checks import check, one_of, threads_from
+from train.settings.checks import check, one_of, rule, threads_from
 from train.settings.common import RunSettings
-from train.settings.curricula import CurriculumSettings, curriculum_form
+from train.settings.curricula import (
+    CurriculumSettings,
+    ReversedSettings,
+    ScheduleSettings,
+    ShuffledSettings,
+    UniformSettings,
+    curriculum_form,
+)
 from train.settings.task import AnyTask, TaskSettings
 
 S = TypeVar("S", bound=Hyperparameters, covariant=True)
+ALIKE = (CurriculumSettings, ScheduleSettings, UniformSettings, ReversedSettings, ShuffledSettings)
+"""Curricula that do not depend on outcomes, so that they are equal in two processes."""
+SHARED_OUT = ("num_games", "minibatch_size")
+"""Hyperparameters that data parallel training divides between its two processes."""
+
+
+def check_two_processes(settings: TrainSettings[Any]) -> None:
+    """ValueError for settings that data parallel training does not support."""
+    hyper, lessons = settings.hyper, settings.lessons
+    alike = type(lessons) in ALIKE and getattr(lessons, "schedule_unit", "share") != "episodes"
+    found = [
+        ("algorithm", settings.algorithm, settings.algorithm == "ppo", "use ppo"),
+        ("device", settings.device, settings.device == "cpu", "use cpu"),
+        ("clock", settings.clock, settings.clock == "wall", "use wall"),
+        (
+            "threads",
+            settings.threads,
+            settings.threads <= 1,
+            "each process has one thread: leave threads out",
+        ),
+        ("recurrent", hyper.recurrent, hyper.recurrent is None, "leave it out"),
+        (
+            "curriculum",
+            settings.curriculum,
+            alike,
+            "it depends on the episodes of one process: use a scheduled one with another unit than "
+            "episodes",
+        ),
+    ]
+    for name in SHARED_OUT:
+        value = getattr(hyper, name, 0)
+        fits = value % 2 == 0 and value >= 4
+        found.append(
+            (name, value, fits, "each process has half of it: use an even number from 4 on")
+        )
+    for name, value, fits, instead in found:
+        check(fits, f"{name}={value!r} with processes=2; {instead}, or use processes=1")
 
 
 @dataclass(frozen=True)
@@ -24,8 +68,8 @@ class TrainSettings(RunSettings, Generic[S]):
     lessons: CurriculumSettings = field(default_factory=CurriculumSettings)
     """Settings of the curriculum."""
     algorithm: str = "ppo"
-    """ppo, a2c, reinforce, dqn or q_learning; for the arm ppo, a2c, reinforce, ddpg, td3 or sac; or
-    package.module:Name of a user-defined algorithm."""
+    """ppo, a2c, reinforce, dqn, cross_entropy or q_learning; for the arm ppo, a2c, reinforce,
+    cross_entropy, ddpg, td3 or sac; or package.module:Name of a user-defined algorithm."""
     curriculum: str = "none"
     """Scheduled: opponent-epsilon, goal-spread-fixed, goal-spread-start, start-distance, num-goals,
     maze-size, loops; for the arm target-distance, free-joints, hold, tolerance. Adaptive:
@@ -44,6 +88,9 @@ class TrainSettings(RunSettings, Generic[S]):
     threads: Annotated[int, threads_from(0)] = 0
     """Threads of torch. 0: one per core; with a budget in seconds one or all, whichever is faster;
     with clock processor one."""
+    processes: Annotated[int, rule(lambda value: value in (1, 2), "must be 1 or 2")] = 1
+    """2: data parallel training of ppo in two processes with one thread each. Each one has half of
+    the games and of every minibatch."""
 
     def __post_init__(self) -> None:
         if self.observation == "auto":
@@ -60,3 +107,5 @@ class TrainSettings(RunSettings, Generic[S]):
             type(self.lessons) is curriculum_form(self.curriculum),
             f"curriculum={self.curriculum!r} with settings of {type(self.lessons).__name__}",
         )
+        if self.processes == 2:
+            check_two_processes(self)

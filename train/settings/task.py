@@ -59,13 +59,13 @@ class TaskSettings(Settings):
     """A maze of the library (2x2 ... 9x9, 15x15, also with -tree and -open), a maze file, or a
     suite of mazes such as suite:7x7-train or suite:7x7-train/0-99."""
     num_chasers: int | None = None
-    """Number of chasers. Default: that of the task."""
+    """Number of chasers. None: that of the task."""
     num_evaders: int | None = None
-    """Number of evaders. Default: that of the task."""
+    """Number of evaders. None: that of the task."""
     num_runners: int | None = None
-    """Number of runners. Default: that of the task."""
+    """Number of runners. None: that of the task."""
     num_goals: int | None = None
-    """Number of goals. Default: that of the task."""
+    """Number of goals. None: that of the task."""
     max_steps: Steps = 200
     """Steps after which an episode is truncated, at most 100,000."""
     stay_action: bool = False
@@ -80,17 +80,16 @@ class TaskSettings(Settings):
     on_completion, per_evader); or package.module:Name of a user-defined function."""
     view_radius: Annotated[str | None, Rule(kept_text_of_radius, other_types=True)] = None
     """Observation radius in path steps: a number for all agents, or by role or agent, such as
-    chaser=2,evader_0=3. Default: unlimited. The scripted astar, random and optimal ignore it."""
+    chaser=2,evader_0=3. None: unlimited. The scripted astar, random and optimal ignore it."""
     line_of_sight: Annotated[str, Rule(kept_text_of_agents, other_types=True)] = ""
     """Agents that see along rows and columns only, up to the next wall: all (or no value), or roles
-    and agents such as chaser,evader_0. Default: none."""
+    and agents such as chaser,evader_0."""
     unknown_maze: Annotated[str, Rule(kept_text_of_agents, other_types=True)] = ""
-    """Agents that know only the part of the maze in view: all (or no value), or roles and agents.
-    Default: none."""
+    """Agents that know only the part of the maze in view: all (or no value), or roles and agents."""
     opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.2
     """Probability of a random move of the scripted opponents, in [0, 1]."""
     opponent: str | None = None
-    """Opponent instead of A*: random, optimal, searching (chasers also sweeping, belief; these
+    """None: A*. Otherwise random, optimal, searching (chasers also sweeping, belief; these
     three respect the limited view), the folder of a run, a saved Stable-Baselines3 model (.zip), or
     package.module:Name of a user-defined policy."""
     opponent_policy: Annotated[str, one_of("sampled", "greedy")] = "sampled"

@@ -1,4 +1,4 @@
-"""The examples of docs/other_libraries.md run as they stand, where their library is installed."""
+"""The examples of docs/guides/other_libraries.md run where their library is installed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-PAGE = Path(__file__).parents[3] / "docs" / "other_libraries.md"
+PAGE = Path(__file__).parents[3] / "docs" / "guides" / "other_libraries.md"
 SECTIONS = {
     text.partition("\n")[0]: re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     for text in PAGE.read_text(encoding="utf-8").split("\n## ")

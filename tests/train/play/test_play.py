@@ -18,7 +18,6 @@ import pytest
 from played_by_hand import EAST, NORTH, SOUTH, STAY, WEST, Visitor, maze_session, serving
 from self_play_runs import make_run
 
-from pursuit.environments.single_agent import SingleAgentEnv
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.replays.replay import Replay
 from scripted_agents import AStarChaser, AStarEvader, NearestGoalRunner
@@ -29,7 +28,7 @@ from train.play.seats import session_of
 from train.play.server import PlayServer
 from train.settings.task import TaskSettings
 
-PAGE = Path(__file__).parents[3] / "docs" / "play.md"
+PAGE = Path(__file__).parents[3] / "docs" / "guides" / "play.md"
 
 # -- the optimum beside it, against solvers of our own ---------------------------------------------
 
@@ -339,25 +338,3 @@ def test_the_commands_of_the_page_run_as_they_stand(
     printed = capsys.readouterr().out
     assert "you are evader on maze 9x9" in printed and "OptimalEvader(epsilon=0)" in printed
     assert (tmp_path / "ann.html").is_file()
-
-
-@pytest.mark.filterwarnings("ignore:.*matplotlib is not installed")  # so it says without Tk
-def test_the_gymnasium_example_of_the_page_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    pygame = pytest.importorskip("pygame")
-    (code,) = blocks_of("py")
-    script = iter([[], [pygame.event.Event(pygame.KEYDOWN, {"key": ord(" ")})], [], None])
-
-    def events() -> list[Any]:
-        found = next(script, None)
-        return [pygame.event.Event(pygame.QUIT)] if found is None else found
-
-    taken, step = [], SingleAgentEnv.step
-
-    def noted(env: SingleAgentEnv, action: int) -> Any:
-        taken.append(action)
-        return step(env, action)
-
-    monkeypatch.setattr(pygame.event, "get", events)
-    monkeypatch.setattr(SingleAgentEnv, "step", noted)
-    exec(compile(code, str(PAGE), "exec"), {})
-    assert taken and set(taken) == {4}  # space, until the window is closed

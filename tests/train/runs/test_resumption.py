@@ -142,6 +142,8 @@ def test_every_learner_resumes(algorithm: str, tmp_path: Path) -> None:
         {"algorithm": "dqn", "prioritized": True, "dueling": True},
         {"algorithm": "dqn", "mask_bumps": True},
         {"algorithm": "td3", "prioritized": True, "noise": "ornstein-uhlenbeck", **ARM},
+        {"algorithm": "cross_entropy", "observation": "planes"},
+        {"algorithm": "cross_entropy", "frame_stack": 2, **CHASER},
         {"algorithm": "q_learning", "role": "evader", **CHASER},
         {"algorithm": "ppo", "recurrent": "gru", **CHASER},
         {"algorithm": "ppo", "recurrent": "gru", "shared": False},
@@ -162,7 +164,7 @@ def test_a_learner_resumes_against_an_opponent_that_remembers(tmp_path: Path) ->
     check_resumption(RUN, tiny("ppo", opponent=str(tmp_path / "evader"), **CHASER), tmp_path)
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "a2c", "reinforce"])
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c", "reinforce", "cross_entropy"])
 def test_learners_of_both_kinds_of_actions_resume_on_an_arm(algorithm: str, tmp_path: Path) -> None:
     check_resumption(RUN, tiny(algorithm, **ARM), tmp_path)
 

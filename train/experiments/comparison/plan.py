@@ -27,7 +27,7 @@ from train.settings.task import TaskSettings
 from train.teaching.mazes import as_text
 
 FILES = Path(__file__).with_name("files")
-REMEDY = "mend that line; docs/race.md shows the form"
+REMEDY = "mend that line; docs/results/libraries.md shows the form"
 FIRST_TRIAL_SEED = 10**6
 """Seeds of trials begin here: none of them is a seed of the comparison itself."""
 PERFORM = "train.experiments.comparison.library_run:perform"

@@ -1,0 +1,374 @@
+"""Two processes that learn one policy: what they compute, how they go on, and how they end."""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from test_resumption import CHASER, KilledError, check_resumption, kill, tiny
+
+from scripted_agents import RandomAgent
+from train.algorithms.fused_rollouts import select
+from train.algorithms.learner import clip_gradients
+from train.algorithms.ppo import PPO
+from train.experiments.identity import fingerprint
+from train.experiments.kinds import open_run, start
+from train.networks.fused_actor_critic import LossCoefficients
+from train.runs.data_parallel import ProcessEnded, digest_of
+from train.runs.folder import CHECKPOINT, RUN, load_checkpoint, save_checkpoint
+from train.runs.interruption import Diverged
+from train.runs.loop import Run
+from train.runs.parts import parts_of, settings_of
+from train.runs.threads import prepare_torch
+from train.runs.training_state import build_env_and_learner, simulator_tensors
+from train.self_play.parts import self_play_settings_of
+
+RUNNER = {"task": "maze", "maze": "3x3", "num_goals": 2, "max_steps": 12}
+TWO = {**RUNNER, "processes": 2}
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The partner is forked, which takes no time; only the last tests start it anew."""
+    monkeypatch.setattr("train.runs.data_parallel.can_fork", lambda: True)
+    monkeypatch.setattr("train.runs.loop.EVALUATIONS", 4)
+    monkeypatch.setattr("train.runs.single.EPISODES", 10)
+
+
+def weights_of(run: Run) -> list[torch.Tensor]:
+    return [weight.detach().clone() for weight in run.trainee.learner.network.parameters()]
+
+
+# -- what they compute -----------------------------------------------------------------------------
+
+
+def plainly(settings: Any) -> list[torch.Tensor]:
+    """The weights after the run, by both halves one after the other in this process."""
+    learners, generators = [], []
+    for rank in (0, 1):
+        prepare_torch(1, settings.seed)
+        learners.append(build_env_and_learner(parts_of(settings, rank), None)[2])
+        if rank:
+            own = np.random.SeedSequence([settings.seed, rank]).generate_state(1, np.uint64)
+            torch.manual_seed(int(own[0]))
+        generators.append(torch.get_rng_state())
+    hyper, network = learners[0].settings, learners[0].network
+    adam = torch.optim.Adam(network.parameters(), eps=hyper.adam_epsilon, fused=True)
+    while 2 * learners[0].frames < settings.frames:
+        progress = 2 * learners[0].frames / settings.frames
+        adam.param_groups[0]["lr"] = learners[0].annealed(hyper.learning_rate, progress)
+        entropy_coef = learners[0].annealed(hyper.entropy_coef, progress)
+        halves = []
+        for rank, learner in enumerate(learners):
+            torch.set_rng_state(generators[rank])
+            frames = learner.collect()
+            orders = [torch.randperm(len(frames["advantage"])) for _ in range(hyper.epochs)]
+            size = hyper.minibatch_size
+            chosen = [c for order in orders for c in torch.split(order, size) if len(c) == size]
+            halves.append([select(frames, c) for c in chosen])
+            generators[rank] = torch.get_rng_state()
+        for minibatches in zip(*halves, strict=True):
+            gradients = []
+            for learner, minibatch in zip(learners, minibatches, strict=True):
+                leaves = list(learner.network.parameters())
+                coefficients = LossCoefficients(hyper.clip, hyper.value_coef, entropy_coef)
+                learner.update.set_gradients(minibatch, coefficients)
+                gradients.append([weight.grad.clone() for weight in leaves])
+            for weight, *both in zip(network.parameters(), *gradients, strict=True):
+                weight.grad = (both[0] + both[1]) / 2
+            clip_gradients(list(network.parameters()), hyper.max_grad_norm)
+            adam.step()
+            learners[1].network.load_state_dict(network.state_dict())
+    return [weight.detach() for weight in network.parameters()]
+
+
+@pytest.mark.parametrize("activation", ["relu", "tanh"])  # with gradients written out, and not
+def test_what_two_processes_learn_is_what_one_learns_from_both_halves(
+    tmp_path: Path, activation: str
+) -> None:
+    settings = tiny("ppo", **TWO, epochs=2, activation=activation)
+    run = start(RUN, settings, tmp_path / "run")
+    fresh = weights_of(run)
+    run.train()
+    learned = weights_of(run)
+    assert run.trainee.frames >= settings.frames == 900
+    assert not any(torch.equal(a, b) for a, b in zip(fresh, learned, strict=True))
+    for one, other in zip(learned, plainly(settings), strict=True):
+        torch.testing.assert_close(one, other, rtol=0, atol=0)
+
+
+def test_both_processes_have_the_same_weights_after_every_iteration(tmp_path: Path) -> None:
+    run = start(RUN, tiny("ppo", **TWO, kl_target=0.001, kl_coef=0.2), tmp_path / "run")
+    trainee, digests, weight = run.trainee, [], 0.0
+
+    def compare(run: Run, row: dict[str, float]) -> None:
+        trainee.replica.send(None)
+        digests.append((trainee.replica.receive()[1], digest_of(trainee.learner)))
+
+    run.train(compare)
+    assert len(set(digests)) > 4 and all(one == other for one, other in digests)
+    weight = trainee.learner.kl_coef
+    assert weight != 0.2 and weight > 0  # adapted, by the divergence of both
+
+
+def test_weights_that_differ_are_noticed(tmp_path: Path) -> None:
+    run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
+    with torch.no_grad():
+        next(run.trainee.learner.network.parameters())[0] += 1e-6
+    with pytest.raises(RuntimeError, match="different weights"):
+        run.train()
+
+
+def test_the_games_of_both_are_those_of_one_process() -> None:
+    def games(processes: int, rank: int) -> dict[str, torch.Tensor]:
+        settings = tiny("ppo", **RUNNER, processes=processes, seed=7)
+        return simulator_tensors(build_env_and_learner(parts_of(settings, rank), None)[0].simulator)
+
+    whole, halves = games(1, 0), [games(2, rank) for rank in (0, 1)]
+    for name, state in whole.items():
+        both = torch.cat([half[name] for half in halves])
+        torch.testing.assert_close(both, state, rtol=0, atol=0, equal_nan=True)
+
+
+def test_episodes_of_both_are_logged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
+    trainee, lengths = run.trainee, []
+    monkeypatch.setattr(trainee, "evaluate", lambda: {"mean_steps": 1.0})
+    run.train(lambda run, row: lengths.append(sum(map(len, trainee.env.finished_lengths))))
+    alone = start(RUN, tiny("ppo", **RUNNER), tmp_path / "alone")
+    monkeypatch.setattr(alone.trainee, "evaluate", lambda: {"mean_steps": 1.0})
+    alone.train()
+    one = sum(map(len, alone.trainee.env.finished_lengths))
+    assert 0.7 * one < lengths[-1] < 1.4 * one
+
+
+def test_two_processes_beat_random_by_far(tmp_path: Path) -> None:
+    more = {"num_games": 64, "minibatch_size": 256, "maze": "3x3", "processes": 2}
+    run = start(RUN, settings_of(task="chase", **more, frames=60_000, max_steps=60), tmp_path)
+    run.train()
+    contest = run.trainee.contest
+    learned = contest.score("learned", run.trainee.policy).mean_steps
+    assert learned < 0.35 * contest.score("random", RandomAgent()).mean_steps
+
+
+# -- going on --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "flat",
+    [
+        {"kl_target": 0.01, "frame_stack": 2},
+        {**CHASER, "curriculum": "opponent-epsilon"},
+        {"curriculum": "uniform", "schedule_unit": None},
+        {"task": "reacher", "joints": 2, "curriculum": "target-distance"},
+    ],
+    ids=lambda flat: " ".join(map(str, flat.values())),
+)
+def test_two_processes_resume(flat: dict[str, Any], tmp_path: Path) -> None:
+    given = {name: value for name, value in {**TWO, **flat}.items() if value is not None}
+    if flat.get("task") == "reacher":
+        given = {**flat, "processes": 2, "max_steps": 12}
+    check_resumption(RUN, tiny("ppo", **given), tmp_path)
+    state = load_checkpoint(tmp_path / "whole")["trainee"]
+    assert set(state["partner"]) == {"teacher", "simulator", "memories", "torch_rng"}
+    if flat.get("curriculum") == "uniform":  # lessons of its own
+        mine, others = (s["teacher"]["arrays"]["playing"] for s in (state, state["partner"]))
+        assert not torch.equal(mine, others)
+
+
+def test_a_checkpoint_without_its_partner_is_refused(tmp_path: Path) -> None:
+    start(RUN, tiny("ppo", **TWO), tmp_path / "run").train()
+    saved = load_checkpoint(tmp_path / "run")
+    del saved["trainee"]["partner"]
+    save_checkpoint(tmp_path / "run", saved)
+    with pytest.raises(ValueError, match=r"does not fit .*of a run of one process"):
+        open_run(tmp_path / "run")
+    assert not multiprocessing.active_children()
+
+
+def test_runs_of_one_process_have_no_partner_and_another_name(tmp_path: Path) -> None:
+    run = start(RUN, tiny("ppo", **RUNNER), tmp_path / "run")
+    run.train()
+    assert open_run(tmp_path / "run").trainee.replica is None
+    assert "partner" not in load_checkpoint(tmp_path / "run")["trainee"]
+    digests = {n: fingerprint(RUN, tiny("ppo", **RUNNER, processes=n), 9, {}) for n in (1, 2)}
+    assert digests[1] != digests[2]
+
+
+# -- how they end ----------------------------------------------------------------------------------
+
+
+def train_and(run: Run, act: Callable[[Run], object]) -> None:
+    """Train, and `act` once there is a checkpoint."""
+
+    def report(run: Run, row: dict[str, float]) -> None:
+        if not row and run.evaluations == 1:
+            act(run)
+
+    run.train(report)
+
+
+def test_a_killed_partner_ends_the_run_which_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
+    run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
+    process = run.trainee.replica.process
+    with pytest.raises(ProcessEnded, match=r"killed by signal 9 .*--resume"):
+        train_and(run, lambda run: os.kill(process.pid, signal.SIGKILL))
+    assert process.exitcode == -signal.SIGKILL and not multiprocessing.active_children()
+    again = open_run(tmp_path / "run")
+    assert 0 < again.trainee.frames < 900
+    again.train()
+    assert again.progress == 1.0
+
+
+def test_a_partner_that_is_killed_before_there_is_a_checkpoint_leaves_none(tmp_path: Path) -> None:
+    run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
+    os.kill(run.trainee.replica.process.pid, signal.SIGKILL)
+    with pytest.raises(ProcessEnded, match=r"killed by signal 9 .*it has no checkpoint yet"):
+        run.train()
+    assert not (tmp_path / "run" / CHECKPOINT).exists()
+
+
+@pytest.mark.parametrize("kind, seen", [(ValueError, ValueError), (KeyError, ProcessEnded)])
+def test_an_error_of_the_partner_is_that_of_the_run(
+    kind: type[Exception], seen: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine, iterate = os.getpid(), PPO.iterate
+
+    def fail(self: PPO, progress: float) -> dict[str, float]:
+        if os.getpid() != mine and progress > 0.5:
+            raise kind("beyond the half")
+        return iterate(self, progress)
+
+    monkeypatch.setattr(PPO, "iterate", fail)
+    run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
+    with pytest.raises(seen, match="beyond the half"):
+        run.train()
+    assert not multiprocessing.active_children() and (tmp_path / "run" / CHECKPOINT).exists()
+
+
+def test_the_partner_ends_with_the_run_however_that_ends(tmp_path: Path) -> None:
+    run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
+    process = run.trainee.replica.process
+    for number in (signal.SIGINT, signal.SIGTERM):  # the process of the run says what follows
+        os.kill(process.pid, number)
+    with pytest.raises(KilledError):
+        train_and(run, kill)
+    assert process.exitcode == 0 and not multiprocessing.active_children()
+
+
+def test_a_run_that_nobody_has_any_more_has_no_partner(tmp_path: Path) -> None:
+    run = start(RUN, tiny("ppo", **TWO), tmp_path / "run")
+    assert len(multiprocessing.active_children()) == 1
+    del run
+    gc.collect()
+    assert not multiprocessing.active_children()
+
+
+def test_divergence_is_told_as_of_one_process(tmp_path: Path) -> None:
+    run = start(RUN, tiny("ppo", **TWO, learning_rate=1e30, max_grad_norm=1e30), tmp_path / "run")
+    with pytest.raises(Diverged, match="learning_rate"):
+        run.train()
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.skipif(not Path("/proc/self/comm").exists(), reason="processes are found by /proc")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_signals_end_both_processes_of_the_command(number: int, tmp_path: Path) -> None:
+    """Started anew for the one, for the other forked where libraries have no threads; SIGINT goes
+    to both, as Ctrl-C does."""
+    folder, before, killed = tmp_path / "run", memory_files(), number == signal.SIGKILL
+    command = "train --task maze --maze 3x3 --num-goals 2 --processes 2 --seconds 40 --out"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "train.commands.main", *command.split(), str(folder)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "2" if killed else "1"},
+    )
+    deadline = time.monotonic() + 120
+    while not (folder / CHECKPOINT).exists():
+        assert time.monotonic() < deadline and process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    found = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    (os.kill if killed else os.killpg)(process.pid, number)
+    process.communicate(timeout=60)
+    assert process.returncode == (-number if killed else 130)
+    while any(map(is_running, found)):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    assert found and memory_files() <= before
+    assert 0 < open_run(folder).progress < 1  # it can go on from there
+
+
+def is_running(process: str) -> bool:
+    """Whether a process is there that has not ended."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def memory_files() -> set[str]:
+    """Shared memory that has a name."""
+    return {
+        path.name for path in Path("/dev/shm").glob("*") if path.name.startswith(("py", "torch"))
+    }
+
+
+# -- what is refused -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "flat, words",
+    [
+        ({"processes": 3}, "processes=3; 1 or 2"),
+        ({"processes": 0}, "processes=0; 1 or 2"),
+        ({"algorithm": "a2c"}, "algorithm='a2c' with processes=2; take ppo"),
+        ({"device": "cuda"}, "device='cuda' with processes=2; take cpu"),
+        (
+            {"clock": "processor", "seconds": 9.0, "frames": None},
+            "with processes=2; take wall",
+        ),
+        ({"threads": 2}, "threads=2 with processes=2; .* leave threads out"),
+        ({"recurrent": "gru"}, "recurrent='gru' with processes=2; leave it out"),
+        ({"num_games": 25}, "num_games=25 with processes=2; .* an even number"),
+        ({"minibatch_size": 2}, "minibatch_size=2 with processes=2; .* from 4 on"),
+        ({"curriculum": "success-gated", "solved_within": 0.0}, "curriculum='success-gated' with"),
+        ({"curriculum": "level-replay"}, "learns from episodes"),
+        (
+            {"curriculum": "num-goals", "schedule_unit": "episodes", "schedule_length": 9},
+            "episodes",
+        ),
+    ],
+    ids=lambda given: str(given)[:40],
+)
+def test_what_two_processes_cannot_share_is_refused(flat: dict[str, Any], words: str) -> None:
+    given = {
+        "frames": 900,
+        "num_games": 24,
+        "minibatch_size": 64,
+        "rollout_steps": 3,
+        **TWO,
+        **flat,
+    }
+    given = {name: value for name, value in given.items() if value is not None}
+    if given.get("algorithm") == "a2c":
+        del given["minibatch_size"]
+    with pytest.raises(ValueError, match=words):
+        settings_of(**given)
+
+
+def test_self_play_has_no_second_process() -> None:
+    with pytest.raises(ValueError, match="processes"):
+        self_play_settings_of(processes=2, frames=900)

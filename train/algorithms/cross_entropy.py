@@ -1,0 +1,148 @@
+"""The cross-entropy method: a search over the weights of a policy network, without gradients."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+from torch.func import functional_call, vmap
+from torch.nn.utils import parameters_to_vector, vector_to_parameters
+
+from curricula import linear
+from pursuit.observations.masks import ACTION_MASK
+from pursuit.simulator.policy import Policy
+from train.algorithms.learner import Build, has_masks
+from train.environments.lockstep import LockstepEnv
+from train.networks.actor_critic import ActorCritic
+from train.networks.layers import Hidden
+from train.networks.policy import Player
+from train.settings.algorithms import CrossEntropySettings
+from train.settings.checks import check
+
+
+class CrossEntropy:
+    """Rubinstein (1999); with annealed noise as in Szita and Lőrincz (2006).
+
+    In each generation every candidate plays `num_games / population` whole episodes, all from the
+    same starts, and a normal distribution with independent weights is fitted to the best ones.
+    Candidates sample their actions, because at first nearly all greedy policies loop, so that their
+    returns are equal.
+
+    Args:
+        settings: the hyperparameters.
+        env: the training environment.
+        network: its policy weights are searched; its value function is not used.
+        seed: of the candidates.
+
+    Attributes:
+        mean, std: [weights] float32, the distribution.
+        frames: environment steps, summed over games.
+    """
+
+    def __init__(
+        self, settings: CrossEntropySettings, env: LockstepEnv, network: ActorCritic, seed: int
+    ) -> None:
+        self.settings, self.env, self.network, self.frames = settings, env, network, 0
+        self._policy = nn.Sequential(network.policy_trunk, network.policy_head)
+        self._searched = dict(self._policy.named_parameters())
+        self.generator = torch.Generator().manual_seed(seed)
+        self.mean = torch.zeros_like(parameters_to_vector(self._searched.values()).detach())
+        self.std = torch.full_like(self.mean, settings.initial_std)
+        self._write_mean()
+
+    def _write_mean(self) -> None:
+        with torch.no_grad():
+            vector_to_parameters(self.mean, self._searched.values())
+
+    def iterate(self, progress: float) -> dict[str, float]:
+        """One generation."""
+        settings, population = self.settings, self.settings.population
+        noise = torch.randn(population, len(self.mean), generator=self.generator)
+        candidates = self.mean + self.std * noise
+        returns = self.play(candidates)
+        elite = candidates[returns.topk(round(population * settings.elite_share)).indices]
+        self.mean = elite.mean(dim=0)
+        self.std = elite.std(dim=0) + linear(settings.extra_std, 0.0, progress)
+        self._write_mean()
+        return {
+            "return_best": float(returns.max()),
+            "return_mean": float(returns.mean()),
+            "weight_std": float(self.std.mean()),
+        }
+
+    @torch.no_grad()
+    def play(self, candidates: torch.Tensor) -> torch.Tensor:
+        """[population] float32: the mean episode returns of candidates [population, weights]."""
+        env, simulator, population = self.env, self.env.simulator, len(candidates)
+        each = env.num_games // population
+        if not self.frames:
+            env.begin()
+        simulator.set_state(simulator.get_state(np.arange(env.num_games) % each))
+        seen, masks = env.reset(), has_masks(env)
+        weights = self._named(candidates)
+        running, returns = torch.arange(env.num_games), torch.zeros(env.num_games)
+        while len(running):
+            inputs = self.network.policy_trunk.prepare(seen["observation"])
+            batch = inputs.reshape(population, each, *inputs.shape[1:])
+            output = vmap(functional_call, (None, 0, 0))(self._policy, weights, batch)
+            allowed = seen[ACTION_MASK] if masks else None
+            distribution = self.network.distribution(output.flatten(0, 1), allowed)
+            seen = env.step_episodes(distribution.action(distribution.draw()), running)
+            returns[running] += seen["reward"][running, 0]
+            self.frames += len(running)
+            running = running[~seen["done"][running, 0]]
+        return returns.reshape(population, each).mean(dim=1)
+
+    def _named(self, flat: torch.Tensor) -> dict[str, torch.Tensor]:
+        """[population, weights] as the parameters of the policy, by name: [population, ...]."""
+        parts = torch.split(flat, [weight.numel() for weight in self._searched.values()], dim=1)
+        pairs = zip(self._searched.items(), parts, strict=True)
+        return {name: part.reshape(-1, *weight.shape) for (name, weight), part in pairs}
+
+    def policy(self, greedy: bool = True) -> Policy:
+        """The policy of the mean weights."""
+        return self.env.player.policy(self.network, greedy)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The distribution, its random state and the frames; the mean also as a network."""
+        return {
+            "network": self.network.state_dict(),
+            "mean": self.mean,
+            "std": self.std,
+            "generator": self.generator.get_state(),
+            "frames": self.frames,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore the state; the next generation starts new episodes."""
+        self.network.load_state_dict(state["network"])
+        self.mean, self.std = state["mean"], state["std"]
+        self.generator.set_state(state["generator"])
+        self.frames = state["frames"]
+        self.env.resume = False
+
+    def close(self) -> None:
+        """There is nothing to release."""
+
+
+def check_player(settings: CrossEntropySettings, player: Player) -> None:
+    """ValueError for a network that `vmap` does not support."""
+    features = player.features
+    check(
+        features.network == "" and features.kind != "grid",
+        f"network={features.network or 'planning'!r}; cross_entropy supports mlp and convolutions",
+    )
+
+
+def network_of(settings: CrossEntropySettings, player: Player, how: Build) -> ActorCritic:
+    """A new policy network for the player; its value function is not used."""
+    hidden = Hidden(settings.width, settings.activation, form="dense")
+    action_std = settings.action_std if player.continuous else None
+    return ActorCritic(player.features, player.num_actions, hidden, action_std=action_std)
+
+
+def build(settings: CrossEntropySettings, env: LockstepEnv, how: Build) -> CrossEntropy:
+    """A cross-entropy learner for an environment."""
+    return CrossEntropy(settings, env, network_of(settings, env.player, how), how.seed)
