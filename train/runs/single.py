@@ -65,7 +65,7 @@ class SingleAgent:
         self.policy = self.learner.policy(greedy=evaluate == "greedy")
         if self.teacher is not None:
             draws = parts.algorithm.learns_distribution
-            self.teacher.examined = self.learner.policy(greedy=not draws)
+            self.teacher.scored_policy = self.learner.policy(greedy=not draws)
         self.contest = parts.world.contest(EPISODES)
         self.optimum = self.contest.optimal()
         measure = self.contest.measure

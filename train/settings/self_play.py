@@ -85,10 +85,7 @@ class SelfPlaySettings(RunSettings):
             self.task.role == "auto",
             f"role={self.task.role!r}; both roles learn in self-play: fix one by chaser or evader",
         )
-        check(
-            self.task.opponent is None,
-            "opponent is an option of `pursuit train`; use chaser or evader",
-        )
+        check(self.task.opponent is None, "opponent is for `pursuit train`; use chaser or evader")
         check(
             self.sampling != "window" or self.window <= self.pool_size,
             f"window={self.window} is more than pool_size={self.pool_size}; raise pool_size",

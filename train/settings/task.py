@@ -90,7 +90,7 @@ class TaskSettings(Settings):
     """Agents that see along rows and columns only, up to the next wall: all (or no value), or roles
     and agents such as chaser,evader_0."""
     unknown_maze: Annotated[str, Rule(kept_text_of_agents, other_types=True)] = ""
-    """Agents that know only the part of the maze in view: all (or no value), roles and agents."""
+    """Agents that know only the visible part of the maze: all (or no value), or roles/agents."""
     opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.2
     """Probability of a random move of the scripted opponents, in [0, 1]."""
     opponent: str | None = None
