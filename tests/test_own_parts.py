@@ -297,7 +297,7 @@ def test_networks_that_are_none_are_refused() -> None:
     for name, told in {
         "my_parts:shaped": "takes|missing|made",
         "my_parts:too_wide": r"made \(2, 9\) of 2 observations; .*\(2, 8\)",
-        "my_parts:no_module": "made no torch.nn.Module",
+        "my_parts:no_module": "is not a torch.nn.Module",
     }.items():
         with pytest.raises((ValueError, TypeError), match=told):
             SingleAgent(parts_of(settings_of(**flat, network=name, width=8)), "greedy")

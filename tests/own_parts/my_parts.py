@@ -216,7 +216,7 @@ class Alternating:
         return {"updates": self.updates}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take it back."""
+        """Restore the state."""
         self.updates = state["updates"]
 
 
@@ -257,9 +257,9 @@ class SarsaSettings(NetworkSettings):
     """On-policy temporal differences (Rummery and Niranjan, 1994) with a network."""
 
     num_games: int = 256
-    """Games in lockstep."""
+    """Games simulated in parallel."""
     learning_rate: float = 3e-3
-    """Of Adam, at the start."""
+    """Initial learning rate of Adam."""
     epsilon_start: float = 0.1
     """Share of random actions."""
 
@@ -312,7 +312,7 @@ class Sarsa(NetworkLearner):
         return {**super().state_dict(), "actions": self.actions}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take it back."""
+        """Restore the state."""
         super().load_state_dict(state)
         self.actions = state["actions"]
 

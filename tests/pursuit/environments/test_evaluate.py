@@ -153,7 +153,7 @@ def test_the_folder_of_a_run_is_an_opponent_in_gymnasium(evader: str) -> None:
         assert env.policies[1].agent == "evader"
     found = pursuit.evaluate(AStarChaser(), "chase", maze="3x3", opponent=evader)
     assert found.gap is not None and found.gap > 0.0
-    with pytest.raises(ValueError, match="learned to be 'evader'"):
+    with pytest.raises(ValueError, match="is a policy for 'evader'"):
         gymnasium.make("pursuit/Evader-v0", maze="3x3", opponent=evader)
     with pytest.raises(ValueError, match="unknown policy 'runs/none'"):
         gymnasium.make("pursuit/Chaser-v0", maze="3x3", opponent="runs/none")

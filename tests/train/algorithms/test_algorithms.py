@@ -200,7 +200,7 @@ def test_reinforces_discount_is_annealed_by_how_far_it_looks_ahead() -> None:
     for time in (0.0, 0.5, 1.0):
         learner.iterate(time)
     assert given == pytest.approx([0.9, 0.99, 0.999])
-    with pytest.raises(ValueError, match=r"gamma=1\.0, gamma_end=0\.99; between two discounts"):
+    with pytest.raises(ValueError, match=r"gamma=1\.0, gamma_end=0\.99; both must be in"):
         ReinforceSettings(gamma=1.0, gamma_end=0.99)
 
 

@@ -244,7 +244,7 @@ def test_without_a_critic_ppo_has_returns_for_advantages() -> None:
 
 def test_what_cannot_be_is_said() -> None:
     player = arm_env(4).player
-    with pytest.raises(ValueError, match=r"action_std=0\.0; it is above 0"):
+    with pytest.raises(ValueError, match=r"action_std=0\.0; must be above 0"):
         PPOSettings(action_std=0.0)
-    with pytest.raises(ValueError, match="cannot choose continuous actions; take ppo or a2c"):
+    with pytest.raises(ValueError, match="does not support continuous actions; use ppo or a2c"):
         entry("q_learning").check_actions(player)

@@ -181,7 +181,7 @@ def test_a_policy_without_a_distribution_says_so(tmp_path: Path) -> None:
 def test_what_a_learner_cannot_do_it_says_at_once() -> None:
     for flat, message in (
         ({"algorithm": "q_learning", "observation": "cells"}, "table over states"),
-        ({"algorithm": "q_learning", "device": "cuda"}, "cpu only"),
+        ({"algorithm": "q_learning", "device": "cuda"}, "instead of a network, on the cpu"),
         ({"algorithm": "dqn", "batch_size": 10, "buffer_size": 5}, "buffer_size"),
         ({"algorithm": "dqn", "n_steps": 9}, "n_steps=9 is more than rollout_steps=8"),
         ({"algorithm": "dqn", "lerning_rate": 0.1}, "did you mean 'learning_rate'"),

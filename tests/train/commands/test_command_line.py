@@ -309,7 +309,7 @@ def test_a_folder_that_holds_a_run_or_anything_else_is_left_alone(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = {path.name: path.stat().st_mtime_ns for path in trained.iterdir()}
-    assert "holds a run" in error_of(capsys, "train", *TINY, "--frames", 64, "--out", trained)
+    assert "contains a run" in error_of(capsys, "train", *TINY, "--frames", 64, "--out", trained)
     assert {path.name: path.stat().st_mtime_ns for path in trained.iterdir()} == before
     (tmp_path / "thesis.txt").write_text("dear")
     assert "not empty" in error_of(capsys, "train", *TINY, "--frames", 64, "--out", tmp_path)
@@ -329,10 +329,10 @@ def test_a_gpu_that_is_not_here_leaves_no_folder(
 ) -> None:
     given = (command, "--maze", "3x3", "--frames", "64", "--out", tmp_path / "run", "--device")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    assert "finds no GPU here; use --device cpu" in error_of(capsys, *given, "cuda")
+    assert "finds no GPU; use --device cpu" in error_of(capsys, *given, "cuda")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
-    assert "finds 2 here; use --device cuda:0 to cuda:1" in error_of(capsys, *given, "cuda:2")
+    assert "finds 2 GPUs; use --device cuda:0 to cuda:1" in error_of(capsys, *given, "cuda:2")
     assert not (tmp_path / "run").exists()
 
 

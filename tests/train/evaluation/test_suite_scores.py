@@ -168,7 +168,7 @@ def test_a_policy_plays_in_mazes_that_look_like_those_of_its_training() -> None:
     for encoding in ("index", "planes"):  # the one shows no walls, the other has another shape
         blind = network(Seat(task, "chaser", encoding), False)
         assert not blind.plays_in(other)
-        with pytest.raises(ValueError, match="or that look like them to it"):
+        with pytest.raises(ValueError, match="with an observation that fits it"):
             blind.action_probabilities(other)
 
 
@@ -216,7 +216,7 @@ def test_the_references_of_a_suite_are_exact(capsys: pytest.CaptureFixture[str])
         ("self-play --maze suite:5x5-train --frames 100", "self-play is in one maze"),
         (
             "train --maze suite:5x5-train --algorithm q_learning --frames 100",
-            "a table for one maze",
+            "needs a single maze",
         ),
         ("train --maze suite:6x6-train --frames 100", "unknown suite"),
     ],

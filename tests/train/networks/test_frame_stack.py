@@ -100,5 +100,5 @@ def test_who_cannot_use_a_stack_says_so() -> None:
         settings_of(algorithm="q_learning", frame_stack=2, **flat)
     with pytest.raises(ValueError, match="frame_stack=0; from 1"):
         settings_of(frame_stack=0, **flat)
-    with pytest.raises(ValueError, match="frame_stack=2 on an arm"):
+    with pytest.raises(ValueError, match="frame_stack=2 is not supported for an arm"):
         settings_of(task="reacher", frame_stack=2, frames=1000)

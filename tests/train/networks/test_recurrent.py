@@ -225,11 +225,11 @@ def test_ppo_remembers_a_cue_with_a_memory_alone(recurrent: str | None) -> None:
 
 def test_who_cannot_remember_says_so() -> None:
     flat: dict[str, Any] = {"recurrent": "gru", "frames": 1000, "maze": "3x3"}
-    with pytest.raises(ValueError, match="q_learning learns no memory: take ppo or a2c"):
+    with pytest.raises(ValueError, match="is not supported by q_learning; use ppo or a2c"):
         settings_of(algorithm="q_learning", **flat)
     with pytest.raises(ValueError, match="unknown recurrent 'rnn'; one of gru"):
         settings_of(**{**flat, "recurrent": "rnn"})
-    with pytest.raises(ValueError, match="on an arm, which sees all"):
+    with pytest.raises(ValueError, match="not supported for an arm, which is fully observable"):
         settings_of(task="reacher", recurrent="gru", frames=1000)
     assert {name for name, one in ALGORITHMS.items() if one.recurrent} == {"ppo", "a2c"}
 
@@ -242,7 +242,7 @@ def test_cells_of_mazes_of_another_size_are_refused(encoding: str, remembers: bo
     policy: Any = seat.policy(ActorCritic(seat.features, seat.num_actions, hidden), greedy=True)
     for maze in ("2x2", "5x5"):  # their cells have numbers that mean others, or none
         simulator = Simulator(make_task("chase", maze=maze), 4, 0)
-        with pytest.raises(ValueError, match="in mazes of 9 cells; these have"):
+        with pytest.raises(ValueError, match="in mazes of 9 cells, and these have"):
             play(policy, simulator.view("chaser"))
         if not remembers:
             with pytest.raises(ValueError, match="in mazes of 9 cells"):

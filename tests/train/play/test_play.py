@@ -289,7 +289,7 @@ def test_the_command_serves_a_game_keeps_it_and_ends_by_ctrl_c(
         (["--against", "astar", "--opponent", "random"], "give one"),
         (["--task", "maze", "--against", "random"], "nobody of another role"),
         (["--task", "heist", "--against", "optimal"], "3 goal(s)"),
-        (["--task", "reacher"], "task='reacher' is no game in mazes"),
+        (["--task", "reacher"], "task='reacher' is not a game in mazes"),
         (["--port", "65536"], "port=65536"),
         (["--seed", "-1"], "seed=-1"),
         (["--name", " ", "--out", "x"], "name=' '"),

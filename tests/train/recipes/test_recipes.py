@@ -153,8 +153,8 @@ def test_a_model_without_a_description_is_evaluated_ranked_and_an_opponent(
     ("maze", "changed", "said"),
     [
         ("3x3", {"observation": None}, "give the task and what the model observed in training"),
-        ("4x4", {}, "its weights are not for observation='one_hot' of chaser in task 'chase'"),
-        ("3x3", {"observation": "cells"}, "its weights are not for observation='cells' of chaser"),
+        ("4x4", {}, "its weights do not match observation='one_hot' of chaser in task 'chase'"),
+        ("3x3", {"observation": "cells"}, "its weights do not match observation='cells' of chaser"),
     ],
 )
 def test_models_of_other_games_are_refused(
@@ -184,7 +184,7 @@ def test_damaged_and_foreign_models_are_refused(models: dict[str, Path], tmp_pat
         load_opponent(path)
     described = json.loads(description_of(models["ppo"]).read_text())
     description_of(path).write_text(json.dumps({**described, "observation": "cells"}))
-    with pytest.raises(ValueError, match="its weights are not for observation='cells'"):
+    with pytest.raises(ValueError, match="its weights do not match observation='cells'"):
         load_opponent(path)
     description_of(path).write_text(json.dumps(described))
     path.write_bytes(models["ppo"].read_bytes()[:500])

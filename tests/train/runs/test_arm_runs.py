@@ -76,7 +76,7 @@ def test_a_run_is_evaluated_rendered_and_read_again(
     assert settings == ReacherSettings(joints=1, max_steps=40)
     actions = load_policy(trained).act(ReacherSimulator(settings.build(), 5).view())
     assert actions.shape == (5, 1) and (np.abs(actions) <= 1).all()
-    with pytest.raises(ValueError, match="games in mazes are needed"):
+    with pytest.raises(ValueError, match="needs a game in mazes"):
         load_opponent(trained)
     assert "complete" in refused(capsys, "train", "--resume", trained)
 
@@ -100,7 +100,7 @@ def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert "of a maze, and there is none here; take ppo" in table
     assert "threads=100000; from 0 to 1024" in refused(capsys, *train, "--threads", "100000")
     wide = refused(capsys, *train, "--tolerance", "5", "--curriculum", "tolerance")
-    assert "set the task's own tolerance" in wide
+    assert "for the task's tolerance" in wide
     assert "unknown observation" in refused(capsys, *train, "--observation", "index")
     assert "games in mazes" in refused(capsys, *train, "--curriculum", "maze-size")
     assert "needs an arm" in refused(capsys, "train", "--curriculum", "hold")
@@ -110,10 +110,10 @@ def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_what_teaches_nothing_is_said() -> None:
     arm = ReacherSettings(joints=1)
-    with pytest.warns(UserWarning, match="curriculum 'hold' goes from 1 to 1: it teaches nothing"):
+    with pytest.warns(UserWarning, match="curriculum 'hold' goes from 1 to 1, so it has no effect"):
         plan_curriculum("hold", curriculum_form("hold")(), world_of(arm).context, 0)
     hyper = TD3Settings(learning_starts=500)
-    with pytest.warns(UserWarning, match="frames=400 and learning_starts=500"):
+    with pytest.warns(UserWarning, match="frames=400 with learning_starts=500"):
         parts_of(TrainSettings(arm, hyper, algorithm="td3", frames=400))
 
 

@@ -201,7 +201,7 @@ def test_a_flipped_bit_anywhere_in_a_checkpoint_is_noticed(
         hurt = bytearray(raw)
         hurt[place] ^= 1 << chance.randrange(8)
         (tmp_path / "checkpoint.pt").write_bytes(hurt)
-        with pytest.raises(ValueError, match=r"checkpoint.pt: damaged.*checksum does not fit"):
+        with pytest.raises(ValueError, match=r"checkpoint.pt: damaged.*checksum does not match"):
             load_checkpoint(tmp_path)
 
 
@@ -233,7 +233,7 @@ def test_the_checkpoint_of_another_run_is_refused(
         open_run(folder)
         return
     for read in (open_run, load_policy) if name != "self-play" else (open_run,):
-        with pytest.raises(ValueError, match="does not fit the settings") as caught:
+        with pytest.raises(ValueError, match="does not match the settings") as caught:
             read(folder)
         assert "\n" not in str(caught.value)
 
@@ -245,9 +245,9 @@ def test_the_checkpoint_of_another_algorithm_with_the_same_network_is_refused(
         start(RUN, settings_of(**OF_ALGORITHM, algorithm=name), tmp_path / name).save()
         load_policy(tmp_path / name)
     shutil.copy(tmp_path / "a2c" / "checkpoint.pt", tmp_path / "reinforce")
-    said = "algorithm 'a2c', and the settings say 'reinforce'"
+    said = "algorithm 'a2c' instead of 'reinforce'"
     for read in (open_run, load_policy):
-        with pytest.raises(ValueError, match=f"does not fit the settings.*{said}") as caught:
+        with pytest.raises(ValueError, match=f"does not match the settings.*{said}") as caught:
             read(tmp_path / "reinforce")
         assert "\n" not in str(caught.value)
 
@@ -268,7 +268,9 @@ def test_weights_that_are_not_finite_are_refused(
         weights = learner.get("network") or {"table": learner["q_values"]}
         next(iter(weights.values())).view(-1)[0] = bad
         write_tensors(where / "checkpoint.pt", state)
-        with pytest.raises(ValueError, match=r"does not fit the settings.*is not finite") as caught:
+        with pytest.raises(
+            ValueError, match=r"does not match the settings.*is not finite"
+        ) as caught:
             read(where)
         assert "\n" not in str(caught.value)
 
@@ -284,7 +286,7 @@ def test_the_checkpoint_of_other_settings_is_refused(
     plain = json.loads((folder / "config.json").read_text())
     plain[part] |= changed
     (folder / "config.json").write_text(json.dumps(plain))
-    with pytest.raises(ValueError, match="does not fit the settings") as caught:
+    with pytest.raises(ValueError, match="does not match the settings") as caught:
         open_run(folder)
     assert "\n" not in str(caught.value)
 

@@ -112,7 +112,7 @@ def test_one_process_at_a_time_writes_a_folder_of_results(
     given = [command, *entries, "--out", tmp_path / "out"]
     held = hold(tmp_path / "out", "writer")
     told = said(capsys, *given)
-    assert f"{tmp_path / 'out'}: another {command} works on this folder" in told
+    assert f"{tmp_path / 'out'}: another {command} uses this folder" in told
     held.release()
     assert said(capsys, *given) == ""
 
@@ -123,7 +123,7 @@ def test_one_process_at_a_time_writes_a_new_file(
     path = tmp_path / "found.json"
     given = ["evaluate", run, "--episodes", "2", "--out", path]
     with reserved(path):
-        assert f"{path}: another process is to write this file" in said(capsys, *given)
+        assert f"{path}: another process is writing this file" in said(capsys, *given)
     assert said(capsys, *given) == ""
     assert os.listdir(tmp_path) == ["found.json"]
     assert f"{path}: exists already" in said(capsys, *given)

@@ -98,7 +98,7 @@ def test_a_folder_of_others_is_not_written_into(
     for name, place in places.items():
         command = [word.replace(name, place) for word in command]
     said = refused(capsys, *command, "--out", folder)
-    assert f"{folder}: holds files that this command did not write; give a new folder" in said
+    assert f"{folder}: contains files that this command did not write; give a new folder" in said
     assert contents(tmp_path) == before
 
 
@@ -117,7 +117,7 @@ def test_a_dry_run_refuses_the_folder_that_the_command_refuses(
 ) -> None:
     (tmp_path / "report.md").write_text("mine")
     said = refused(capsys, *command, "--out", tmp_path)
-    assert "holds files that this command did not write" in said
+    assert "contains files that this command did not write" in said
     main([*command, "--out", str(tmp_path), "--overwrite"])
 
 

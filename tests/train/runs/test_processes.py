@@ -192,7 +192,7 @@ def test_a_checkpoint_without_its_partner_is_refused(tmp_path: Path) -> None:
     saved = load_checkpoint(tmp_path / "run")
     del saved["trainee"]["partner"]
     save_checkpoint(tmp_path / "run", saved)
-    with pytest.raises(ValueError, match=r"does not fit .*of a run of one process"):
+    with pytest.raises(ValueError, match=r"does not match .*of a run of one process"):
         open_run(tmp_path / "run")
     assert not multiprocessing.active_children()
 
@@ -334,18 +334,18 @@ def memory_files() -> set[str]:
     [
         ({"processes": 3}, "processes=3; 1 or 2"),
         ({"processes": 0}, "processes=0; 1 or 2"),
-        ({"algorithm": "a2c"}, "algorithm='a2c' with processes=2; take ppo"),
-        ({"device": "cuda"}, "device='cuda' with processes=2; take cpu"),
+        ({"algorithm": "a2c"}, "algorithm='a2c' with processes=2; use ppo"),
+        ({"device": "cuda"}, "device='cuda' with processes=2; use cpu"),
         (
             {"clock": "processor", "seconds": 9.0, "frames": None},
-            "with processes=2; take wall",
+            "with processes=2; use wall",
         ),
         ({"threads": 2}, "threads=2 with processes=2; .* leave threads out"),
         ({"recurrent": "gru"}, "recurrent='gru' with processes=2; leave it out"),
         ({"num_games": 25}, "num_games=25 with processes=2; .* an even number"),
         ({"minibatch_size": 2}, "minibatch_size=2 with processes=2; .* from 4 on"),
         ({"curriculum": "success-gated", "solved_within": 0.0}, "curriculum='success-gated' with"),
-        ({"curriculum": "level-replay"}, "learns from episodes"),
+        ({"curriculum": "level-replay"}, "depends on the episodes"),
         (
             {"curriculum": "num-goals", "schedule_unit": "episodes", "schedule_length": 9},
             "episodes",

@@ -314,7 +314,7 @@ def test_training_that_diverges_says_when_and_how(
     settings = settings_of(algorithm=algorithm, learning_rate=1e30, **sizes, **more)
     start(RUN, settings, tmp_path / "run")
     told = error_of(capsys, "train", "--resume", tmp_path / "run", status=1)
-    assert "training diverged in frame" in told and "learning_rate" in told
+    assert "training diverged at frame" in told and "learning_rate" in told
     assert not (tmp_path / "run" / "results.json").exists()
     if (tmp_path / "run" / "checkpoint.pt").exists():
         assert "is kept" in told

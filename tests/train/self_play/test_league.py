@@ -158,7 +158,7 @@ def test_runs_of_another_game_do_not_enter_a_league(
         run = make_run(tmp_path / name, frames=2000, **changes)  # type: ignore[arg-type]
         run.train()
         folders[name] = str(tmp_path / name)
-    for other, message in (("four", "learned in maze 4x4"), ("stay", "stay_action=True")):
+    for other, message in (("four", "was trained in maze 4x4"), ("stay", "stay_action=True")):
         with pytest.raises(SystemExit):
             main(["league", folders["three"], folders[other]])
         assert message in capsys.readouterr().err

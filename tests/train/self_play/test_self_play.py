@@ -304,9 +304,9 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
     before = [p.clone() for p in policy.network.parameters()]
     second.train()
     assert all(torch.equal(a, b) for a, b in zip(before, policy.network.parameters(), strict=True))
-    with pytest.raises(ValueError, match="learned to be 'chaser'; 'evader' is asked for"):
+    with pytest.raises(ValueError, match="is a policy for 'chaser', not for 'evader'"):
         make_run(tmp_path / "third", evader=frozen)
-    with pytest.raises(ValueError, match="learned in maze 3x3"):
+    with pytest.raises(ValueError, match="was trained in maze 3x3"):
         make_run(tmp_path / "fourth", chaser=frozen, task={"maze": "4x4"})
 
 
@@ -314,19 +314,19 @@ def test_a_frozen_side_stays_as_it_is(tmp_path: Path) -> None:
     ("changes", "message"),
     [
         ({"sampling": "best"}, "unknown sampling 'best'"),
-        ({"chaser": "astar", "evader": "random"}, "both frozen"),
+        ({"chaser": "astar", "evader": "random"}, "both fixed"),
         ({"task": {"task": "maze"}}, "no chasers or no evaders"),
         ({"members": ("genius",)}, "unknown member 'genius'"),
         ({"members": ("astar", "astar")}, "given twice"),
         ({"pool_size": 0}, "pool_size=0"),
-        ({"sampling": "window", "window": 9, "pool_size": 8}, "window=9 snapshots, and pool_size"),
-        ({"sampling": "double-oracle", "pool_size": 4}, "double-oracle forgets none"),
+        ({"sampling": "window", "window": 9, "pool_size": 8}, "window=9 is more than pool_size"),
+        ({"sampling": "double-oracle", "pool_size": 4}, "double-oracle keeps all"),
         ({"chaser_algorithm": "q_learning"}, "chaser_algorithm='q_learning'"),
         ({"chaser_algorithm": "dqn", "task": {"num_chasers": 2}}, "with 2 chasers"),
         ({"hyper": replace(QUICK, gamma=1.0)}, "gamma=1.0"),
         ({"hyper": replace(QUICK, gamma_end=0.0)}, "gamma_end=0.0; in"),
         ({"frames": None}, "give one of the two"),
-        ({"task": {"role": "evader"}}, "both sides learn here"),
+        ({"task": {"role": "evader"}}, "both roles learn in self-play"),
         ({"task": {"task": "heist", "rewards": "default"}}, "with goals; leave them at zero_sum"),
         ({"task": {"num_runners": 1, "num_goals": 1}}, "has runners"),
     ],
@@ -353,7 +353,7 @@ def test_a_checkpoint_of_other_settings_is_refused(tmp_path: Path) -> None:
     (tmp_path / "two" / "checkpoint.pt").write_bytes(
         (tmp_path / "one" / "checkpoint.pt").read_bytes()
     )
-    with pytest.raises(ValueError, match="does not fit the settings"):
+    with pytest.raises(ValueError, match="does not match the settings"):
         go_on(tmp_path / "two")
     with pytest.raises(ValueError, match="no run here"):
         go_on(tmp_path)

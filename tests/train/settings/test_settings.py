@@ -50,9 +50,9 @@ class Derived(Example):
 def test_rules_beside_fields_are_checked_when_settings_are_made(form: type[Example]) -> None:
     form(count=1, share=1.0, least=2, order="last", text="a", free=-5)
     wrong: list[tuple[dict[str, Any], str]] = [
-        ({"count": 0}, "count=0; it is at least 1, and below 2**63"),
-        ({"share": 1.5}, "share=1.5; it lies in [0, 1]"),
-        ({"share": float("nan")}, "share=nan; it lies in [0, 1]"),
+        ({"count": 0}, "count=0; must be at least 1, below 2**63"),
+        ({"share": 1.5}, "share=1.5; must be in [0, 1]"),
+        ({"share": float("nan")}, "share=nan; must be in [0, 1]"),
         ({"least": 1}, "least=1; at least 2"),
         ({"order": "middle"}, "unknown order 'middle'; one of first, last"),
         ({"text": "a\nb"}, "one line, please"),
@@ -83,7 +83,7 @@ def test_every_number_of_a_learner_has_a_rule() -> None:
         ({"anneal": 1}, "anneal=1; true or false is needed"),
         ({"maze": 5}, "maze=5; a text is needed"),
         ({"width": True}, "width=True; a whole number is needed"),
-        ({"gamma": 2}, "gamma=2.0; it lies in [0, 1]"),
+        ({"gamma": 2}, "gamma=2.0; must be in [0, 1]"),
         ({"frame": 3}, "unknown setting 'frame'"),
         ({"rewards": {"step": "x"}}, "give a number"),
         ({"view_radius": "far"}, "view_radius='far'"),
@@ -105,7 +105,7 @@ def test_names_and_files_are_read_with_the_same_messages(given: dict[str, Any], 
     assert told.startswith("a/config.json: ") and said in told and told.endswith("from a copy")
 
 
-@pytest.mark.filterwarnings("ignore:.*it ends before anything is learned")
+@pytest.mark.filterwarnings("ignore:.*the run ends before the first gradient step")
 def test_what_is_saved_is_read_back() -> None:
     lessons = {"curriculum": "level-replay", "level_score": "learnability", "solved_within": 0.0}
     for flat in ({}, {"algorithm": "dqn"}, {"task": "reacher", "algorithm": "td3"}, lessons):

@@ -59,7 +59,7 @@ def test_mazes_of_a_curriculum_agree_with_the_last_one() -> None:
         ({**MAZE, "curriculum": "goal-spread-start", "schedule_length": -0.1}, "at least 0"),
         ({**MAZE, "curriculum": "goal-spread-start", "schedule": "step"}, "shares of the budget"),
         ({**MAZE, "curriculum": "uniform", "easiest": float("inf")}, "a finite number"),
-        ({**MAZE, "curriculum": "reversed", "schedule_unit": "frames"}, "is over at once"),
+        ({**MAZE, "curriculum": "reversed", "schedule_unit": "frames"}, "ends at once"),
         ({**CHASE, "curriculum": "opponent-epsilon", "schedule": "piecewise",
           "schedule_points": "0:1,0.5:2"}, "epsilon=2.0"),
         ({**MAZE, "curriculum": "goal-spread-start", "easiest": 0.5}, "whole number of steps"),
@@ -67,7 +67,7 @@ def test_mazes_of_a_curriculum_agree_with_the_last_one() -> None:
         ({**MAZE, "start": "marks", "curriculum": "level-replay"}, "replays random starts"),
         (
             {**MAZE, "algorithm": "q_learning", "curriculum": "maze-size"},
-            "q_learning has a table for one",
+            "q_learning needs a single",
         ),
         (
             {**MAZE, "algorithm": "reinforce", "curriculum": "level-replay",
@@ -105,7 +105,10 @@ def test_what_cannot_be_taught_is_said_at_once(flat: dict[str, Any], message: st
 
 
 def test_a_spread_beyond_the_maze_is_clipped_and_says_so() -> None:
-    with pytest.warns(UserWarning, match="40 steps is more than maze 5x5 has; clipped to 10"):
+    with pytest.warns(
+        UserWarning,
+        match="40 steps is more than the largest distance in maze 5x5; it is clipped to 10",
+    ):
         settings_of(**MAZE, curriculum="goal-spread-start", hardest=40.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -158,4 +161,4 @@ def test_options_are_checked_together_and_warnings_are_heard(
         f"--out {tmp_path / 'maze'}".split()
     )
     said = capsys.readouterr().err
-    assert said.count("40 steps is more than maze 3x3 has; clipped") == 1
+    assert said.count("40 steps is more than the largest distance in maze 3x3; it is clipped") == 1
