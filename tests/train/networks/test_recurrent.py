@@ -245,5 +245,5 @@ def test_cells_of_mazes_of_another_size_are_refused(encoding: str, remembers: bo
         with pytest.raises(ValueError, match="in mazes of 9 cells, and these have"):
             play(policy, simulator.view("chaser"))
         if not remembers:
-            with pytest.raises(ValueError, match="in mazes of 9 cells"):
+            with pytest.raises(ValueError, match="mazes of 9 cells"):
                 policy.distribution(simulator.task, simulator.games, 0)

@@ -217,7 +217,7 @@ def test_code_in_a_checkpoint_with_a_right_checksum_is_not_run(
     path = tmp_path / "checkpoint.pt"
     torch.save({"format": 5, "trainee": Evil()}, path)
     path.write_bytes(path.read_bytes() + MARK + hashlib.sha256(path.read_bytes()).digest())
-    with pytest.raises(ValueError, match="more than tensors and plain values"):
+    with pytest.raises(ValueError, match="not only tensors and plain values"):
         load_checkpoint(tmp_path)
     assert not (tmp_path / "owned").exists()
 

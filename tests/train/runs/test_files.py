@@ -127,4 +127,4 @@ def test_one_process_at_a_time_writes_a_new_file(
     assert said(capsys, *given) == ""
     assert os.listdir(tmp_path) == ["found.json"]
     assert f"{path}: exists already" in said(capsys, *given)
-    assert "no folder" in said(capsys, *given[:-1], tmp_path / "a" / "b.json")
+    assert "does not exist" in said(capsys, *given[:-1], tmp_path / "a" / "b.json")

@@ -332,8 +332,8 @@ def memory_files() -> set[str]:
 @pytest.mark.parametrize(
     "flat, words",
     [
-        ({"processes": 3}, "processes=3; 1 or 2"),
-        ({"processes": 0}, "processes=0; 1 or 2"),
+        ({"processes": 3}, "processes=3; must be 1 or 2"),
+        ({"processes": 0}, "processes=0; must be 1 or 2"),
         ({"algorithm": "a2c"}, "algorithm='a2c' with processes=2; use ppo"),
         ({"device": "cuda"}, "device='cuda' with processes=2; use cpu"),
         (

@@ -39,7 +39,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
             ["train", *TINY, "--frames", "64", "--opponent-epsilon", "0.5"],
             "no other agent",
         ),
-        (["train", "--frames", "64", "--rewards", "runner.goal=2"], "the runner has no effect"),
+        (["train", "--frames", "64", "--rewards", "runner.goal=2"], "has no runner"),
         ([*PLAY, "--sampling", "latest", "--window", "9"], "window=9 has no effect"),
         ([*PLAY, "--sampling", "uniform", "--pfsp-power", "3"], "pfsp_power=3.0 has no effect"),
         ([*DQN, "--clip", "0.3"], "Unrecognized options: --clip"),
@@ -50,7 +50,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["evaluate", "RUN", "--opponent-epsilon", "0.5"], "no other agent"),
         (["render", "RUN", "--maze", "5x5", "--out", "OUT"], "--maze with"),
         (["render", "RUN", "--num_goals=1", "--out", "OUT"], "--num-goals with"),
-        (["maze", "5x5", "--height", "7"], "height=7 has no effect: it is of --generate"),
+        (["maze", "5x5", "--height", "7"], "height=7 has no effect: it is an option of --generate"),
         (["maze", "5x5", "--seed", "3"], "seed=3 has no effect"),
         (["sweep", "maze_by_size", "--address", "auto", "--out", "OUT"], "address='auto'"),
         (["sweep", "--list", "bogus"], "'bogus' with --list"),
@@ -127,7 +127,7 @@ def test_a_resumed_run_keeps_the_episodes_of_its_first_command(
         raise Stop
 
     with monkeypatch.context() as patch:
-        patch.setattr(f"train.commands.{module}.carry_out", stop)
+        patch.setattr(f"train.commands.{module}.finish_run", stop)
         with pytest.raises(Stop):
             main([command, *given, "--frames", "512", "--episodes", "7",
                   "--out", str(out)])  # fmt: skip
@@ -136,7 +136,7 @@ def test_a_resumed_run_keeps_the_episodes_of_its_first_command(
     asked: list[Any] = []
     with monkeypatch.context() as patch:
         patch.setattr(
-            f"train.commands.{module}.carry_out",
+            f"train.commands.{module}.finish_run",
             lambda run, episodes, *_: stop(asked.append(episodes)),
         )
         for more in ([], ["--episodes", "1000"]):

@@ -36,11 +36,11 @@ def test_what_fits_is_read():
         ([], "a table expected, a list found"),
         ({"inner": {"steps": 1}}, "field 'name' is missing"),
         ({**GOOD, "nmae": 1}, "unknown field 'nmae'"),
-        ({**GOOD, "name": 3}, "field name: a text expected, a whole number found"),
+        ({**GOOD, "name": 3}, "field name: a string expected, a whole number found"),
         ({**GOOD, "inner": {"steps": "3"}}, "field inner.steps: a whole number expected"),
         (
             {**GOOD, "inner": {"steps": 1, "share": "x"}},
-            "field inner.share: a number or nothing expected, a text found",
+            "field inner.share: a number or nothing expected, a string found",
         ),
         ({**GOOD, "inner": {"steps": 0}}, "field inner: steps=0; at least 1"),
     ],

@@ -81,7 +81,7 @@ def test_every_number_of_a_learner_has_a_rule() -> None:
         ({"frames": 1.5}, "frames=1.5; a whole number is needed"),
         ({"learning_rate": "x"}, "learning_rate='x'; a number is needed"),
         ({"anneal": 1}, "anneal=1; true or false is needed"),
-        ({"maze": 5}, "maze=5; a text is needed"),
+        ({"maze": 5}, "maze=5; a string is needed"),
         ({"width": True}, "width=True; a whole number is needed"),
         ({"gamma": 2}, "gamma=2.0; must be in [0, 1]"),
         ({"frame": 3}, "unknown setting 'frame'"),
