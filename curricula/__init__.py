@@ -1,4 +1,4 @@
-"""What the learner is given next. Deals in numbers: imports nothing of the world, and no torch."""
+"""Curricula: they choose the stages and levels of training. No imports of `pursuit` or torch."""
 
 from curricula.levels import LevelReplay
 from curricula.pools import PoolReplay

@@ -1,4 +1,4 @@
-"""Prioritised level replay: levels that teach are kept and played again."""
+"""Prioritised level replay, which trains again on levels with high scores."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from curricula.schedules import Progress
 
 SCORES = ("regret", "value_loss", "learnability")
 MAX_SEED = 2**53
-"""Seeds of levels lie below: a float64 holds them exactly."""
+"""Upper bound of level seeds, which float64 represents exactly."""
 
 
 class Ranked(Resumable):
-    """Levels replayed with the chances of prioritised level replay (Jiang et al., 2021).
+    """The sampling distribution of prioritised level replay (Jiang et al., 2021).
 
     P = (1 - staleness) * P_score + staleness * P_stale, P_score proportional to
     (1 / rank)^(1 / temperature) of the scores, rank 1 the highest, and P_stale to the ages.
 
     Args:
-        replay_share: share of games that replay.
-        temperature: above 0; the lower, the more only the highest scores count.
+        replay_share: the fraction of games that replay a level.
+        temperature: above 0; lower values put more weight on the highest scores.
         staleness: in [0, 1].
 
     Raises:
-        ValueError: a value that is not allowed.
+        ValueError: an invalid value.
     """
 
     def __init__(self, replay_share: float, temperature: float, staleness: float) -> None:
         if not 0.0 < temperature < np.inf:
-            raise ValueError(f"temperature={temperature}; it is above 0")
+            raise ValueError(f"temperature={temperature}; give a number above 0")
         check_shares(replay_share=replay_share, staleness=staleness)
         self.replay_share, self.temperature, self.staleness = replay_share, temperature, staleness
         self.told = -1
 
     def chances(self, scores: NDArray[np.float64], ages: NDArray[np.int64]) -> NDArray[np.float64]:
-        """[levels], the chances of levels with these scores, and ages of at least 0."""
+        """[levels], sampling probabilities of levels with these scores and ages (at least 0)."""
         by_score = np.empty(len(scores))
         by_score[np.argsort(-scores, kind="stable")] = _rank_weights(len(scores), self.temperature)
         by_age = ages.astype(np.float64) if ages.sum() > 0 else np.ones(len(ages))
@@ -47,7 +47,7 @@ class Ranked(Resumable):
         return mixed + self.staleness * by_age / by_age.sum()
 
     def _logged(self, mark: int, scores: NDArray[np.float64], what: str) -> list[Change]:
-        """The change to log where `mark` is another one than at the last log."""
+        """The change to log if `mark` differs from the one of the last log."""
         if mark == self.told or not len(scores):
             return []
         self.told = mark
@@ -62,7 +62,7 @@ def _rank_weights(count: int, temperature: float) -> NDArray[np.float64]:
 
 
 def least(values: NDArray[np.float64], count: int) -> NDArray[np.intp]:
-    """[count] places of the least of `values`, from the least on; of equal ones the first."""
+    """[count] indices of the smallest `values` in increasing order; the first of equal ones."""
     if count >= len(values):
         return np.argsort(values, kind="stable")
     near = np.flatnonzero(values <= np.partition(values, count - 1)[count - 1])
@@ -72,22 +72,22 @@ def least(values: NDArray[np.float64], count: int) -> NDArray[np.intp]:
 class LevelReplay(Ranked):
     """Prioritised level replay (Jiang et al., 2021) over seeds of levels.
 
-    A share of the games plays levels of a buffer again, the others new ones. A level of the buffer
-    is drawn by the rank of its score, mixed with how long ago it was last played, in updates (see
-    `Ranked`). A new level replaces the one that is least likely, if its score is higher.
+    A fraction of the games replays levels of a buffer, the others get new levels. Levels of the
+    buffer are drawn by the rank of their score, mixed with their age in updates (see `Ranked`). A
+    new level replaces the level with the lowest probability if its score is higher.
 
     Args:
-        score: "regret" (how far the last episode fell short of the exact optimum), "value_loss"
+        score: "regret" (shortfall of the last episode from the exact optimum), "value_loss"
             (mean positive advantage of the last episode) or "learnability" (p(1 - p), p the mean of
             the posterior of the level's success rate under a uniform prior; Rutherford et al.,
             2024).
-        capacity: of the buffer.
-        replay_share: share of games that replay, once the buffer is half full.
-        temperature: above 0; the lower, the more only the highest scores count.
+        capacity: the number of levels of the buffer.
+        replay_share: the fraction of games that replay a level, once the buffer is half full.
+        temperature: above 0; lower values put more weight on the highest scores.
         staleness: in [0, 1].
 
     Raises:
-        ValueError: a value that is not allowed.
+        ValueError: an invalid value.
     """
 
     KIND = "level replay"
@@ -116,15 +116,15 @@ class LevelReplay(Ranked):
 
     @property
     def replays(self) -> bool:
-        """Whether the buffer is full enough to be played from."""
+        """Whether the buffer is full enough to replay levels."""
         return 2 * len(self.seeds) >= self.capacity
 
     def probabilities(self) -> NDArray[np.float64]:
-        """[levels] of the buffer being drawn for a game that replays."""
+        """[levels] the probabilities of the levels of the buffer in a game that replays."""
         return self.chances(self.scores, self.updates - self.played)
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
-        """Score the levels that were played, and keep the better ones."""
+        """Score the levels of these episodes, and keep those with the highest scores."""
         self.updates += 1
         if len(outcomes):
             self._note(outcomes)
@@ -136,13 +136,13 @@ class LevelReplay(Ranked):
 
     def _note(self, outcomes: Outcomes) -> None:
         seeds = outcomes.lessons
-        wrong = ~((seeds >= 0) & (seeds < MAX_SEED) & (seeds % 1 == 0))  # NaN is wrong, too
+        wrong = ~((seeds >= 0) & (seeds < MAX_SEED) & (seeds % 1 == 0))  # NaN is wrong as well
         if wrong.any():
             raise ValueError(
-                f"outcomes of lesson {seeds[wrong][0]:g}, which is no seed of a level: those are "
-                f"whole numbers from 0 to {MAX_SEED - 1}; give outcomes of its own lessons"
+                f"outcomes of level {seeds[wrong][0]:g}; seeds are whole numbers from 0 to "
+                f"{MAX_SEED - 1}: give outcomes of levels of this curriculum"
             )
-        # The last episode of each level counts; successes of all of them do.
+        # Scores use the last episode of each level, success rates all of them.
         levels, back, of_level = np.unique(seeds[::-1], return_index=True, return_inverse=True)
         last = len(seeds) - 1 - back
         plays = np.bincount(of_level)
@@ -175,9 +175,9 @@ class LevelReplay(Ranked):
                 + (
                     "the exact optimum, which is not known for this task"
                     if self.score == "regret"
-                    else "advantages, which this learner has not"
+                    else "advantages, which this learner does not compute"
                 )
-                + "; take learnability"
+                + "; use learnability"
             )
         return values[last]
 
@@ -192,8 +192,8 @@ class LevelReplay(Ranked):
         seeds, scores, counts = seeds[free:], scores[free:], counts[:, free:]
         if not len(seeds):
             return
-        # The best of the new ones against the least likely of the old ones, pair by pair. One that
-        # is below all of the old ones, and whatever is worse, replaces none.
+        # Compare the best new levels with the least probable old ones, pair by pair. A new level
+        # below all old ones replaces none.
         best = np.argsort(-scores, kind="stable")
         best = best[: min(np.count_nonzero(scores > self.scores.min()), len(self.scores))]
         if not len(best):
@@ -205,7 +205,7 @@ class LevelReplay(Ranked):
         self.played[into], self.counts[:, into] = self.updates, counts[:, new]
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Seeds of levels: some of the buffer, the others new."""
+        """[num_games] seeds of levels, some from the buffer and the others new."""
         seeds = rng.integers(0, MAX_SEED, num_games).astype(np.float64)
         if self.replays and len(self.cumulative):
             again = (rng.random(num_games) < self.replay_share).nonzero()[0]
@@ -231,6 +231,6 @@ class LevelReplay(Ranked):
             or not ((seeds >= 0) & (seeds < MAX_SEED) & (seeds % 1 == 0)).all()
         ):
             raise ValueError(
-                "the levels of the checkpoint have not one seed, score and count each; restore it "
-                "from a copy"
+                "the checkpoint needs one seed, score and count for each level; restore it from a "
+                "copy"
             )

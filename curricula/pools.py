@@ -1,7 +1,7 @@
-"""Replay of a pool of levels by scores that are computed, not played: exact regret, learnability.
+"""Prioritised replay of a fixed pool of levels with computed scores (exact regret, learnability).
 
-Levels are numbered. Whoever carries this to a world is asked to judge some of them now and then
-(`to_judge`), with the learner as it is, and tells the scores (`note`).
+The caller regularly scores the levels that `to_judge` returns with the current policy, and reports
+the scores by `note`.
 """
 
 from __future__ import annotations
@@ -16,27 +16,26 @@ from curricula.protocol import Change, Outcomes, check_count
 from curricula.schedules import Progress
 
 UNKNOWN = -1.0
-"""The score of a level that was never judged."""
+"""The score of a level that has not been scored yet."""
 
 
 class PoolReplay(Ranked):
     """Prioritised replay of a pool of levels.
 
-    A share of the games plays levels that were judged, drawn by the rank of their scores mixed with
-    how long ago they were judged, as in `LevelReplay`; the others play levels drawn uniformly,
-    which is domain randomisation.
+    A fraction of the games replays scored levels, drawn by the rank of their score mixed with its
+    age, as in `LevelReplay`. The others play uniformly drawn levels (domain randomisation).
 
     Args:
-        levels: how many there are.
-        judged: levels that are judged at a time.
-        replay_share: share of games that replay.
+        levels: the number of levels.
+        judged: the number of levels that are scored at a time.
+        replay_share: the fraction of games that replay a level.
         temperature, staleness: as in `LevelReplay`.
 
     Raises:
-        ValueError: a value that is not allowed.
+        ValueError: an invalid value.
 
     Attributes:
-        scores: [levels] float64; UNKNOWN before a level is judged.
+        scores: [levels] float64; UNKNOWN for levels without a score.
     """
 
     KIND = "this pool"
@@ -59,16 +58,16 @@ class PoolReplay(Ranked):
 
     @property
     def replayed(self) -> NDArray[np.intp]:
-        """The numbers of the levels that may be replayed."""
+        """The indices of the levels that can be replayed."""
         return np.flatnonzero(self.scores != UNKNOWN)
 
     def probabilities(self) -> NDArray[np.float64]:
-        """[replayed] of being drawn for a game that replays."""
+        """[replayed] the probabilities of these levels in a game that replays."""
         chosen = self.replayed
         return self.chances(self.scores[chosen], self.rounds - self.judged_at[chosen])
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """[num_games] float64, numbers of levels."""
+        """[num_games] float64, indices of levels."""
         levels = rng.choice(len(self.scores), num_games).astype(np.float64)
         known = self.replayed
         if len(known):
@@ -77,28 +76,28 @@ class PoolReplay(Ranked):
         return levels
 
     def to_judge(self, rng: np.random.Generator) -> NDArray[np.int64]:
-        """[n] different levels that are to be judged with the learner as it is now: those that
-        never were judged first, then those that were judged longest ago."""
+        """[n] different levels to be scored with the current policy: levels without a score first,
+        then those with the oldest scores."""
         shuffled = rng.permutation(len(self.scores))
         order = np.argsort(self.judged_at[shuffled], kind="stable")
         return shuffled[order][: self.judged]
 
     def note(self, levels: NDArray[np.int64], scores: NDArray[np.float64]) -> None:
-        """Take in the scores of levels that were judged together.
+        """Store the scores of levels that were scored together.
 
         Raises:
-            ValueError: a level that is none, or a score that is no number of 0 or more.
+            ValueError: an unknown level, or a score that is not a number of at least 0.
         """
         levels, scores = np.asarray(levels), np.asarray(scores, dtype=np.float64)
         if levels.shape != scores.shape or not (np.isfinite(scores) & (scores >= 0)).all():
-            raise ValueError(f"scores={scores!r} of levels {levels!r}; a number of 0 or more each")
+            raise ValueError(f"scores={scores!r} of levels {levels!r}; give numbers of at least 0")
         if len(levels) and not 0 <= levels.min() <= levels.max() < len(self.scores):
-            raise ValueError(f"levels={levels!r}; they are 0 to {len(self.scores) - 1}")
+            raise ValueError(f"levels={levels!r}; give indices from 0 to {len(self.scores) - 1}")
         self.rounds += 1
         self.scores[levels], self.judged_at[levels] = scores, self.rounds
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
-        """Nothing is learned from episodes; what is replayed is logged twenty times a run."""
+        """Log the replayed levels twenty times in a run; episodes do not change the scores."""
         what = "{count} levels replayed, mean score {mean:.4g}"
         return self._logged(int(20 * progress.share), self.scores[self.replayed], what)
 

@@ -1,7 +1,7 @@
-"""What every curriculum is: fed by the outcomes of episodes, asked for the next lessons.
+"""The protocol of curricula, which use outcomes of episodes to choose the next stages or levels.
 
-A *lesson* is one number: the value of whatever the curriculum turns (an epsilon, a radius, the
-number of a maze), or the seed of a level. What it means to the world is not known here.
+A stage or level (`lessons` in `Outcomes`) is one number: the value of a setting (an epsilon, a
+radius, the index of a maze), or the seed of a level. Curricula do not know its meaning.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ class Outcomes:
     """Episodes that ended since the last update, in any order.
 
     Attributes:
-        lessons: [n] float64, what each was played with.
+        lessons: [n] float64, the stage or level of each episode.
         successes: [n] bool.
         returns: [n] float64, undiscounted.
         lengths: [n] int64, steps.
-        regrets: [n] float64, how far each fell short of the exact optimum of its start, as a share
-            of it and at least 0; NaN where that is not known.
-        errors: [n] float64, mean positive advantage of each; NaN where the learner has none.
+        regrets: [n] float64, shortfall from the exact optimum of the same start, relative to it and
+            at least 0; NaN if the optimum is not known.
+        errors: [n] float64, mean positive advantage of each; NaN if the learner computes none.
     """
 
     lessons: NDArray[np.float64]
@@ -43,11 +43,11 @@ class Outcomes:
 
 @dataclass(frozen=True)
 class Change:
-    """A change of what is sampled, for the log.
+    """A change of the sampled stages or levels, for the log.
 
     Attributes:
-        mean, low, high: of the lessons that are sampled from now on.
-        reason: why, in words.
+        mean, low, high: of the stages or levels that are sampled from now on.
+        reason: text for the log.
     """
 
     mean: float
@@ -57,23 +57,23 @@ class Change:
 
 
 class Curriculum(Protocol):
-    """Decides what is played next."""
+    """Chooses the stages or levels of the next episodes."""
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
-        """Learn from the episodes that ended; what changed by that.
+        """Update from episodes that ended; return the changes.
 
         Raises:
-            ValueError: outcomes of lessons that this curriculum never gave.
+            ValueError: outcomes of stages or levels that this curriculum does not have.
         """
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """[num_games] float64: lessons for that many games that begin anew."""
+        """[num_games] float64: stages or levels for games that restart."""
 
     def state_dict(self) -> dict[str, Any]:
-        """Plain values and arrays: whatever it needs to go on exactly."""
+        """Plain values and arrays: everything needed to resume exactly."""
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from what `state_dict` gave.
+        """Restore the state that `state_dict` returned.
 
         Raises:
             ValueError: the state of another curriculum.
@@ -81,17 +81,17 @@ class Curriculum(Protocol):
 
 
 def check_count(name: str, value: Any, least: int, what: str) -> None:
-    """ValueError unless `value` is a whole number from `least` on; `what` is counted."""
+    """ValueError unless `value` is a whole number of at least `least`; `what` is its unit."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or value < least:
-        raise ValueError(f"{name}={value!r}; a whole number, at least {least} {what}")
+        raise ValueError(f"{name}={value!r}; give a whole number, at least {least} {what}")
 
 
 def check_shares(**shares: float) -> None:
-    """ValueError unless all lie in [0, 1]."""
+    """ValueError unless all are in [0, 1]."""
     for name, share in shares.items():
         if not 0.0 <= share <= 1.0:
-            raise ValueError(f"{name}={share}; a share lies in [0, 1]")
+            raise ValueError(f"{name}={share}; give a number in [0, 1]")
 
 
 class Resumable:
@@ -101,22 +101,22 @@ class Resumable:
     """
 
     KIND = "this"
-    """What messages call it."""
+    """The name of the curriculum in messages."""
     STATE: tuple[str, ...] = ()
-    """The attributes that are its state."""
+    """The names of the attributes of the state."""
     GROWING: tuple[str, ...] = ()
 
     def state_dict(self) -> dict[str, Any]:
-        """Plain values and arrays: whatever it needs to go on exactly."""
+        """Plain values and arrays: everything needed to resume exactly."""
         return {name: copy(getattr(self, name)) for name in self.STATE}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from what `state_dict` gave; ValueError for the state of another curriculum."""
+        """Restore the state of `state_dict`; ValueError for the state of another curriculum."""
         if set(state) != set(self.STATE):
             raise ValueError(
                 f"the checkpoint is of another curriculum than {self.KIND}: it holds "
                 f"{sorted(state)}, and {sorted(self.STATE)} are needed; resume with the curriculum "
-                "that it was made with"
+                "of the checkpoint"
             )
         loaded = {
             name: np.array(value) if isinstance(getattr(self, name), np.ndarray) else copy(value)
@@ -128,11 +128,11 @@ class Resumable:
             if fixed and value.shape != own.shape:
                 raise ValueError(
                     f"the checkpoint has {name} of {value.size} levels, and {self.KIND} has "
-                    f"{own.size}; resume with the settings that it was made with"
+                    f"{own.size}; resume with the settings of the checkpoint"
                 )
         self._check_loaded(loaded)
         for name, value in loaded.items():
             setattr(self, name, value)
 
     def _check_loaded(self, state: dict[str, Any]) -> None:
-        """ValueError for values that cannot be."""
+        """ValueError for invalid values."""

@@ -1,7 +1,7 @@
-"""Schedules: a value as a function of how far a run is. Pure functions, and numbers only.
+"""Schedules: pure functions from the progress of a run to a value.
 
-They begin exactly at their start, finish exactly at their end, and never leave the range between
-the two, whatever rounding would have them do.
+They start exactly at their start value, finish exactly at their end value, and stay within the
+range between both, regardless of rounding.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ UNITS = ("share", "frames", "episodes", "seconds")
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is.
+    """The progress of a run.
 
     Attributes:
-        share: of the budget, in [0, 1].
-        frames, episodes, seconds: since its beginning, all games counted.
+        share: the fraction of the budget that is spent, in [0, 1].
+        frames, episodes, seconds: since the start of the run; frames and episodes of all games.
     """
 
     share: float = 0.0
@@ -32,27 +32,27 @@ class Progress:
 
 
 def _share(progress: float, length: float) -> float:
-    """`progress / length`, kept in [0, 1]; a length of 0 is over at once."""
+    """`progress / length`, clipped to [0, 1]; 1 for a length of 0."""
     if not 0.0 <= length < inf:
-        raise ValueError(f"length={length}; the length of a schedule is finite and at least 0")
+        raise ValueError(f"length={length}; give a finite length of at least 0")
     return min(max(progress / length, 0.0), 1.0) if length else 1.0
 
 
 def _between(value: float, start: float, end: float) -> float:
-    """`value`, kept in the range from `start` to `end`."""
+    """`value`, clipped to the range from `start` to `end`."""
     low, high = (start, end) if start <= end else (end, start)
     return min(max(value, low), high)
 
 
 def constant(value: float, progress: float = 0.0) -> float:
-    """`value`, whatever the progress."""
+    """`value`, at any progress."""
     return value
 
 
 def linear(start: float, end: float, progress: float, length: float = 1.0) -> float:
-    """From `start` at progress 0 to `end` at progress `length`, in a straight line.
+    """Linear from `start` at progress 0 to `end` at progress `length`.
 
-    Outside it stays at `start` or `end`. ValueError for a negative length.
+    Outside this range it stays at `start` or `end`. ValueError for a negative length.
     """
     share = _share(progress, length)
     return _between((1.0 - share) * start + share * end, start, end)
@@ -70,7 +70,7 @@ def cosine(start: float, end: float, progress: float, length: float = 1.0) -> fl
 
 
 def step(start: float, end: float, progress: float, every: float, size: float = 1.0) -> float:
-    """`size` nearer to `end` after each `every` of progress, until it is there.
+    """Steps of `size` from `start` towards `end` after each `every` of progress.
 
     Raises:
         ValueError: `every` or `size` is not above 0.
@@ -83,33 +83,33 @@ def step(start: float, end: float, progress: float, every: float, size: float = 
 
 
 def exponential(start: float, floor_: float, progress: float, every: float, factor: float) -> float:
-    """`start` times `factor` for each whole `every` of progress, not below `floor_`.
+    """`start` times `factor` for each whole `every` of progress, at least `floor_`.
 
-    The thesis annealed epsilon like this: times 0.99 every n episodes, down to 0.2.
+    The thesis annealed epsilon by 0.99 every n episodes, down to 0.2.
 
     Raises:
-        ValueError: a start below 0 (it would rise), a floor above the start, a factor outside
+        ValueError: a start below 0, `floor_` above the start, a factor outside
             (0, 1), or `every` not above 0.
     """
     _check_positive(every=every)
     if not 0.0 < factor < 1.0:
-        raise ValueError(f"factor={factor}; a factor lies between 0 and 1")
+        raise ValueError(f"factor={factor}; give a factor between 0 and 1")
     if start < 0.0:
-        raise ValueError(f"start={start}; a value that decays begins at 0 or above")
+        raise ValueError(f"start={start}; give a start of at least 0")
     if floor_ > start:
-        raise ValueError(f"the floor {floor_} lies above the start {start}; swap them")
+        raise ValueError(f"the end {floor_} is above the start {start}; swap them")
     return max(start * factor ** floor(max(progress, 0.0) / every), floor_)
 
 
 def piecewise(points: Sequence[tuple[float, float]], progress: float) -> float:
-    """Straight lines through (progress, value) points; constant before the first, after the last.
+    """Linear interpolation of (progress, value) points; constant before the first, after the last.
 
     Raises:
         ValueError: no points, progress values that do not increase, or numbers that are not finite.
     """
     places = [place for place, _ in points]
     if not all(isfinite(number) for point in points for number in point):
-        raise ValueError(f"points={list(points)}; all numbers are finite")
+        raise ValueError(f"points={list(points)}; give finite numbers")
     if not points or any(a >= b for a, b in pairwise(places)) or places[0] < 0:
         raise ValueError(f"points={list(points)}; give (progress, value) with progress increasing")
     after = bisect_right(places, progress)
@@ -122,7 +122,7 @@ def piecewise(points: Sequence[tuple[float, float]], progress: float) -> float:
 def _check_positive(**named: float) -> None:
     for name, value in named.items():
         if not 0.0 < value < inf:
-            raise ValueError(f"{name}={value}; it is finite and above 0")
+            raise ValueError(f"{name}={value}; give a finite number above 0")
 
 
 @dataclass(frozen=True)
@@ -131,15 +131,15 @@ class Schedule:
 
     Args:
         shape: one of SHAPES.
-        start, end: the values at the beginning and in the end (the floor, where exponential).
-        unit: what progress is measured in: "share" of the budget, "frames", "episodes" or
+        start, end: the values at the beginning and at the end (exponential: the least value).
+        unit: the unit of progress: "share" of the budget, "frames", "episodes" or
             "seconds".
-        length: of linear and cosine, in `unit`.
-        every, factor: of step (`every`) and exponential (both).
-        points: of piecewise: (progress, value) with progress increasing.
+        length: for linear and cosine, in `unit`.
+        every, factor: for step (`every`) and exponential (both).
+        points: for piecewise, (progress, value) with progress increasing.
 
     Raises:
-        ValueError: a value that is not allowed; at birth, not at the first call.
+        ValueError: an invalid value.
     """
 
     shape: str = "linear"
@@ -156,11 +156,11 @@ class Schedule:
             if value not in choices:
                 raise ValueError(f"unknown {name} {value!r}; one of {', '.join(choices)}")
         if not (isfinite(self.start) and isfinite(self.end)):
-            raise ValueError(f"a schedule from {self.start} to {self.end}; both are finite")
+            raise ValueError(f"start={self.start}, end={self.end}; give finite numbers")
         self(Progress())
 
     def __call__(self, progress: Progress) -> float:
-        """The value now."""
+        """The value at this progress."""
         now = float(getattr(progress, self.unit))
         if self.shape == "constant":
             return constant(self.end, now)

@@ -1,4 +1,4 @@
-"""Curricula along one axis of difficulty: scheduled, gated, by learning progress; and controls."""
+"""Curricula over stages: scheduled, success-gated, by learning progress, and controls."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def checked_stages(values: Sequence[float]) -> NDArray[np.float64]:
     """[stages] float64, from easy to hard.
 
     Raises:
-        ValueError: none, two that are equal, or one that is not finite.
+        ValueError: no stages, equal stages, or values that are not finite.
     """
     stages = np.asarray(values, dtype=np.float64)
     different = stages.ndim == 1 and len(stages) > 0 and len(np.unique(stages)) == len(stages)
@@ -28,10 +28,10 @@ def checked_stages(values: Sequence[float]) -> NDArray[np.float64]:
 
 
 def stage_numbers(stages: NDArray[np.float64], lessons: NDArray[np.float64]) -> NDArray[np.intp]:
-    """[n] the stage that each lesson belongs to.
+    """[n] the index of the stage of each episode.
 
     Raises:
-        ValueError: a lesson that is no stage.
+        ValueError: a value that is not a stage.
     """
     if len(lessons) == 0:
         return np.zeros(0, dtype=np.intp)
@@ -41,18 +41,18 @@ def stage_numbers(stages: NDArray[np.float64], lessons: NDArray[np.float64]) -> 
     wrong = stages[numbers] != lessons
     if wrong.any():
         raise ValueError(
-            f"outcomes of lesson {lessons[wrong][0]:g}, which this curriculum never gave; its "
-            f"stages are {', '.join(f'{value:g}' for value in stages)}. Outcomes of another task?"
+            f"outcomes of unknown stage {lessons[wrong][0]:g}; the stages of this curriculum are "
+            f"{', '.join(f'{value:g}' for value in stages)}: give outcomes of these stages"
         )
     return numbers
 
 
 class Scheduled(Resumable):
-    """Every game gets the value of a schedule.
+    """The value of a schedule, the same for all games.
 
     Args:
-        schedule: from progress to the value.
-        whole: round to whole numbers.
+        schedule: the value as a function of progress.
+        whole: whether to round to whole numbers.
     """
 
     KIND, STATE = "a schedule", ("value", "logged")
@@ -67,7 +67,7 @@ class Scheduled(Resumable):
         return float(round(value)) if self.whole else value
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
-        """Follow the schedule. Changes below half a per cent of its range are told together."""
+        """Follow the schedule; log changes of at least half a percent of its range."""
         self.value = self._at(progress)
         schedule = self.schedule
         fine = 0.0 if self.whole else 0.005 * abs(schedule.end - schedule.start)
@@ -82,15 +82,15 @@ class Scheduled(Resumable):
         return [Change(self.value, self.value, self.value, reason)]
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """The same for all."""
+        """[num_games] the current value for all games."""
         return np.full(num_games, self.value)
 
 
 class Uniform(Resumable):
-    """A control: all difficulties at once, from beginning to end.
+    """A control: stages drawn uniformly in the whole run.
 
     Args:
-        stages: the values, each as likely.
+        stages: the values, all equally likely.
     """
 
     KIND, STATE = "uniform", ("told",)
@@ -100,7 +100,7 @@ class Uniform(Resumable):
         self.told = False
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
-        """Nothing ever changes."""
+        """Log the distribution once; it does not change."""
         stage_numbers(self.stages, outcomes.lessons)
         if self.told:
             return []
@@ -109,18 +109,18 @@ class Uniform(Resumable):
         return [Change(float(mean), float(low), float(high), "uniform over all stages")]
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Any."""
+        """[num_games] uniformly drawn stages."""
         return rng.choice(self.stages, num_games)
 
 
 class Shuffled(Resumable):
-    """A control: the stages one after the other in a random order, then the last one.
+    """A control: all stages in a random order, then the last (hardest) one.
 
     Args:
         stages: the values, from easy to hard.
-        length: progress in which every stage has had its turn.
-        unit: of that progress.
-        seed: of the order.
+        length: the progress after which all stages have been used.
+        unit: the unit of progress.
+        seed: the seed of the order.
     """
 
     KIND, STATE = "shuffled", ("turn", "told")
@@ -136,12 +136,12 @@ class Shuffled(Resumable):
 
     @property
     def value(self) -> float:
-        """What is played."""
+        """The current stage."""
         last = self.turn >= len(self.order)
         return float(self.stages[-1] if last else self.stages[self.order[self.turn]])
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
-        """The next stage when its time has come."""
+        """Move to the next stage when its progress is reached."""
         stage_numbers(self.stages, outcomes.lessons)
         self.turn = int(self._turns(progress))
         if self.turn == self.told:
@@ -152,31 +152,31 @@ class Shuffled(Resumable):
         return [Change(self.value, self.value, self.value, reason)]
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """The same for all."""
+        """[num_games] the current value for all games."""
         return np.full(num_games, self.value)
 
 
 class SuccessGated(Resumable):
-    """One stage for all games; up when it is mastered and, if wanted, down when it is not.
+    """One stage for all games; promotion at a high success rate, optional demotion at a low one.
 
-    Whoever fails by running out of time ends late, so the first episodes to end are nearly all
-    successes (and an evader's nearly all failures). Episodes that still run therefore count as
-    failures on the way up, and as successes on the way down.
+    Episodes that fail by truncation end late, so the first episodes to end are nearly all successes
+    (for an evader nearly all failures). So running episodes count as failures in the decision on
+    promotion, and as successes in the decision on demotion.
 
     Args:
         stages: the values, from easy to hard.
-        promote_at: share of successes among the episodes of the stage that leads up.
-        demote_at: at most this share leads back; 0 never does.
-        window: episodes that must have ended before anything is decided.
+        promote_at: the success rate for promotion to the next stage.
+        demote_at: the success rate for demotion; 0 means no demotion.
+        window: the number of episodes of a stage that must have ended before a decision.
 
     Raises:
-        ValueError: shares outside [0, 1], `demote_at` not below `promote_at`, or an empty window.
+        ValueError: rates outside [0, 1], `demote_at` not below `promote_at`, or an empty window.
     """
 
     KIND = "success-gated"
     STATE = ("stage", "counts", "stages", "told")
     RUNNING_SHARE = 20
-    """Counting begins anew when this many times more episodes have ended than still run."""
+    """Counts are reset when this many times more episodes have ended than are running."""
 
     def __init__(
         self,
@@ -188,17 +188,17 @@ class SuccessGated(Resumable):
         self.stages: list[float] = checked_stages(stages).tolist()
         if not 0.0 <= demote_at < promote_at <= 1.0:
             raise ValueError(
-                f"promote_at={promote_at}, demote_at={demote_at}; both lie in [0, 1], and "
+                f"promote_at={promote_at}, demote_at={demote_at}; give numbers in [0, 1], "
                 "demote_at below promote_at"
             )
         check_count("window", window, 1, "episode")
         self.promote_at, self.demote_at, self.window = promote_at, demote_at, window
         self.stage = 0
-        self.counts = [0, 0, 0]  # episodes of this stage that have begun, have ended, were won
+        self.counts = [0, 0, 0]  # episodes of this stage: started, ended, successful
         self.told = False
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
-        """Count the episodes of this stage; those of stages before are over with."""
+        """Count the episodes of this stage, and change the stage if a threshold is reached."""
         own = stage_numbers(np.array(self.stages), outcomes.lessons) == self.stage
         begun, ended, won = self.counts
         ended += int(own.sum())
@@ -223,31 +223,31 @@ class SuccessGated(Resumable):
         return [Change(value, value, value, reason)] if reason else []
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """The stage, for all."""
+        """[num_games] the current stage for all games."""
         self.counts[0] += num_games
         return np.full(num_games, self.stages[self.stage])
 
     def _check_loaded(self, state: dict[str, Any]) -> None:
         if state["stages"] != self.stages:
             raise ValueError(
-                f"the checkpoint has the stages {state['stages']}, and these are "
-                f"{self.stages}; resume with the settings that it was made with"
+                f"the checkpoint has the stages {state['stages']}, this curriculum {self.stages}; "
+                "resume with the settings of the checkpoint"
             )
 
 
 class LearningProgress(Resumable):
-    """A bandit over stages: those where the return changes most, up or down, are played most.
+    """A bandit over stages, which prefers stages with large changes of the return, up or down.
 
-    Absolute learning progress (Portelas et al., 2019; Matiisen et al., 2017): the distance of two
+    Absolute learning progress (Portelas et al., 2019; Matiisen et al., 2017): the difference of two
     moving averages of the return, one `fast` and one `slow`.
 
     Args:
         stages: the values, from easy to hard.
-        fast, slow: shares by which each average moves at an update, 0 < slow < fast <= 1.
-        explore_share: share of games in stages drawn uniformly.
+        fast, slow: the step sizes of the averages, 0 < slow < fast <= 1.
+        explore_share: the fraction of games with uniformly drawn stages.
 
     Raises:
-        ValueError: shares that are not allowed.
+        ValueError: an invalid value.
     """
 
     KIND, STATE = "learning-progress", ("fast", "slow", "probabilities", "top")
@@ -261,7 +261,7 @@ class LearningProgress(Resumable):
     ) -> None:
         self.stages = checked_stages(stages)
         if not 0.0 < slow < fast <= 1.0:
-            raise ValueError(f"fast={fast}, slow={slow}; 0 < slow < fast <= 1")
+            raise ValueError(f"fast={fast}, slow={slow}; give 0 < slow < fast <= 1")
         check_shares(explore_share=explore_share)
         self.fast_rate, self.slow_rate, self.explore_share = fast, slow, explore_share
         count = len(self.stages)
@@ -270,7 +270,7 @@ class LearningProgress(Resumable):
         self.top = -1
 
     def update(self, outcomes: Outcomes, progress: Progress) -> list[Change]:
-        """Move the averages of the stages that were played, and weigh the stages anew."""
+        """Update the averages of the stages of these episodes, and the probabilities."""
         numbers, count = stage_numbers(self.stages, outcomes.lessons), len(self.stages)
         played = np.bincount(numbers, minlength=count)
         sums = np.bincount(numbers, weights=outcomes.returns, minlength=count)
@@ -280,7 +280,7 @@ class LearningProgress(Resumable):
             before = np.where(np.isnan(average[seen]), means, average[seen])
             average[seen] = before + rate * (means - before)
         change = np.abs(self.fast - self.slow)
-        # What was never played may teach as much as what teaches most.
+        # A stage without episodes counts as much as the stage with the largest change.
         known = change[~np.isnan(change)]
         change = np.where(np.isnan(change), known.max() if len(known) else 1.0, change)
         total = change.sum()
@@ -296,5 +296,5 @@ class LearningProgress(Resumable):
         return [Change(mean, float(self.stages.min()), float(self.stages.max()), reason)]
 
     def sample(self, num_games: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Stages by their probabilities."""
+        """[num_games] stages drawn by their probabilities."""
         return rng.choice(self.stages, num_games, p=self.probabilities)

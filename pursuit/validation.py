@@ -1,4 +1,4 @@
-"""Fields of frozen dataclasses that say beside them what they may hold, checked at birth.
+"""Validated fields of frozen dataclasses.
 
     @dataclass(frozen=True)
     class Settings:
@@ -8,9 +8,9 @@
         def __post_init__(self) -> None:
             check_fields(self)
 
-A check takes the field's name and the value given, and returns the value as it is kept; its
-ValueError names the value, the rule and the remedy. `whole`, `number`, `truth`, `one_of` and
-`whole_numbers` check the arguments of functions in the same way.
+A check is a function of the name and the value of a field. It returns the value to store, or raises
+a ValueError with the value and the allowed range. `whole`, `number`, `check_bool`, `one_of` and
+`whole_numbers` check arguments of functions in the same way.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Check = Callable[[str, Any], Any]
 
 
 def declared(check: Check, default: Any) -> Any:
-    """A field with a check of its own."""
+    """A field with this check."""
     return field(default=default, metadata={"check": check})
 
 
@@ -45,7 +45,7 @@ def finite(default: float) -> Any:
 
 def flag(default: bool) -> Any:
     """A field for True or False."""
-    return declared(truth, default)
+    return declared(check_bool, default)
 
 
 def choice(choices: Sequence[str], default: str) -> Any:
@@ -60,19 +60,19 @@ def one_of(what: str, value: Any, choices: Sequence[str]) -> Any:
     return value
 
 
-def is_whole(value: Any) -> bool:
-    """Whether it is a whole number, of Python's or NumPy's; True and False are none."""
+def is_int(value: Any) -> bool:
+    """Whether it is a whole number, of Python's or NumPy's; bools are not accepted."""
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
 def is_number(value: Any) -> bool:
-    """Whether it is a real number, of Python's or NumPy's; True and False are none."""
-    return is_whole(value) or isinstance(value, (float, np.floating))
+    """Whether it is a real number, of Python's or NumPy's; bools are not accepted."""
+    return is_int(value) or isinstance(value, (float, np.floating))
 
 
 def whole(name: str, value: Any, least: int = 0, most: int = 2**31 - 1) -> int:
     """`value` as an int, if it is a whole number from `least` to `most`; ValueError otherwise."""
-    if not is_whole(value):
+    if not is_int(value):
         raise ValueError(f"{name}={value!r}; it is a whole number")
     if value < least:
         raise ValueError(f"{name}={value}; it is at least {least}")
@@ -94,8 +94,8 @@ def number(name: str, value: Any) -> float:
     return found
 
 
-def share(name: str, value: Any) -> float:
-    """`value` as a float, if it is a share of random moves; ValueError otherwise."""
+def check_probability(name: str, value: Any) -> float:
+    """`value` as a float, if it is in [0, 1]; ValueError otherwise."""
     if not is_number(value) or not 0.0 <= value <= 1.0:
         raise ValueError(f"{name}={value!r}; a share of random moves lies in [0, 1]")
     return float(value)
@@ -111,7 +111,7 @@ def some_seed() -> int:
     return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
 
 
-def truth(name: str, value: Any) -> bool:
+def check_bool(name: str, value: Any) -> bool:
     """`value` as a bool, if it is True or False; ValueError otherwise."""
     if not isinstance(value, (bool, np.bool_)):
         raise ValueError(f"{name}={value!r}; it is True or False")
@@ -138,7 +138,7 @@ def as_array(name: str, value: Any, kinds: str, rule: str) -> NDArray[Any]:
 
 
 def check_fields(settings: Any) -> None:
-    """Check every declared field of a frozen dataclass, and keep what its check returns."""
+    """Check every declared field of a frozen dataclass, and store the checked values."""
     for each in fields(settings):
         if "check" in each.metadata:
             kept = each.metadata["check"](each.name, getattr(settings, each.name))
@@ -146,10 +146,10 @@ def check_fields(settings: Any) -> None:
 
 
 def named_settings(function: str, settings: dict[str, Any], known: Sequence[str]) -> dict[str, Any]:
-    """`settings` by the names that are `known`; `max_cycles`, PettingZoo's name, is `max_steps`.
+    """`settings` with the names in `known`; `max_cycles`, PettingZoo's name, becomes `max_steps`.
 
     Raises:
-        TypeError: an unknown setting, as an unknown keyword is everywhere, or both names at once.
+        TypeError: an unknown setting, or both `max_cycles` and `max_steps`.
     """
     named = dict(settings)
     if "max_cycles" in named:
@@ -166,15 +166,15 @@ def named_settings(function: str, settings: dict[str, Any], known: Sequence[str]
 
 
 def reset_options(options: Any, needed: Sequence[str], known: Sequence[str] = ()) -> dict[str, Any]:
-    """The `options` of an environment's `reset` by name; empty where none are given.
+    """The `options` of an environment's `reset`; an empty dict for None.
 
     Args:
         options: a mapping, or None.
-        needed: names that are given together, or not at all.
-        known: further names, which are given beside them.
+        needed: names that must be given together, or not at all.
+        known: further names, allowed only with those.
 
     Raises:
-        ValueError: no mapping, an unknown name, or a name without those that are needed.
+        ValueError: not a mapping, an unknown name, or a missing name of `needed`.
     """
     if options is not None and not isinstance(options, Mapping):
         raise ValueError(f"options={options!r}; give a dict")
@@ -192,7 +192,7 @@ def reset_options(options: Any, needed: Sequence[str], known: Sequence[str] = ()
 
 
 class FrozenDict(dict[Key, Value]):
-    """A dict that never changes, and hashes by its content."""
+    """An immutable dict, hashed by its content."""
 
     def __hash__(self) -> int:  # type: ignore[override]
         return hash(frozenset(self.items()))
@@ -201,7 +201,7 @@ class FrozenDict(dict[Key, Value]):
         return type(self), (dict(self),)
 
     def _refuse(self, *args: Any, **kwargs: Any) -> NoReturn:
-        raise TypeError("this dict never changes; take dict(it) for one that does")
+        raise TypeError("this dict is immutable; make a copy with dict(...)")
 
     __setitem__ = __delitem__ = __ior__ = _refuse
     clear = pop = popitem = setdefault = update = _refuse

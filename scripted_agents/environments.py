@@ -57,7 +57,7 @@ POLICIES: Registry[Callable[[Task, str], Policy]] = Registry(
 """Policies of users' own. One that plays some roles only says which in `roles`."""
 
 
-def is_own_policy(name: str) -> bool:
+def is_custom_policy(name: str) -> bool:
     """Whether a name is that of a user's own policy."""
     return is_reference(name) or (name not in AGENTS and name in POLICIES.names())
 
@@ -76,7 +76,7 @@ def roles_of_agent(name: str, task: Task) -> tuple[str, ...]:
     return tuple(role for role in DEFAULTS if role in plays and role in task.seat_roles)
 
 
-def own_policy(name: str, task: Task, role: str) -> Policy:
+def custom_policy(name: str, task: Task, role: str) -> Policy:
     """A user's own policy in one role of a task.
 
     Raises:
@@ -84,7 +84,7 @@ def own_policy(name: str, task: Task, role: str) -> Policy:
     """
     make, roles = POLICIES.get(name), own_roles(name, task)
     if role not in roles:
-        raise ValueError(f"policy {name!r} plays {', '.join(roles)}; {role!r} is asked for")
+        raise ValueError(f"policy {name!r} plays {', '.join(roles)}, not {role!r}")
     policy: Policy = make(task, role)
     if not callable(getattr(policy, "act", None)):
         raise ValueError(f"policy {name!r} gave {policy!r}; a Policy has act(view)")
@@ -127,7 +127,7 @@ def check_plays(name: str, role: str) -> None:
     roles = SEARCHERS.get(name, dict.fromkeys(ROLES))
     if role not in roles:
         raise ValueError(
-            f"{name} plays {', '.join(roles)}; {role!r} is asked for. Take "
+            f"{name} plays {', '.join(roles)}; {role!r} is needed. Use "
             f"{', '.join(other for other in AGENTS if role in SEARCHERS.get(other, ROLES))}"
         )
 
@@ -143,7 +143,7 @@ def check_agent(name: str, task: Task, role: str) -> None:
 
 def is_agent(name: str) -> bool:
     """Whether a name is that of a scripted agent or of a user's own policy."""
-    return name in AGENTS or is_own_policy(name)
+    return name in AGENTS or is_custom_policy(name)
 
 
 def named_policy(
@@ -155,7 +155,7 @@ def named_policy(
         ValueError: none of this name, or one that does not play this role of this task.
     """
     if name not in AGENTS:
-        return own_policy(name, task, role)
+        return custom_policy(name, task, role)
     check_agent(name, task, role)
     order: Any = task.move_order
     return scripted_policy(name, role, epsilon, order, discount)
@@ -168,7 +168,7 @@ def default_policies(
 
     Args:
         task: the game.
-        epsilon: share of random moves of the scripted agents.
+        epsilon: probability of random moves of the scripted agents.
         opponent: fills every role but `own` instead.
         own: the agent (name or role) that is yours.
     """
@@ -188,7 +188,7 @@ def chosen_policies(
         task: the game.
         agent: yours, by name or role.
         opponent: as in `single_agent_arguments`.
-        epsilon: share of random moves of the scripted agents.
+        epsilon: probability of random moves of the scripted agents.
 
     Raises:
         ValueError: no such policy, or one that does not play a role of another seat.
@@ -205,7 +205,7 @@ def chosen_policies(
     roles = set(task.seat_roles) - {own_role}
     if not roles and (name in AGENTS or task.num_agents == 1):
         raise ValueError(
-            f"opponent={name!r}, but task {task.name!r} has nobody of another role; leave it out"
+            f"opponent={name!r}, but task {task.name!r} has no other role; leave it out"
         )
     policies = default_policies(task, epsilon, own=agent)
     for role in roles or {own_role}:
@@ -227,7 +227,7 @@ def single_agent_arguments(
         task_name: "chase", "maze", "race" or "heist".
         agent: yours, by name or role.
         maze: as in `pursuit.Task`.
-        opponent_epsilon: share of random moves of the scripted agents in the other seats.
+        opponent_epsilon: probability of random moves of the scripted agents in the other seats.
         opponent: fills the seats of all other roles instead: a `Policy`, one of AGENTS, a policy of
             your own as "package.module:Name", or the folder of a run. A* (of runners the nearest
             goal) where it is None.
@@ -256,7 +256,7 @@ def make_env(
         render_mode: None, "ansi", "rgb_array" or "human".
         mask_bumps: infos hold an "action_mask" that forbids moves into walls.
         mask_in_observation: observations are {"observation", "action_mask"}.
-        **settings: maze, opponent_epsilon (share of random moves of the scripted agents, 0 by
+        **settings: maze, opponent_epsilon (probability of random moves of the scripted agents, 0 by
             default), opponent (for all other roles: a `Policy`, one of AGENTS,
             package.module:Name of your own, or the folder of a run), and those of `pursuit.Task`.
     """

@@ -147,7 +147,7 @@ def test_a_tutorial_runs_from_top_to_bottom(page: str, folder: Path) -> None:
         elif language == "":
             for words in in_words(code):
                 if words[0] == "pursuit":
-                    main([*words[1:], *(["--no-browser"] if words[1] == "view" else [])])
+                    main([*words[1:], *(["--no-open"] if words[1] == "view" else [])])
 
 
 @pytest.mark.slow
@@ -260,7 +260,7 @@ def test_the_sweep_files_of_a_page_load(page: str, folder: Path) -> None:
 
 @pytest.mark.parametrize("page", environment_tables.pages())
 def test_the_tables_of_an_environment_are_those_of_the_code(page: str) -> None:
-    """Where this fails: `PYTHONPATH=. python tests/environment_tables.py` writes them anew; read the change."""
+    """Where this fails, `PYTHONPATH=. python tests/environment_tables.py` writes them anew."""
     text = (ROOT / page).read_text(encoding="utf-8")
     assert environment_tables.renewed(text) == text
 

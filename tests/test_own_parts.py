@@ -159,12 +159,12 @@ def test_whoever_has_left_is_paid_nothing() -> None:
 @pytest.mark.parametrize(
     ("paid", "message"),
     [
-        (lambda b, a, c: np.zeros(3), r"<lambda> gave float64 of shape \(3,\); it must give"),
+        (lambda b, a, c: np.zeros(3), r"<lambda> returned float64 of shape \(3,\); it must"),
         (
             lambda b, a, c: np.where(np.arange(4)[:, None] == 2, np.nan, 0.0 * a),
             "agent 0 of game 2",
         ),
-        (lambda b, a, c: 1e300 * np.ones(a.shape), "pays 1e.300 to agent 0 of game 0"),
+        (lambda b, a, c: 1e300 * np.ones(a.shape), "returned 1e.300 for agent 0 of game 0"),
         (lambda b, a, c: "much", "must give numbers"),
     ],
 )
@@ -193,8 +193,8 @@ def test_coefficients_are_read_from_text_and_tables() -> None:
     assert rewards_text({"capture": 2, "step": -0.1}) == "step=-0.1,capture=2"
     assert rewards_text({"evader": {"step": 1.0}}) == "evader.step=1"
     for text, told in {
-        "stepp=1": "no 'stepp'; give step, capture",
-        "hunter.step=1": "no 'hunter.step'",
+        "stepp=1": "unknown 'stepp'; give step, capture",
+        "hunter.step=1": "unknown 'hunter.step'",
         "step=much": "'step=much'; give a number",
         "step=1,step=2": "'step' is given twice",
         "on_completion=1": "give true or false",
@@ -353,7 +353,7 @@ class Writing(Wrong):
 @pytest.mark.parametrize(
     ("observation", "message"),
     [
-        (Wrong, r"of shape \(1, 2, 2\); its space asks for float32"),
+        (Wrong, r"of shape \(1, 2, 2\); its space needs float32"),
         (Spaceless, "it must be a gymnasium.spaces.Box"),
         (Writing, "read-only"),
         (5, "observation=5; it must be an object or class with space"),
@@ -382,7 +382,7 @@ def test_an_opponent_is_named_wherever_one_plays() -> None:
     task, entries = enter(["astar", name], "3x3")
     assert [(e.name, e.role) for e in entries[2:]] == [(name, "evader")]
     assert play_league(task, entries, 4, 0).payoff.shape == (1, 2)
-    with pytest.raises(ValueError, match="plays evader; 'chaser' is asked for"):
+    with pytest.raises(ValueError, match="plays evader, not 'chaser'"):
         make_env("chase", "evader", maze="3x3", opponent=name)
     with pytest.raises(ValueError, match="unknown policy 'sneaky'; one of astar, random, optimal"):
         make_env("chase", "evader", maze="3x3", opponent="sneaky")

@@ -1,4 +1,4 @@
-"""The PettingZoo parallel environments: a thin view of one game of a simulator."""
+"""PettingZoo parallel environments over one game of a simulator."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from pursuit.rendering.windows import Rendered
 from pursuit.simulator.policy import Policy, play, seat_policies
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, checked_task, make_task
-from pursuit.validation import reset_options, some_seed, truth
+from pursuit.validation import check_bool, reset_options, some_seed
 
 RENDER_FPS = 5
 
 
 class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
-    """One game of a simulator, of any world, as a PettingZoo parallel environment.
+    """One game of a simulator (maze or arm) as a PettingZoo parallel environment.
 
-    A world's own environment says how an episode begins (`_begin`), what a step does (`_move`) and
-    what is seen (`_observe`).
+    Subclasses implement the start of an episode (`_begin`), a step (`_move`) and observations
+    (`_observe`).
 
     Args:
         simulator: of one game, made with `auto_restart=False`.
@@ -40,8 +40,8 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
         state: the space of `state()`.
 
     Attributes:
-        task, simulator: the game, and what plays it.
-        np_random: for wrappers that draw; seeded by `reset`, and never drawn from here.
+        task, simulator: the task and its simulator.
+        np_random: a generator for wrappers; seeded by `reset` and not used by the environment.
     """
 
     simulator: Any
@@ -57,7 +57,7 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
     ) -> None:
         self.simulator, self.task = simulator, simulator.task
         self.possible_agents, self.agents = agents, list[str]()
-        # A space of its own for every agent: spaces carry the random state of their samples.
+        # A separate space for every agent, as spaces hold the random state of their samples.
         self.observation_spaces = {name: deepcopy(observed) for name in agents}
         self.action_spaces = {name: deepcopy(action) for name in agents}
         self.state_space = state
@@ -67,21 +67,21 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
 
     @abstractmethod
     def _begin(self, seed: int | None, options: dict[str, Any] | None) -> None:
-        """Begin a new episode; ValueError for options that make no start."""
+        """Start a new episode; ValueError for invalid options."""
 
     @abstractmethod
     def _move(self, actions: Mapping[str, Any]) -> None:
-        """Step by the actions, of which every agent has one; ValueError, and nothing moved."""
+        """Step with an action of every agent; ValueError (and no step) for invalid ones."""
 
     @abstractmethod
     def _observe(self) -> Sequence[Any] | NDArray[Any]:
-        """[agents] what each observes now, fresh arrays."""
+        """[agents] the current observations, new arrays."""
 
     def _infos(self) -> dict[str, dict[str, Any]]:
         return {agent: {} for agent in self.agents}
 
     def _out_of_game(self) -> list[str]:
-        """Those of `agents` who have left a game that goes on."""
+        """The names in `agents` of agents that have left a running game."""
         return []
 
     def observation_space(self, agent: str) -> gymnasium.Space[Any]:
@@ -98,14 +98,14 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
         """Begin a new episode.
 
         Args:
-            seed: begins all random streams anew; without one the streams go on (and begin at a
-                seed from the operating system).
+            seed: seeds all random streams; without a seed the streams continue (at first from a
+                seed of the operating system).
             options: `{"positions": cells of all agents, "goals": cells of all goals}`, with "maze",
                 its number, where there are several, begins the episode there; of an arm
                 `{"angles": [joints] radians, "target": (x, y)}`.
 
         Raises:
-            ValueError: a seed out of range, an unknown option, or what makes no start; nothing is
+            ValueError: a seed out of range, an unknown option, or an invalid start; nothing is
                 changed then.
         """
         if seed is None and not self._seeded:
@@ -131,7 +131,7 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
 
         Raises:
             ValueError: before the first reset; an active agent without an action, an action out of
-                range, or one for an agent that this task does not have. Then nobody has moved.
+                range, or one for an unknown agent. Then no agent has moved.
         """
         if not self.agents:
             if not self._seeded:
@@ -151,7 +151,7 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
         over = terminated or truncated
         self.agents = [] if over else [agent for agent in agents if agent not in out]
         self._show()
-        if not isinstance(paid, list):  # of an arm: all its joints are paid alike
+        if not isinstance(paid, list):  # an arm: all joints have the same reward
             rewards = dict.fromkeys(agents, paid)
         else:
             rewards = {agent: paid[self._seats[agent]] for agent in agents}
@@ -168,7 +168,7 @@ class SimulatorParallelEnv(Rendered, ParallelEnv[str, Any, Any]):
         for agent in actions:
             if agent not in self._seats:
                 raise ValueError(
-                    f"an action for {agent!r}, who is not playing; env.agents is {self.agents}"
+                    f"an action for {agent!r}, which is not active; env.agents is {self.agents}"
                 )
 
     def _observations(self) -> dict[str, Any]:
@@ -188,16 +188,16 @@ class PursuitParallelEnv(SimulatorParallelEnv):
         render_mode: None, "ansi", "rgb_array" or "human".
         mask_bumps: the info of each agent holds "action_mask", [actions] int8: 1 for the moves that
             change its cell and for staying, all 1 once it is captured or its game terminated. Many
-            libraries apply it unasked; without the stay action it forbids waiting (with a warning).
+            libraries apply it by default. Without the stay action it forbids waiting (and warns).
         mask_in_observation: observations are {"observation", "action_mask"}, as many libraries
-            want it; without `mask_bumps` the masks are all 1.
+            expect; without `mask_bumps` the masks are all 1.
 
     Raises:
         ValueError: an unknown observation or render mode.
 
     Attributes:
-        task, simulator: the game, and what plays it.
-        np_random: for wrappers that draw; seeded by `reset`, and never drawn from here.
+        task, simulator: the task and its simulator.
+        np_random: a generator for wrappers; seeded by `reset` and not used by the environment.
     """
 
     simulator: Simulator
@@ -214,8 +214,11 @@ class PursuitParallelEnv(SimulatorParallelEnv):
         name = f"{checked_task(task).name}_v0"
         self._render_as(render_mode, RENDER_FPS, name=name, is_parallelizable=True)
         self.observation = observation
-        self.mask_in_observation = truth("mask_in_observation", mask_in_observation)
-        self.mask_bumps, self._world = truth("mask_bumps", mask_bumps), lay_out(task.mazes).world
+        self.mask_in_observation = check_bool("mask_in_observation", mask_in_observation)
+        self.mask_bumps, self._world = (
+            check_bool("mask_bumps", mask_bumps),
+            lay_out(task.mazes).world,
+        )
         simulator = Simulator(task, auto_restart=False)
         self._encoder = simulator.encoder(observation)
         seen: gymnasium.Space[Any] = self._encoder.space
@@ -252,10 +255,10 @@ class PursuitParallelEnv(SimulatorParallelEnv):
         return [agent for agent in self.agents if not active[self._seats[agent]]]
 
     def act(self, policies: Mapping[str, Policy]) -> dict[str, int]:
-        """What policies do now: an action for every playing agent that has one, as `step` takes it.
+        """The actions of policies, for every active agent that has one, as an argument of `step`.
 
-        Scripted, exact and learned policies alike; they see the whole game and choose their own
-        encoding, whatever this environment's is. Agents without a policy are left out: yours.
+        Scripted, exact and learned policies see the whole game and use their own encoding,
+        independent of this environment. Agents without a policy (yours) are left out.
 
         Args:
             policies: by agent name, or by role for all agents of that role; a name goes first.
@@ -298,7 +301,7 @@ class PursuitParallelEnv(SimulatorParallelEnv):
     def state(self) -> NDArray[np.float32]:
         """float32 [agents + goals + 1]: 1 + cell of all agents and goals (0 when gone), steps.
 
-        Whole numbers; the networks of central critics take floats.
+        All numbers are whole; they are floats for the networks of central critics.
         """
         simulator = self.simulator
         agents = (simulator.positions[0] + 1) * simulator.active[0]
@@ -316,7 +319,7 @@ def begin(
     options: Mapping[str, Any] | None,
     games: NDArray[np.bool_] | None = None,
 ) -> None:
-    """Begin new episodes, in the games of a mask, as the options of a `reset` say."""
+    """Start new episodes in the games of a mask, with the options of a `reset`."""
     given = reset_options(options, ("positions",), ("goals", "maze"))
     if given:
         simulator.place(given["positions"], given.get("goals"), given.get("maze"), seed, games)
@@ -325,7 +328,7 @@ def begin(
 
 
 def scene_of(simulator: Simulator, game: int = 0, caption: str = "") -> Scene:
-    """What `pursuit.rendering.rendering` draws, of one game of a simulator."""
+    """The scene of one game of a simulator for `pursuit.rendering.rendering`."""
     task = simulator.task
     marks = zip(task.agent_names, simulator.positions[game], simulator.active[game], strict=True)
     return Scene(

@@ -1,4 +1,4 @@
-"""Gymnasium: one seat of a game is yours, policies fill the others; single and vectorised."""
+"""Gymnasium environments of one agent, single and vectorised; policies play the other agents."""
 
 from __future__ import annotations
 
@@ -20,36 +20,36 @@ from pursuit.rendering.rendering import Scene
 from pursuit.simulator.policy import Policy, seat_policies
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, checked_task
-from pursuit.validation import truth, whole
+from pursuit.validation import check_bool, whole
 
 Policies = Mapping[str, Policy]
 
 
 def fill_seats(task: Task, own: str | int, policies: Policies) -> tuple[int, list[Policy | None]]:
-    """Your seat, and the policy of every seat (None in yours).
+    """The index of your agent, and the policy of every agent (None for yours).
 
     Args:
         task: the game.
-        own: the agent that is yours: a name ("chaser_1"), or a role for the first of it.
+        own: your agent: a name ("chaser_1"), or a role for the first agent of it.
         policies: by agent name, or by role for all agents of that role; a name goes first.
 
     Raises:
-        ValueError: a seat without a policy, a policy of another role, or one for an agent that does
-            not exist.
+        ValueError: an agent without a policy, a policy of another role, or one for an unknown
+            agent.
     """
     seat = checked_task(task).seat(own)
     filled = seat_policies(task, policies)
     filled[seat] = None
     for other, name in enumerate(task.agent_names):
         if other != seat and filled[other] is None:
-            raise ValueError(f"nobody fills the seat of {name}; add policies={{{name!r}: ...}}")
+            raise ValueError(f"{name} has no policy; add policies={{{name!r}: ...}}")
     return seat, filled
 
 
 class SeatOfGames:
-    """A seat in a batch of games, one or many, whose other seats are filled by policies.
+    """One agent in a batch of games, with policies for the other agents.
 
-    What `SingleEnv` and `LockstepVectorEnv` ask of a world.
+    Implements the methods that `SingleEnv` and `LockstepVectorEnv` need.
     """
 
     simulator: Simulator
@@ -57,7 +57,7 @@ class SeatOfGames:
     policies: list[Policy | None]
 
     def _take_seat(self, task: Task, agent: str, policies: Policies, num_envs: int) -> Simulator:
-        """Fill the seats; the games."""
+        """Set the policies of the other agents; return the simulator."""
         self.seat, self.policies = fill_seats(task, agent, policies)
         self._actions = np.zeros((num_envs, task.num_agents), dtype=np.int32)
         return Simulator(task, num_envs, auto_restart=False)
@@ -67,8 +67,11 @@ class SeatOfGames:
     ) -> tuple[gymnasium.Space[Any], gymnasium.Space[Any]]:
         """Set what is observed; the spaces of observations and actions."""
         task, self.observation = simulator.task, observation
-        self.mask_in_observation = truth("mask_in_observation", mask_in_observation)
-        self.mask_bumps, self._world = truth("mask_bumps", mask_bumps), lay_out(task.mazes).world
+        self.mask_in_observation = check_bool("mask_in_observation", mask_in_observation)
+        self.mask_bumps, self._world = (
+            check_bool("mask_bumps", mask_bumps),
+            lay_out(task.mazes).world,
+        )
         if self.mask_bumps:
             warn_of_masks(task)
         seen: gymnasium.Space[Any] = simulator.encoder(observation).space
@@ -119,7 +122,7 @@ class SeatOfGames:
 
 # skrl looks for Gymnasium's class among the direct bases only.
 class SingleAgentEnv(SeatOfGames, SingleEnv, gymnasium.Env[Any, Any]):
-    """One seat of one game as a Gymnasium environment.
+    """One agent of one game as a Gymnasium environment.
 
     The episode ends with the game, or with the capture of your evader. Every action is legal. The
     info of the last step holds "episode_return" and "episode_length".
@@ -127,16 +130,16 @@ class SingleAgentEnv(SeatOfGames, SingleEnv, gymnasium.Env[Any, Any]):
     Args:
         task: the rules and settings.
         agent: your agent, by name or role.
-        policies: whoever fills the other seats, by name or role.
+        policies: the policies of the other agents, by name or role.
         observation: one of `pursuit.observations.observations.ENCODINGS`.
         render_mode: None, "ansi", "rgb_array" or "human".
         mask_bumps: the info holds "action_mask", [actions] int8: 1 for the moves that change the
             cell and for staying. Without the stay action it forbids waiting (with a warning).
         mask_in_observation: observations are {"observation", "action_mask"}, as many libraries
-            want it; without `mask_bumps` the mask is all 1.
+            expect; without `mask_bumps` the mask is all 1.
 
     Raises:
-        ValueError: an unknown agent, observation or render mode, or an empty seat.
+        ValueError: an unknown agent, observation or render mode, or a missing policy.
     """
 
     simulator: Simulator
@@ -174,14 +177,14 @@ class SingleAgentEnv(SeatOfGames, SingleEnv, gymnasium.Env[Any, Any]):
 class SingleAgentVectorEnv(
     SeatOfGames, LockstepVectorEnv, gymnasium.vector.VectorEnv[Any, Any, Any]
 ):
-    """One seat of many games as a Gymnasium vector environment; the `Simulator` underneath.
+    """One agent of many games as a Gymnasium vector environment over a `Simulator`.
 
-    How games begin anew, and what the infos then hold, says `pursuit.environments.vector`.
+    For restarts and infos see `pursuit.environments.vector`.
 
     Args:
         task: the rules and settings.
         agent: your agent, by name or role.
-        policies: whoever fills the other seats, by name or role.
+        policies: the policies of the other agents, by name or role.
         num_envs: games in the batch.
         observation: one of `pursuit.observations.observations.ENCODINGS`.
         render_mode: None, "ansi" or "rgb_array".
@@ -192,7 +195,7 @@ class SingleAgentVectorEnv(
         mask_in_observation: as in `SingleAgentEnv`.
 
     Raises:
-        ValueError: an unknown agent, observation or mode, or an empty seat.
+        ValueError: an unknown agent, observation or mode, or a missing policy.
     """
 
     simulator: Simulator

@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from pursuit.environments.single_env import GamesOfWorld, StepLimitInSpec, row_of
-from pursuit.validation import checked_seed, is_whole, some_seed, whole
+from pursuit.validation import checked_seed, is_int, some_seed, whole
 
 RESET_MASK = "reset_mask"
 """What Gymnasium calls the option that says which games begin anew."""
@@ -126,7 +126,7 @@ class LockstepVectorEnv(GamesOfWorld, StepLimitInSpec, gymnasium.vector.VectorEn
                 changed then.
         """
         chosen, options = self._chosen(options)
-        listed = None if seed is None or is_whole(seed) else self._checked_seeds(seed)
+        listed = None if seed is None or is_int(seed) else self._checked_seeds(seed)
         first = None if seed is None or listed is not None else checked_seed(seed)
         if not self._seeded and first is None and (listed is None or None in listed):
             first = some_seed() if self._first_seed is None else self._first_seed

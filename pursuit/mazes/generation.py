@@ -18,7 +18,7 @@ from pursuit.compilation.compiled import allocating, compiled
 from pursuit.mazes.maze import LIBRARY, Maze
 from pursuit.memory import check_memory
 from pursuit.rules import EAST, NORTH, SOUTH, next_below
-from pursuit.validation import is_number, is_whole, one_of, truth, whole
+from pursuit.validation import check_bool, is_int, is_number, one_of, whole
 
 MAX_CELLS = 4_000_000
 """The largest maze that is generated; 2000×2000 cells take some seconds and 500 MB."""
@@ -261,7 +261,7 @@ def check_arguments(
             f"generated maze has at most {MAX_CELLS}: make it smaller"
         )
     check_memory(f"{height}x{width} cells", cells * BYTES_PER_CELL, "make it smaller")
-    truth("no_dead_ends", no_dead_ends)
+    check_bool("no_dead_ends", no_dead_ends)
     if not is_number(loops) or not 0 <= loops <= 1:
         raise ValueError(
             f"loops {loops!r}; it is a share of the inner walls: give a number from 0 (a tree "
@@ -272,7 +272,7 @@ def check_arguments(
             f"no_dead_ends in {height}x{width} cells; both ends of a single row or column are dead "
             "ends: give height and width of 2 or more, or leave no_dead_ends out"
         )
-    if not isinstance(seed, np.random.Generator) and (not is_whole(seed) or seed < 0):
+    if not isinstance(seed, np.random.Generator) and (not is_int(seed) or seed < 0):
         raise ValueError(f"seed {seed!r}; give an int of 0 or more, or a numpy Generator")
 
 
@@ -312,7 +312,7 @@ def with_corner_marks(maze: Maze, name: str) -> Maze:
     """The same maze with S in the first cell and G in the last."""
     corner = (maze.height - 1, maze.width - 1)
     walkable = maze.cell_numbers >= 0
-    return Maze(walkable, maze.joined_south, maze.joined_east, (0, 0), (corner,), name)
+    return Maze(walkable, maze.open_south, maze.open_east, (0, 0), (corner,), name)
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from pursuit.rules import (
     breadth_first,
     longest_distance,
 )
-from pursuit.validation import as_array, is_whole
+from pursuit.validation import as_array, is_int
 
 BYTES_PER_CELL = 70
 """The memory that it takes to make a maze: measured on 1000x1000 cells."""
@@ -106,10 +106,10 @@ class Maze:
     ) -> NDArray[np.int32]:
         numbers = self.cell_numbers
         table = np.repeat(np.arange(self.num_cells, dtype=np.int32)[:, None], 5, axis=1)
-        joined_south = open_south & (numbers[:-1] >= 0) & (numbers[1:] >= 0)
-        joined_east = open_east & (numbers[:, :-1] >= 0) & (numbers[:, 1:] >= 0)
-        upper, lower = numbers[:-1][joined_south], numbers[1:][joined_south]
-        left, right = numbers[:, :-1][joined_east], numbers[:, 1:][joined_east]
+        open_south = open_south & (numbers[:-1] >= 0) & (numbers[1:] >= 0)
+        open_east = open_east & (numbers[:, :-1] >= 0) & (numbers[:, 1:] >= 0)
+        upper, lower = numbers[:-1][open_south], numbers[1:][open_south]
+        left, right = numbers[:, :-1][open_east], numbers[:, 1:][open_east]
         table[upper, SOUTH], table[lower, NORTH] = lower, upper
         table[left, EAST], table[right, WEST] = right, left
         return table
@@ -164,8 +164,8 @@ class Maze:
         grid[1::2, ::2] = "|"
         cells = grid[1::2, 1::2]
         cells[self.cell_numbers < 0] = "#"
-        grid[2:-1:2, 1::2][self.joined_south] = " "
-        grid[1::2, 2:-1:2][self.joined_east] = " "
+        grid[2:-1:2, 1::2][self.open_south] = " "
+        grid[1::2, 2:-1:2][self.open_east] = " "
         if self.start_mark is not None:
             cells[self.rows[self.start_mark], self.columns[self.start_mark]] = "S"
         for goal in self.goal_marks:
@@ -173,13 +173,13 @@ class Maze:
         return "\n".join("".join(line) for line in grid) + "\n"
 
     @property
-    def joined_south(self) -> NDArray[np.bool_]:
+    def open_south(self) -> NDArray[np.bool_]:
         """[height - 1, width] bool, True where (r, c) and (r + 1, c) are neighbours."""
         numbers, south = self.cell_numbers[:-1], self.neighbors[:, SOUTH]
         return (numbers >= 0) & (south[numbers] != numbers)
 
     @property
-    def joined_east(self) -> NDArray[np.bool_]:
+    def open_east(self) -> NDArray[np.bool_]:
         """[height, width - 1] bool, True where (r, c) and (r, c + 1) are neighbours."""
         numbers, east = self.cell_numbers[:, :-1], self.neighbors[:, EAST]
         return (numbers >= 0) & (east[numbers] != numbers)
@@ -259,7 +259,7 @@ class Maze:
 
     def check_cell(self, cell: int) -> int:
         """`cell`, if it is the number of a cell; raises ValueError otherwise."""
-        if not is_whole(cell):
+        if not is_int(cell):
             raise ValueError(f"{self.name}: cell {cell!r}; a cell is a whole number")
         if not 0 <= cell < self.num_cells:
             raise ValueError(f"{self.name}: cell {cell}; the cells are 0 to {self.num_cells - 1}")

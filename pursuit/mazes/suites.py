@@ -77,7 +77,7 @@ def least_copy(maze: Maze) -> bytes:
     """The same for all rotated and mirrored copies of a maze, and for no other maze."""
     grid = np.zeros((2 * maze.height - 1, 2 * maze.width - 1), dtype=bool)
     grid[::2, ::2] = maze.cell_numbers >= 0
-    grid[1::2, ::2], grid[::2, 1::2] = maze.joined_south, maze.joined_east
+    grid[1::2, ::2], grid[::2, 1::2] = maze.open_south, maze.open_east
     turned = [np.rot90(side, turns) for side in (grid, grid.T) for turns in range(4)]
     return min(repr(each.shape).encode() + np.packbits(each).tobytes() for each in turned)
 
@@ -95,7 +95,7 @@ def suite_rows(size: int) -> Iterator[tuple[str, list[list[Any]]]]:
             copy = least_copy(maze)
             if copy not in taken:
                 taken.add(copy)
-                openings = np.concatenate([maze.joined_south.ravel(), maze.joined_east.ravel()])
+                openings = np.concatenate([maze.open_south.ravel(), maze.open_east.ravel()])
                 digits = np.packbits(openings).tobytes().hex()
                 told = "yes" if braided else "no"
                 rows.append([len(rows), generator, loops, told, seed, digits])

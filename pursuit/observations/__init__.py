@@ -1,1 +1,1 @@
-"""What agents observe: encodings, limited sight, masks, and observations of users' own."""
+"""Encodings of observations, limited views, action masks, and custom observations."""

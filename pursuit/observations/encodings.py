@@ -1,11 +1,11 @@
-"""The kernels of the encodings: first the entities that each agent sees, then how they are written.
+"""Kernels that write the built-in encodings.
 
-`list_entities` alone looks at the games; for grids and planes what it finds, `seen` [games, seats,
-entities + 1] int32, holds the cell of every entity, -1 where it is gone or not in view, and last
-the agent's own cell if it collected a goal in the last step, else -1.
+`list_entities` reads the games. For grids and planes its result, `seen` [games, agents,
+entities + 1] int32, holds the cell of every entity: -1 if it is gone or out of view. The last entry
+is the agent's own cell if it collected a goal in the last step, else -1.
 
-`table` and `begin` are the sight of the task (`pursuit.rules.sight`), both None where it is full;
-`view` [games, seats] int64 is where the table has the row of an agent's cell.
+`table` and `begin` describe limited views (`pursuit.rules.visibility`); both are None if no view is
+limited. `view` [games, agents] int64 is the index in the table of the row of an agent's cell.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from pursuit.compilation.compiled import compiled, inlined
 from pursuit.rules.layout import Games
-from pursuit.rules.sight import (
+from pursuit.rules.visibility import (
     COLLECTED_PLANE,
     GOALS_PLANE,
     IN_VIEW_PLANE,
@@ -32,7 +32,7 @@ from pursuit.rules.sight import (
 
 @inlined
 def put(out: Any, game: int, seat: int, entity: int, place: int, shown: bool, gone: Any) -> None:
-    """Write the place of an entity; without a number for those who are gone, mark it by 1."""
+    """Write the place of an entity; if `gone` is None, mark the place by 1."""
     if gone is None:
         if shown:
             out[game, seat, place] = 1.0
@@ -89,7 +89,7 @@ def draw_codes(seen: Any, maze: Any, codes: Any, places: Any, out: Any) -> None:
     """Write the code of every entity into `out` [games, seats, flattened grid].
 
     `codes` [seats, entities, 2] has (entity, code) in the order of drawing; `places` [mazes, cells]
-    is where each cell lies in the grid.
+    is the index of each cell in the grid.
     """
     for game in range(seen.shape[0]):
         for seat in range(seen.shape[1]):
@@ -107,9 +107,9 @@ def hide_grid(
 ) -> None:  # fmt: skip
     """Leave in `out` [games, seats, flattened grid] of the maze only what is within view.
 
-    `num_cells` is [mazes], `hidden` [seats] bool (whose maze is hidden), `background` [mazes,
-    flattened grid], `columns` the width of a row of it, and `reach` 1 where walls lie beside cells,
-    which are seen with them.
+    `num_cells` is [mazes], `hidden` [seats] bool (the agents with a hidden maze), `background`
+    [mazes, flattened grid], `columns` the width of a row of it, and `reach` is 1 if the grid has
+    walls between cells, which are visible with the cells beside them.
     """
     for game in range(out.shape[0]):
         number = maze[game]

@@ -1,9 +1,9 @@
-"""Action masks for whoever asks for them (`mask_bumps=True`): they forbid moves into walls.
+"""Optional action masks (`mask_bumps=True`), which forbid moves into walls.
 
-Every action is legal: a move into a wall leaves the agent in place, and without the stay action it
-is the only way to wait, which the best chasers and evaders do. So nothing is masked by default.
-All masks come from here: those of infos, of TorchRL's specs, of `action_masks()`, of our learners
-and of the exact solvers.
+Every action is legal: a move into a wall leaves the agent in place. Without the stay action it is
+the only way to wait, which optimal chasers and evaders do. So nothing is masked by default. The
+masks of infos, of TorchRL's specs, of `action_masks()`, of the learners and of the exact solvers
+are all computed here.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from pursuit.rules.layout import Games, World
 from pursuit.tasks.task import Task
 
 ACTION_MASK = "action_mask"
-"""What libraries call a mask, in infos and in tensordicts."""
+"""The key of a mask in infos and in tensordicts."""
 EVERY_SEAT = slice(None)
 
 
 def bump_masks(maze: Maze, num_actions: int) -> NDArray[np.bool_]:
-    """[cells, actions] bool: True where an action changes the cell, or is stay.
+    """[cells, actions] bool: True if an action changes the cell, or is stay.
 
-    In an enclosed cell, where no action is either, all are True.
+    All are True in an enclosed cell without such an action.
     """
     return _masks_by_moves(num_actions)[lay_out((maze,)).world.moves]
 
@@ -41,16 +41,16 @@ def action_masks(
     seats: slice = EVERY_SEAT,
     terminated: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.bool_]:
-    """[games, seats, actions] bool, a fresh array: what the agents may do that bumps into no wall.
+    """[games, seats, actions] bool, a new array: the actions that are not moves into a wall.
 
-    All are True for agents that are captured, in enclosed cells and in games that are `terminated`.
-    A game that was cut off keeps its masks: learners value the actions of its last state.
+    All are True for captured agents, in enclosed cells and in games that are `terminated`. A
+    truncated game keeps its masks, as learners evaluate the actions of its last state.
 
     Args:
         games: the games.
-        world: their mazes, as `lay_out(task.mazes).world` has them.
+        world: their mazes, `lay_out(task.mazes).world`.
         num_actions: 4, or 5 with the stay action.
-        seats: whose masks.
+        seats: the indices of the agents.
         terminated: [games] bool.
     """
     cells = world.first_cell[games.maze][:, None] + games.position[:, seats]
@@ -62,7 +62,7 @@ def action_masks(
 
 @cache
 def _masks_by_moves(num_actions: int) -> NDArray[np.bool_]:
-    """[16, actions] bool: the mask of every set of moves that change the cell; all for none."""
+    """[16, actions] bool: mask for each set of moves that change the cell; all True if empty."""
     moves = np.arange(16)[:, None]
     masks = (moves >> np.arange(num_actions) & 1).astype(bool)
     masks[:, 4:] = True
@@ -71,25 +71,25 @@ def _masks_by_moves(num_actions: int) -> NDArray[np.bool_]:
 
 
 def masked_space(observed: gymnasium.Space[Any], num_actions: int) -> gymnasium.spaces.Dict:
-    """The space of {"observation", "action_mask"}, for libraries that want the mask in there."""
+    """The space of {"observation", "action_mask"}, for libraries that expect the mask there."""
     mask = gymnasium.spaces.Box(0, 1, (num_actions,), np.int8)
     return gymnasium.spaces.Dict({"observation": observed, ACTION_MASK: mask})
 
 
 def forbids_waiting(task: Task) -> bool:
-    """Whether masks take from chasers or evaders the only way to wait.
+    """Whether masks forbid chasers or evaders to wait.
 
-    A runner in a maze gains nothing by waiting.
+    Waiting is never optimal for a runner.
     """
     return not task.stay_action and bool(task.num_chasers or task.num_evaders)
 
 
 def warn_of_masks(task: Task) -> None:
-    """Warn where `mask_bumps` changes what the best play is; Python shows it once a task."""
+    """Warn if `mask_bumps` changes optimal play; Python shows the warning once for each task."""
     if forbids_waiting(task):
         warnings.warn(
-            f"mask_bumps=True in task {task.name!r} without stay_action forbids waiting, which is "
-            "a move into a wall here and part of optimal play: what is learned can fall far short "
-            "of the optimum. Give stay_action=True, or leave mask_bumps out",
-            stacklevel=2,  # one place for all environments of a kind: shown once
+            f"mask_bumps=True in task {task.name!r} without stay_action forbids waiting (a move "
+            "into a wall), which is part of optimal play: the optimality gap can become large. "
+            "Give stay_action=True, or leave mask_bumps out",
+            stacklevel=2,  # the same location for all environments, so shown once
         )

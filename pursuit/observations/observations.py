@@ -1,7 +1,7 @@
-"""Encodings: what one agent observes, and the space of each.
+"""The built-in encodings of observations, and their spaces.
 
-An agent observes *entities*: itself, then the others of its role, then all other agents, then the
-goals sorted by cell (those gone first). A captured evader is gone.
+An agent observes *entities*: itself, then the other agents of its role, then all other agents, then
+the goals sorted by cell (absent ones first). Captured evaders and collected goals are absent.
 """
 
 from __future__ import annotations
@@ -14,52 +14,58 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.observations import encodings
-from pursuit.observations.own import ENCODINGS as ENCODINGS
-from pursuit.observations.own import WINDOW, Observation, OwnEncoding, given_radius, is_ours
+from pursuit.observations.custom import ENCODINGS as ENCODINGS
+from pursuit.observations.custom import (
+    WINDOW,
+    CustomEncoding,
+    Observation,
+    given_radius,
+    is_builtin,
+)
 from pursuit.rules.layout import Games
-from pursuit.rules.sight import FLOOR, GOAL, IN_VIEW, OTHER, SELF, TEAM, UNSEEN, WALL
-from pursuit.rules.sight import PLANES as PLANES
+from pursuit.rules.visibility import FLOOR, GOAL, IN_VIEW, OTHER, SELF, TEAM, UNSEEN, WALL
+from pursuit.rules.visibility import PLANES as PLANES
 from pursuit.tasks.task import Task, checked_task
 
 NO_CELL = -1
 DRAWING_ORDER = (GOAL, TEAM, OTHER, SELF)
-"""Where several share a cell of a grid, the last of these is drawn over the others."""
+"""If several entities are in one cell of a grid, the last of these is drawn over the others."""
 
 
 class Encoder:
     """One encoding of one task.
 
-    - "one_hot": float32 [(entities + 1) * cells]: a row for each entity with a 1 at its cell, and
-      the just-collected row with a 1 at the agent's own cell if it collected a goal in this step.
-    - "positions": int32 [entities + 1]: 1 + cell of each entity, 0 when gone; just collected 0/1.
+    - "one_hot": float32 [(entities + 1) * cells]: one row per entity, with a 1 at its cell. The
+      last row has a 1 at the agent's own cell if it collected a goal in the last step.
+    - "positions": int32 [entities + 1]: 1 + cell of each entity, 0 if absent. The last number is 1
+      if the agent collected a goal in the last step, else 0.
     - "cells": uint8 [height, width]: the codes FLOOR, SELF, TEAM, OTHER, GOAL, WALL (blocked).
-    - "walls": uint8 [2*height + 1, 2*width + 1]: the same with the walls between the cells.
+    - "walls": uint8 [2*height + 1, 2*width + 1]: the same codes, with the walls between the cells.
     - "planes": float32 [10, height, width] of 0 and 1, named in PLANES.
-    - "window": float32 [10, 2R+1, 2R+1], the planes of what lies around the agent, who is in the
-      middle: the same for mazes of any size, outside of which nothing is walkable. "window:4" has
-      R = 4; "window" the largest view radius of the task, or one that always shows the whole maze.
-    - "index": int32 [entities + 1]: the places of the ones of "one_hot" (gone: its size, a padding
-      row), so that an embedding bag that sums rows equals a matrix times "one_hot".
+    - "window": float32 [10, 2R+1, 2R+1]: the planes of the surroundings of the agent, which is in
+      the centre. The shape does not depend on the size of the maze; cells outside the maze are
+      blocked. "window:4" sets R = 4. "window" uses the largest view radius of the task or, without
+      one, the smallest R that always shows the whole maze.
+    - "index": int32 [entities + 1]: the indices of the ones of "one_hot" (for absent entities its
+      size, a padding row). An embedding bag that sums rows then equals a matrix times "one_hot".
 
     With several mazes, cells, height and width are those of the largest.
 
-    Where the task limits sight, who and what an agent does not see is as if gone, and "planes"
-    and "window" have one plane more, "in view": 1 for the cells that are seen. Who knows of the
-    maze only what is within view (`Task.unknown_maze`) is shown the code UNSEEN in place of all
-    other cells, and of the walls that are not beside a cell in view; on planes all numbers of other
-    cells are 0.
+    If the task limits views, agents and goals out of view are absent. "planes" and "window" then
+    have one more plane, "in view", with 1 for visible cells. With `Task.unknown_maze`, cells out of
+    view, and walls that are not next to a visible cell, have the code UNSEEN. Planes are 0 there.
 
     Args:
         task: the task.
-        encoding: one of ENCODINGS, or an `Observation` of your own: itself, its class, or its name
+        encoding: one of ENCODINGS, or a custom `Observation`: the object, its class, or its name
             "package.module:Name".
 
     Raises:
-        ValueError: an unknown encoding, or an observation without a Box as its space.
+        ValueError: an unknown encoding, or an observation whose space is not a Box.
 
     Attributes:
-        shape, dtype: of one observation.
-        space: its Gymnasium space (one object, the same at every call).
+        shape, dtype: shape and dtype of one observation.
+        space: its Gymnasium space (the same object at every call).
     """
 
     def __init__(self, task: Task, encoding: str | Observation) -> None:
@@ -77,12 +83,12 @@ class Encoder:
         same_role = np.array(roles)[self._order] == np.array(roles)[:, None]
         self._codes = np.where(same_role, TEAM, OTHER)
         self._codes[:, 0] = SELF
-        self._own = None if is_ours(encoding) else OwnEncoding(task, encoding)
+        self._own = None if is_builtin(encoding) else CustomEncoding(task, encoding)
         self.space: Any = self._space(task) if self._own is None else self._own.space
         self.shape, self.dtype = self.space.shape, self.space.dtype
 
     def _space(self, task: Task) -> gymnasium.spaces.Box:
-        """The space of an encoding of ours; makes what its kernels need of the mazes."""
+        """The space of a built-in encoding; also creates the arrays that its kernels need."""
         box: Any = gymnasium.spaces.Box
         entities, cells = self.num_entities, self.num_cells
         if self.encoding == "one_hot":
@@ -107,7 +113,7 @@ class Encoder:
     def encode(
         self, games: Games, seats: slice = slice(None), out: NDArray[Any] | None = None
     ) -> NDArray[Any]:
-        """[games, seats, *shape]: what these seats observe in these games, played or not.
+        """[games, seats, *shape]: the observations of these agents in these games.
 
         Raises:
             ValueError: `out` has another shape or dtype.
@@ -131,7 +137,7 @@ class Encoder:
         return out
 
     def _fill(self, games: Games, seats: slice, out: NDArray[Any]) -> None:
-        """Fill `out`, contiguous, with an encoding of ours."""
+        """Fill `out`, which is contiguous, with a built-in encoding."""
         order, size, sight = self._order[seats], self.num_cells, self._sight
         seen_from = (*games, sight.table, sight.begin, order)
         if self.encoding == "index":
@@ -166,7 +172,7 @@ class Encoder:
 
 
 def _draws(codes: NDArray[np.int64], num_goals: int) -> NDArray[np.int64]:
-    """[seats, entities, 2]: (entity, code) in the order of drawing; `codes` is of the agents."""
+    """[seats, entities, 2]: (entity, code) in drawing order; `codes` are those of the agents."""
     goals = np.full((len(codes), num_goals), GOAL)
     of_all = np.concatenate([codes, goals], axis=1)
     turns = np.argsort(np.argsort(DRAWING_ORDER)[of_all - SELF], axis=1, kind="stable")
@@ -174,7 +180,7 @@ def _draws(codes: NDArray[np.int64], num_goals: int) -> NDArray[np.int64]:
 
 
 def _drawn_mazes(task: Task, with_walls: bool) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-    """Where each cell lies in the flattened grid [maze, cell], and the grids of the empty mazes."""
+    """The index of each cell in the flattened grid [maze, cell], and the grids of empty mazes."""
     height = max(maze.height for maze in task.mazes)
     width = max(maze.width for maze in task.mazes)
     shape = (2 * height + 1, 2 * width + 1) if with_walls else (height, width)
@@ -196,18 +202,18 @@ def _drawn_mazes(task: Task, with_walls: bool) -> tuple[NDArray[np.int64], NDArr
 
 
 def planes_of(task: Task) -> tuple[str, ...]:
-    """The names of the planes of "planes" and "window": one more where sight is limited."""
+    """The names of the planes of "planes" and "window": one more if views are limited."""
     return (*PLANES, IN_VIEW) if task.sight.limited else PLANES
 
 
 def radius_of(task: Task, encoding: str) -> int:
-    """R, of a window of 2R + 1 rows and columns.
+    """R of a window of 2R + 1 rows and columns.
 
-    It is that of "window:R"; of "window" alone the largest view radius of the task, and where there
-    is none the smallest that shows the whole of every maze from each of its cells.
+    "window:R" gives it. For "window" it is the largest view radius of the task or, without one, the
+    smallest R that shows the whole of every maze from each of its cells.
 
     Raises:
-        ValueError: an R that is none.
+        ValueError: an invalid R.
     """
     given = given_radius(encoding)
     if given is not None:
@@ -222,9 +228,9 @@ class Grids(NamedTuple):
     """Mazes as grids.
 
     Attributes:
-        cells: [mazes, height, width] int32, the number of each cell, NO_CELL where none is.
-        rows, columns: [mazes, cells] int32, where each cell lies.
-        walls: [mazes, cells] uint8, the bit 1 << action where a move does not change the cell.
+        cells: [mazes, height, width] int32, the number of each cell; NO_CELL if there is none.
+        rows, columns: [mazes, cells] int32, row and column of each cell.
+        walls: [mazes, cells] uint8, bit 1 << action is set if the move does not change the cell.
     """
 
     cells: NDArray[np.int32]

@@ -17,7 +17,7 @@ from pursuit.reacher.rules import ROUNDING
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.single_agent import RENDER_FPS, begin
 from pursuit.reacher.task import ReacherTask
-from pursuit.validation import as_array, one_of, truth
+from pursuit.validation import as_array, check_bool, one_of
 
 
 class ReacherParallelEnv(SimulatorParallelEnv):
@@ -56,7 +56,7 @@ class ReacherParallelEnv(SimulatorParallelEnv):
     ) -> None:
         self.observation = one_of("observation", observation, ENCODINGS)
         self._render_as(render_mode, RENDER_FPS, name="reacher_v0", is_parallelizable=True)
-        self.own_number = truth("own_number", own_number)
+        self.own_number = check_bool("own_number", own_number)
         simulator = ReacherSimulator(task, auto_restart=False)
         seen, joints = space_of(task, observation), task.joints
         own = np.ones(joints if self.own_number else 0, dtype=np.float32)

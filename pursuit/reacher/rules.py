@@ -4,7 +4,7 @@
          0   1   2             angles[j] is measured from the link before; link 0's from the x-axis
 
 Links have length 1. An arm's angles lie in [-pi, pi): joints have no stops, so a difference of
-angles is one on the circle. Everything below the entries takes `Arms`, `Outcome`, `Coming` and
+angles is one on the circle. Everything below the entries takes `Arms`, `Outcome`, `NextEpisode` and
 `Rules`; entries take flat arrays, as unboxing named ones costs more than a step of one arm.
 """
 
@@ -24,7 +24,7 @@ DONE, BAD_ACTION = 0, 1
 ROUNDING = 1e-6
 """How far an action may lie beyond [-1, 1]: what is within is clipped."""
 UNCHANGED = -1.0
-"""In `Coming`: what nobody has set keeps its value."""
+"""In `NextEpisode`: what nobody has set keeps its value."""
 QUARTER = round(math.pi / 2.0 * 2**40) / 2**40
 QUARTER_REST = (math.pi / 2.0 - QUARTER) + 6.123233995736766e-17
 """Half of pi in two parts; the first has so few digits that small multiples of it are exact."""
@@ -66,7 +66,7 @@ class Outcome(NamedTuple):
     final: Arms
 
 
-class Coming(NamedTuple):
+class NextEpisode(NamedTuple):
     """What waits for the next episode, each [arms].
 
     fresh: bool, whether the pose is drawn anew though it is kept otherwise. distance: float64, the
@@ -167,27 +167,27 @@ def least_radius(joints: int, free_joints: int) -> int:
 
 @inlined
 def begin(
-    arms: Arms, outcome: Outcome, coming: Coming, streams: Any, rules: Rules, arm: int
+    arms: Arms, outcome: Outcome, pending: NextEpisode, streams: Any, rules: Rules, arm: int
 ) -> None:
     """Start an episode: the pose, then the target."""
     joints = arms.angles.shape[1]
     stream = streams[arm]
-    if coming.free_joints[arm] >= 0:
-        arms.free_joints[arm] = coming.free_joints[arm]
-    if coming.hold[arm] >= 0:
-        arms.hold[arm] = coming.hold[arm]
-    if coming.tolerance[arm] >= 0.0:
-        arms.tolerance[arm] = coming.tolerance[arm]
+    if pending.free_joints[arm] >= 0:
+        arms.free_joints[arm] = pending.free_joints[arm]
+    if pending.hold[arm] >= 0:
+        arms.hold[arm] = pending.hold[arm]
+    if pending.tolerance[arm] >= 0.0:
+        arms.tolerance[arm] = pending.tolerance[arm]
     free = arms.free_joints[arm]
-    drawn = rules.start == RANDOM or (rules.start == KEPT and coming.fresh[arm])
-    coming.fresh[arm] = False
+    drawn = rules.start == RANDOM or (rules.start == KEPT and pending.fresh[arm])
+    pending.fresh[arm] = False
     for joint in range(joints):
         if joint >= free or rules.start == FIXED:
             arms.angles[arm, joint] = 0.0
         elif drawn:
             turn = next_uniform(stream, STARTS_STREAM)
             arms.angles[arm, joint] = wrapped(2.0 * math.pi * turn - math.pi)
-    most = coming.distance[arm] * rules.max_turn
+    most = pending.distance[arm] * rules.max_turn
     if 0.0 <= most < math.pi:
         # The tip of a pose that lies so few steps away: no draw can be out of reach.
         direction, x, y = 0.0, 0.0, 0.0
@@ -213,7 +213,7 @@ def begin(
 
 @inlined
 def move(
-    arms: Arms, outcome: Outcome, coming: Coming, streams: Any, rules: Rules, arm: int,
+    arms: Arms, outcome: Outcome, pending: NextEpisode, streams: Any, rules: Rules, arm: int,
     actions: Any, auto_restart: bool,
 ) -> None:  # fmt: skip
     """Turn the joints of one arm, pay, and see whether the episode is over."""
@@ -240,7 +240,7 @@ def move(
         keep_final(arms, outcome, arm)
         if auto_restart:
             paid = outcome.rewards[arm]
-            begin(arms, outcome, coming, streams, rules, arm)
+            begin(arms, outcome, pending, streams, rules, arm)
             outcome.rewards[arm] = paid
 
 
@@ -265,25 +265,25 @@ def keep_final(arms: Arms, outcome: Outcome, arm: int) -> None:
 
 
 @inlined
-def arms_of(arrays: Any) -> tuple[Arms, Outcome, Coming, Any, Rules]:
+def arms_of(arrays: Any) -> tuple[Arms, Outcome, NextEpisode, Any, Rules]:
     """The flat arguments of a kernel under their names: `ReacherSimulator` has them in this order.
 
     Those of `Arms`, of `Outcome` without its last, of `Arms` as the last episodes ended, of
-    `Coming`, the streams [arms, streams] uint64, and the numbers of `Rules`.
+    `NextEpisode`, the streams [arms, streams] uint64, and the numbers of `Rules`.
     """
     arms, final = Arms(*arrays[0:8]), Arms(*arrays[14:22])
     outcome = Outcome(*arrays[8:14], final)  # type: ignore[call-arg]
-    return arms, outcome, Coming(*arrays[22:27]), arrays[27], Rules(*arrays[28:32])
+    return arms, outcome, NextEpisode(*arrays[22:27]), arrays[27], Rules(*arrays[28:32])
 
 
 @compiled
 def start_arms(chosen: Any, *arrays: Any) -> None:
     """Begin new episodes in the arms of the mask `chosen` [arms]; `arrays` as in `arms_of`."""
-    arms, outcome, coming, streams, rules = arms_of(arrays)
+    arms, outcome, pending, streams, rules = arms_of(arrays)
     for arm in range(chosen.shape[0]):
         if chosen[arm]:
             outcome.terminated[arm] = outcome.truncated[arm] = False
-            begin(arms, outcome, coming, streams, rules, arm)
+            begin(arms, outcome, pending, streams, rules, arm)
 
 
 @compiled
@@ -296,9 +296,9 @@ def step_arms(actions: Any, auto_restart: bool, *arrays: Any) -> int:
         for joint in range(actions.shape[1]):
             if not abs(actions[arm, joint]) <= 1.0 + ROUNDING:
                 return BAD_ACTION
-    arms, outcome, coming, streams, rules = arms_of(arrays)
+    arms, outcome, pending, streams, rules = arms_of(arrays)
     for arm in range(actions.shape[0]):
-        move(arms, outcome, coming, streams, rules, arm, actions, auto_restart)
+        move(arms, outcome, pending, streams, rules, arm, actions, auto_restart)
     return DONE
 
 

@@ -11,12 +11,12 @@ from pursuit.memory import check_memory
 from pursuit.reacher import rules
 from pursuit.reacher.observations import encode
 from pursuit.reacher.policy import ArmView
-from pursuit.reacher.rules import Arms, Coming, Outcome
+from pursuit.reacher.rules import Arms, NextEpisode, Outcome
 from pursuit.reacher.state import check_fits
 from pursuit.reacher.task import LEAST_TOLERANCE, ReacherTask
 from pursuit.simulator.next_episode import slots
 from pursuit.simulator.state import SimulatorState
-from pursuit.validation import as_array, truth, whole
+from pursuit.validation import as_array, check_bool, whole
 
 
 class ReacherSimulator:
@@ -65,13 +65,16 @@ class ReacherSimulator:
             raise ValueError(f"task={task!r}; give a pursuit.ReacherTask")
         num_games = whole("num_games", num_games, 1, 2**63 - 1)
         first_game = whole("first_game", first_game, 0, 2**62)
-        seed, auto_restart = whole("seed", seed, 0, 2**64 - 1), truth("auto_restart", auto_restart)
+        seed, auto_restart = (
+            whole("seed", seed, 0, 2**64 - 1),
+            check_bool("auto_restart", auto_restart),
+        )
         needed = num_games * (2 * 8 * (3 * task.joints + 4) + 128)
         check_memory(f"num_games={num_games}", needed, "take fewer games")
         self.task, self.num_games = task, num_games
         self.first_game, self.auto_restart = first_game, auto_restart
         self.arms, self.final = _arms(task, num_games), _arms(task, num_games)
-        self._coming = Coming(
+        self._coming = NextEpisode(
             fresh=np.ones(num_games, dtype=bool),
             distance=np.full(num_games, rules.UNCHANGED),
             free_joints=np.full(num_games, -1, dtype=np.int32),
@@ -290,9 +293,9 @@ class ReacherSimulator:
         """
         poses = _in_one_turn(_rows("angles", angles, (self.num_games, self.task.joints)))
         places = _rows("targets", targets, (self.num_games, 2))
-        coming = self._coming  # what the episode that begins here has
-        free = np.where(coming.free_joints >= 0, coming.free_joints, self.arms.free_joints)
-        tolerance = np.where(coming.tolerance >= 0.0, coming.tolerance, self.arms.tolerance)
+        pending = self._coming  # what the episode that begins here has
+        free = np.where(pending.free_joints >= 0, pending.free_joints, self.arms.free_joints)
+        tolerance = np.where(pending.tolerance >= 0.0, pending.tolerance, self.arms.tolerance)
         self.task.check_targets(places, free, tolerance)
         if poses[np.arange(self.task.joints) >= free[:, None]].any():
             raise ValueError(f"angles={angles!r}; joints that are locked are straight: angle 0")

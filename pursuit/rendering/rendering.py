@@ -237,8 +237,8 @@ def _maze_pixels(maze: Maze, cell: int, wall: int) -> NDArray[np.uint8]:
     codes = np.full((2 * maze.height + 1, 2 * maze.width + 1), closed, dtype=np.uint8)
     is_blocked = maze.cell_numbers < 0
     codes[1::2, 1::2] = np.where(is_blocked, blocked, floor)
-    codes[2:-1:2, 1::2][maze.joined_south] = opening
-    codes[1::2, 2:-1:2][maze.joined_east] = opening
+    codes[2:-1:2, 1::2][maze.open_south] = opening
+    codes[1::2, 2:-1:2][maze.open_east] = opening
     codes[2:-1:2, 1::2][is_blocked[:-1] & is_blocked[1:]] = blocked
     codes[1::2, 2:-1:2][is_blocked[:, :-1] & is_blocked[:, 1:]] = blocked
     # A corner is closed where any of the four walls around it is.

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.replays.adapters import State, adapter_for, has_reward_function
 from pursuit.replays.replay import Episode, Replay, digest_of
-from pursuit.replays.worlds import State, own_rewards, world_for
 from pursuit.validation import whole
 
 LISTENED = ("step", "reset", "place", "set_state")
@@ -41,7 +41,7 @@ class Recorder:
     def __init__(self, env: Any, games: int = 16, most: int = 1000) -> None:
         self.env = env
         simulator = simulator_of(env)
-        self._world = world_for(simulator.task)
+        self._world = adapter_for(simulator.task)
         self._simulator = simulator
         self._games = min(whole("games", games, 1, 2**31), simulator.num_games)
         self._most = whole("most", most, 1, 2**31)
@@ -64,7 +64,9 @@ class Recorder:
     def replay(self) -> Replay:
         """The episodes that have ended."""
         task = self._simulator.task
-        return Replay(task, tuple(self.episodes), "", self.seed, own_rewards=own_rewards(task))
+        return Replay(
+            task, tuple(self.episodes), "", self.seed, own_rewards=has_reward_function(task)
+        )
 
     def save(self, path: str | Path) -> Path:
         """Write the episodes that have ended; see `Replay.save`."""

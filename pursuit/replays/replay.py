@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.files import write_beside
+from pursuit.replays.adapters import ADAPTERS, Adapter, State, adapter_for, has_reward_function
 from pursuit.replays.viewer.data import replay_page
-from pursuit.replays.worlds import WORLDS, State, World, own_rewards, world_for
 from pursuit.validation import one_of
 from pursuit.version import __version__
 
@@ -82,7 +82,7 @@ class Replay:
         seed: that of the games, if it is known; replays do not need it.
         players: who acted, in words, by agent.
         versions: what it was recorded with.
-        own_rewards: whether a function of a user's paid, which the file does not hold; the
+        own_rewards: whether a custom reward function was used, which the file does not hold; the
             rewards are then not compared.
     """
 
@@ -97,7 +97,7 @@ class Replay:
     @property
     def world(self) -> Any:
         """What kind of task it is."""
-        return world_for(self.task)
+        return adapter_for(self.task)
 
     @property
     def agents(self) -> list[str]:
@@ -271,14 +271,14 @@ def _file_of(replay: Replay) -> _File:
         replay.seed,
         replay.players,
         replay.versions,
-        replay.own_rewards or own_rewards(replay.task),
+        replay.own_rewards or has_reward_function(replay.task),
     )
 
 
 def _replay_of(file: _File) -> Replay:
     if file.form > FORM:
         raise ValueError(f"form {file.form}, and this version reads up to {FORM}: update pursuit")
-    world = WORLDS[one_of("world", file.world, tuple(WORLDS))]
+    world = ADAPTERS[one_of("world", file.world, tuple(ADAPTERS))]
     task = world.task(file.task)
     episodes = tuple(_episode_of(each, world, task) for each in file.episodes)
     return Replay(
@@ -286,7 +286,7 @@ def _replay_of(file: _File) -> Replay:
     )
 
 
-def _episode_of(file: _EpisodeFile, world: World, task: Any) -> Episode:
+def _episode_of(file: _EpisodeFile, world: Adapter, task: Any) -> Episode:
     width, agents = world.width(task), world.agents(task)
     if isinstance(file.actions, str):
         raw = base64.b64decode(file.actions, validate=True)

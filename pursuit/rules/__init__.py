@@ -1,13 +1,14 @@
-"""The rule book: how games lie in memory, how they begin, and how they move by a step.
+"""The rules of the games: their memory layout, their starts and their steps.
 
 layout        constants, names and shapes of everything
 randomness    streams of random numbers
 distances     tables and searches
-lookups       what an agent does about the nearest of some cells, by tables
-starts        where an episode begins
+lookups       moves towards or away from the nearest of several cells, by tables
+starts        start placements of episodes
 captures      when a chaser captures an evader
-step          one step of one game: the rules themselves
-batches       the compiled entries over thousands of games
+step          the rules of one step of one game
+visibility    which cells an agent sees
+batches       the compiled functions over batches of games
 """
 
 from pursuit.rules.batches import start_games, step_games_of

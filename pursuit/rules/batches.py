@@ -1,9 +1,9 @@
-"""Batches: the compiled entries that the `Simulator` calls, to step games and to start them.
+"""The compiled functions that the `Simulator` calls to start and to step batches of games.
 
-They take flat arrays (see `layout.Memory`, `layout.world_of`, `layout.rules_of`); nothing below
-them does. The one general step is compiled for whatever teams there are, for every small team of
-chasers and evaders, and for a runner alone: there the teams are constants. Each is an entry of its
-own, compiled when it is first used; in one function they would take each other's registers.
+They take flat arrays (see `layout.Memory`, `layout.world_of`, `layout.rules_of`); functions called
+by them take NamedTuples. The general step is compiled for any teams and, with constant team sizes,
+for small teams of chasers and evaders and for a single runner. Each is a separate function,
+compiled on first use, as a joint function would need more registers.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from pursuit.rules.layout import (
     goals_of,
     next_episode_of,
     outcome_of,
-    plan_of,
     rules_of,
     search_of,
+    step_scratch_of,
     teams_of,
     world_of,
 )
@@ -45,13 +45,12 @@ from pursuit.rules.starts import start
 from pursuit.rules.step import step
 
 MOST_KNOWN = 8
-"""Chasers, and evaders, of the largest teams that the compiler is told of: larger ones gain little.
-"""
+"""The largest number of chasers or evaders for which constant team sizes are compiled."""
 
 
 @inlined
 def keep_final(games: Games, game: int, teams: Teams, outcome: Outcome) -> None:
-    """Keep what an episode ended with."""
+    """Copy the last state of an episode to `outcome.final`."""
     final = outcome.final
     final.steps[game], final.maze[game] = games.steps[game], games.maze[game]
     for agent in agents_of(teams):
@@ -65,21 +64,21 @@ def keep_final(games: Games, game: int, teams: Teams, outcome: Outcome) -> None:
 
 @inlined
 def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: Any) -> None:
-    """Begin an episode of one game with the settings that waited for it."""
-    outcome, coming = outcome_of(memory), next_episode_of(memory)
+    """Start an episode of one game with its pending settings."""
+    outcome, pending = outcome_of(memory), next_episode_of(memory)
     for agent in agents_of(rules.teams):
         outcome.returns[game, agent] = outcome.collected[game, agent] = 0.0
-        if coming.epsilon[game, agent] != UNCHANGED:
-            memory.reals[game, EPSILON, agent] = coming.epsilon[game, agent]
-            coming.epsilon[game, agent] = UNCHANGED
-    start(games_of(memory), game, memory.streams, coming, rules, world, search_of(scratch))
+        if pending.epsilon[game, agent] != UNCHANGED:
+            memory.reals[game, EPSILON, agent] = pending.epsilon[game, agent]
+            pending.epsilon[game, agent] = UNCHANGED
+    start(games_of(memory), game, memory.streams, pending, rules, world, search_of(scratch))
 
 
 @subroutine
 def finish_episodes(
     memory: Memory, rules: Rules, world: World, scratch: Any, auto_restart: bool
 ) -> None:
-    """Keep the ends of the games that have just ended, and begin them anew."""
+    """Copy the last state of games that ended, and restart them if `auto_restart`."""
     games, outcome = games_of(memory), outcome_of(memory)
     for game in range(outcome.terminated.shape[0]):
         if outcome.terminated[game] | outcome.truncated[game]:
@@ -90,10 +89,10 @@ def finish_episodes(
 
 @inlined
 def fits(memory: Memory, actions: Any, teams: Teams) -> bool:
-    """Whether the arrays are those of these teams; it also tells the compiler how they lie.
+    """Whether the arrays have the shapes of these teams, which also lets the compiler assume them.
 
-    It learns from branches, and from item sizes that are written out: an array's own is known only
-    when it is there.
+    The compiler uses the branches and the constant item sizes; the item size of an array itself is
+    not a constant.
     """
     num_agents = teams.chasers + teams.evaders + teams.runners
     agents, reals, clocks = memory.agents, memory.reals, memory.clocks
@@ -101,16 +100,16 @@ def fits(memory: Memory, actions: Any, teams: Teams) -> bool:
         return False
     if agents.shape[2] != num_agents or reals.shape[2] != num_agents:
         return False
-    if not lies(agents.strides, AGENT_LAYERS, num_agents, 4):
+    if not is_contiguous(agents.strides, AGENT_LAYERS, num_agents, 4):
         return False
-    if not lies(reals.strides, REAL_LAYERS, num_agents, 8):
+    if not is_contiguous(reals.strides, REAL_LAYERS, num_agents, 8):
         return False
     return clocks.strides[0] == CLOCK_LAYERS * 4 and clocks.strides[1] == 4
 
 
 @inlined
-def lies(strides: Any, layers: int, width: int, size: int) -> bool:
-    """Whether an array [games, layers, width] of items of a size lies without gaps."""
+def is_contiguous(strides: Any, layers: int, width: int, size: int) -> bool:
+    """Whether an array [games, layers, width] of items of this size is contiguous."""
     row = width * size
     if strides[0] != layers * row or strides[1] != row or strides[2] != size:  # noqa: SIM103
         return False
@@ -119,7 +118,7 @@ def lies(strides: Any, layers: int, width: int, size: int) -> bool:
 
 @inlined
 def all_allowed(actions: Any, num_actions: int) -> bool:
-    """Whether every action is one."""
+    """Whether every action is in range."""
     most = np.uint32(0)
     for action in actions.flat:
         most = max(most, np.uint32(action))
@@ -130,8 +129,8 @@ def all_allowed(actions: Any, num_actions: int) -> bool:
 def step_each(
     memory: Memory, actions: Any, rules: Rules, world: World, scratch: Any, skip_ended: bool
 ) -> None:
-    """Move every game by one step, or every game that goes on."""
-    games, outcome, plan = games_of(memory), outcome_of(memory), plan_of(scratch)
+    """Step every game, or every game that has not ended if `skip_ended`."""
+    games, outcome, plan = games_of(memory), outcome_of(memory), step_scratch_of(scratch)
     for game in range(actions.shape[0]):
         if skip_ended and (outcome.terminated[game] or outcome.truncated[game]):
             for agent in agents_of(rules.teams):
@@ -144,20 +143,20 @@ def step_each(
 
 @cache
 def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
-    """The compiled entry for these teams; what is -1 is read from the numbers of the rules."""
+    """The compiled step for these teams; a size of -1 is read from `numbers`."""
 
     @compiled
     def step_games(
         agents: Any,
         goals_: Any,
         clocks: Any,
-        coming: Any,
+        pending: Any,
         reals: Any,
         flags: Any,
         rewards: Any,
         streams: Any,
         numbers: Any,
-        pay: Any,
+        coefficients: Any,
         mazes: Any,
         neighbors: Any,
         facts: Any,
@@ -166,12 +165,12 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
         actions: Any,
         auto_restart: bool,
     ) -> int:
-        """Move every game by one step, in place; OK, or BAD_ACTION, and nothing moved.
+        """Step every game in place; return OK, or BAD_ACTION without a step.
 
-        A game that ends is kept as final and, with `auto_restart`, begins anew at once; without, it
-        stays as it is and earns nothing.
+        The last state of a game that ends is copied. With `auto_restart` the game restarts in the
+        same step; without it the game stays as it is and gets rewards of 0.
         """
-        memory = Memory(agents, goals_, clocks, coming, reals, flags, rewards, streams)
+        memory = Memory(agents, goals_, clocks, pending, reals, flags, rewards, streams)
         world = world_of(mazes, neighbors, facts, tables)
         found = teams_of(numbers)
         teams = Teams(
@@ -180,13 +179,13 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int) -> Any:
             runners if runners >= 0 else found.runners,
             goals if goals >= 0 else found.goals,
         )
-        rules = rules_of(teams, numbers, pay)
+        rules = rules_of(teams, numbers, coefficients)
         if not all_allowed(actions, rules.num_actions):
             return BAD_ACTION
         if not fits(memory, actions, teams):
             return BAD_ACTION
         step_each(memory, actions, rules, world, scratch, not auto_restart)
-        every = rules_of(found, numbers, pay)
+        every = rules_of(found, numbers, coefficients)
         finish_episodes(memory, every, world, scratch, auto_restart)
         return OK
 
@@ -198,7 +197,7 @@ step_lone_runners = entry_for(0, 0, 1, -1)
 
 
 def step_games_of(teams: Teams) -> Any:
-    """The fastest entry that moves games of these teams, compiled when it is first called."""
+    """The fastest step function for these teams, compiled on its first call."""
     if teams[:3] == (0, 0, 1):
         return step_lone_runners
     small = 0 < teams.chasers <= MOST_KNOWN and 0 < teams.evaders <= MOST_KNOWN
@@ -210,13 +209,13 @@ def start_games(
     agents: Any,
     goals: Any,
     clocks: Any,
-    coming: Any,
+    pending: Any,
     reals: Any,
     flags: Any,
     rewards: Any,
     streams: Any,
     numbers: Any,
-    pay: Any,
+    coefficients: Any,
     mazes: Any,
     neighbors: Any,
     facts: Any,
@@ -224,9 +223,9 @@ def start_games(
     scratch: Any,
     chosen: Any,
 ) -> None:
-    """Begin a new episode in every game where `chosen`."""
-    memory = Memory(agents, goals, clocks, coming, reals, flags, rewards, streams)
-    rules = rules_of(teams_of(numbers), numbers, pay)
+    """Start a new episode in every game of the mask `chosen`."""
+    memory = Memory(agents, goals, clocks, pending, reals, flags, rewards, streams)
+    rules = rules_of(teams_of(numbers), numbers, coefficients)
     world = world_of(mazes, neighbors, facts, tables)
     outcome = outcome_of(memory)
     for game in range(chosen.shape[0]):

@@ -1,4 +1,4 @@
-"""Captures: when a chaser captures an evader. Steps and exact solvers ask here alone."""
+"""The rule of captures, used by the simulator and by the exact solvers."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def captured(
 ) -> Any:
     """Whether a chaser captures an evader, by their cells before and after their moves.
 
-    It does if both moves lead to one cell; if both move at once and swap; and, where chasers move
-    first, if it comes to where the evader stands. Cells are numbers or NumPy arrays.
+    It does if both moves lead to the same cell, if both move at once and swap cells, and, if
+    chasers move first, if it moves to the cell of the evader. Cells are numbers or NumPy arrays.
     """
     reached = chaser_after == evader_before
     if not chasers_first:
@@ -30,7 +30,7 @@ captures = inlined(captured)
 
 
 class Duel(NamedTuple):
-    """One chaser against one evader, seen by one of them: *own*, against *other*."""
+    """One chaser against one evader, from the view of one of them: *own* against *other*."""
 
     own_chases: bool
     chasers_first: bool

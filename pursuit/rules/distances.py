@@ -1,7 +1,7 @@
-"""Distances: tables of them; searches where a maze is too large for a table.
+"""Path distances between cells: from tables, or by search if a maze is too large for a table.
 
-A table holds the steps between cells a and b of maze m at `tables[table[m] + a * num_cells[m] + b]`
-and nobody else knows: ask `table_distance`.
+The distance of cells a and b of maze m is `tables[table[m] + a * num_cells[m] + b]`; only
+`table_distance` uses this layout.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FAR = 2**30
 
 @compiled
 def breadth_first(neighbors: Any, origin: int, distances: Any, queue: Any) -> int:
-    """Fill `distances` (UNREACHABLE before) with the steps from `origin`; how many were reached."""
+    """Fill `distances` (UNREACHABLE before) with the steps from `origin`; return how many."""
     distances[origin] = 0
     queue[0] = origin
     head, tail = 0, 1
@@ -65,7 +65,7 @@ def search_within(
 ) -> int:
     """Breadth-first search from `origin` up to `limit` steps, ended early at `target`.
 
-    Whoever searches calls `forget` when done. How many cells were reached.
+    Returns the number of cells reached. The caller must call `forget` afterwards.
     """
     first = world.first_cell[maze]
     search.distance[origin] = 0
@@ -87,20 +87,20 @@ def search_within(
 
 @subroutine
 def forget(search: Search, reached: int) -> None:
-    """Undo the marks that a search of `reached` cells left."""
+    """Reset the distances that a search of `reached` cells wrote."""
     for i in range(reached):
         search.distance[search.queue[i]] = -1
 
 
 @inlined
 def has_table(world: World, maze: int) -> bool:
-    """Whether the maze has a table of distances; it has none where it is too large."""
+    """Whether the maze has a table of distances; large mazes have none."""
     return world.table[maze] >= 0
 
 
 @inlined
 def pair_index(world: World, maze: int, a: int, b: int) -> int:
-    """Where the table of this maze has the pair of cells (a, b)."""
+    """The index of the pair of cells (a, b) in the tables."""
     return world.table[maze] + a * world.num_cells[maze] + b
 
 
@@ -112,7 +112,7 @@ def table_distance(world: World, maze: int, a: int, b: int) -> int:
 
 @inlined
 def distance_within(world: World, search: Search, maze: int, a: int, b: int, limit: int) -> int:
-    """Steps between cells a and b, or limit + 1 where there are more (or no path)."""
+    """Steps between cells a and b, or limit + 1 if there are more (or no path)."""
     if has_table(world, maze):
         steps = table_distance(world, maze, a, b)
         return limit + 1 if steps == NO_PATH else min(steps, limit + 1)
@@ -121,7 +121,7 @@ def distance_within(world: World, search: Search, maze: int, a: int, b: int, lim
 
 @subroutine
 def searched_distance(world: World, search: Search, maze: int, a: int, b: int, limit: int) -> int:
-    """`distance_within` where there is no table."""
+    """`distance_within` by search, for mazes without a table."""
     if manhattan(world, world.first_cell[maze], a, b) > limit:
         return limit + 1
     reached = search_within(world, maze, a, limit, b, search)
@@ -132,25 +132,25 @@ def searched_distance(world: World, search: Search, maze: int, a: int, b: int, l
 
 @inlined
 def place_of(first_cell: int, cell: int) -> Any:
-    """Where the arrays of the world have a cell of the maze that begins at `first_cell`.
+    """The index in the arrays of the world of a cell of the maze that begins at `first_cell`.
 
-    Unsigned: every use of a signed index is first asked whether it is negative.
+    It is unsigned, as compiled code checks signed indices for negative values.
     """
     return np.uint64(first_cell + cell)
 
 
 @inlined
 def manhattan(world: World, first_cell: int, a: int, b: int) -> int:
-    """Rows plus columns between cells of the maze that begins at `first_cell`, walls ignored."""
+    """The Manhattan distance between cells of the maze that begins at `first_cell`."""
     a, b = place_of(first_cell, a), place_of(first_cell, b)
     return abs(world.row[a] - world.row[b]) + abs(world.column[a] - world.column[b])
 
 
 @inlined
 def begin_field(field: Search, owner: Any, cells: Any, count: int) -> int:
-    """Begin one search from all of `cells[:count]` at once; how many different ones they are.
+    """Start a search from all of `cells[:count]`; return the number of different cells.
 
-    `owner` gets the first of them, as a number in the list, for every cell that is reached.
+    For every cell reached, `owner` is the index in the list of the first source nearest to it.
     """
     tail = 0
     for i in range(count):
@@ -167,10 +167,10 @@ def begin_field(field: Search, owner: Any, cells: Any, count: int) -> int:
 def spread_field(
     world: World, maze: int, field: Search, owner: Any, own: int, limit: int, head: int, tail: int
 ) -> tuple[int, int]:
-    """Go on with a search until it has reached `own`, or `limit` steps; the ends of its queue.
+    """Continue a search until it reaches `own` or `limit` steps; return the ends of its queue.
 
-    Of the sources that are nearest to a cell `owner` has the first where `own` is -1, which ends
-    at the limit only: a cell has its owner when all that are nearer have been left behind.
+    `owner` is the first of the nearest sources only if `own` is -1 (the search ends at the limit),
+    as it is final for a cell once all nearer cells have been expanded.
     """
     first_cell = world.first_cell[maze]
     while head < tail and (own < 0 or field.distance[own] < 0):
@@ -193,7 +193,7 @@ def spread_field(
 
 @inlined
 def moves_down(world: World, maze: int, field: Search, own: int) -> int:
-    """The moves that come nearer to the sources of a search that has reached `own`, or 0."""
+    """The mask of moves towards the sources of a search that has reached `own`, or 0."""
     mask, steps = 0, field.distance[own]
     if steps > 0:
         for action in range(4):

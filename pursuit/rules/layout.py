@@ -1,6 +1,6 @@
-"""How games, mazes and rules lie in memory, and by which names the rule book calls them.
+"""The memory layout of games, mazes and rules, and the names of their arrays.
 
-Agents are numbered by role, and the numbers are the seats; N games of A agents and G goals:
+Agent indices (seats) are ordered by role. Shapes for N games of A agents and G goals:
 
     agent      0 .. C-1    C .. C+E-1    C+E .. A-1          cell     0   1   2     row by row,
                chasers     evaders       runners                      3       4     blocked ones
@@ -9,10 +9,10 @@ Agents are numbered by role, and the numbers are the seats; N games of A agents 
     games.position [N, A]   games.active [N, A]   games.event [N, A]   games.goal [N, G]
     games.steps [N]         games.maze [N]        streams [N, 1 + A + 1]: starts, seats, teams
 
-A compiled entry is handed few flat arrays, as each costs its time at every call: what has the same
-shape lies stacked in one (`Memory`). The functions at the end give every layer its name, at once;
-everything below an entry reads `games.position[game, agent]`. They run uncompiled as well: the
-`Simulator` names the same memory by them.
+Each array argument of a compiled function costs time at every call, so arrays of the same shape are
+stacked in one (`Memory`). The functions at the end return named views of the layers; the rules then
+read `games.position[game, agent]`. They also run uncompiled: the `Simulator` uses them for the
+views of the same memory.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from pursuit.compilation.compiled import inlined
 
 NORTH, SOUTH, EAST, WEST, STAY = range(5)
 UNREACHABLE = 2**31 - 1
-"""The distance between two cells that no path joins."""
+"""The distance between two cells without a connecting path."""
 
 CHASER, EVADER, RUNNER = range(3)
 COLLECTED, CAPTURED, WAS_CAPTURED = 1, 2, 4
-"""What a step brought an agent; `games.event` holds a sum of them."""
+"""Events of an agent in a step; `games.event` holds a sum of them."""
 
 GOING_ON, TERMINATED, TRUNCATED = range(3)
 OK, BAD_ACTION = range(2)
 UNPLACED = -1
 """The cell of an agent that is not placed yet."""
-UNCHANGED = -1.0  # the next episode's epsilon where none waits: the present one stays
+UNCHANGED = -1.0  # no pending epsilon: the present one stays
 
 # The stacked layers of the flat arrays.
 POSITION, ACTIVE, EVENT, FINAL_POSITION, FINAL_ACTIVE, FINAL_EVENT, AGENT_LAYERS = range(7)
@@ -50,7 +50,7 @@ ROW, COLUMN, MARK_DISTANCE, MOVES, FACT_LAYERS = range(5)
 
 
 class Teams(NamedTuple):
-    """How many of each there are; known to the compiler where a kernel is made for one task."""
+    """The numbers of agents and goals; constants in kernels compiled for one task."""
 
     chasers: int
     evaders: int
@@ -58,8 +58,8 @@ class Teams(NamedTuple):
     goals: int
 
 
-class Pay(NamedTuple):
-    """What one role is paid; see `pursuit.tasks.rewards.Rewards`."""
+class RewardCoefficients(NamedTuple):
+    """Reward coefficients of one role; see `pursuit.tasks.rewards.Rewards`."""
 
     step: float
     capture: float
@@ -70,23 +70,23 @@ class Pay(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """One task, as the rules need it."""
+    """The settings of a task that the rules use."""
 
     teams: Teams
     max_steps: int
     num_actions: int
     chasers_first: bool
     start_at_marks: bool
-    chaser: Pay
-    evader: Pay
-    runner: Pay
+    chaser: RewardCoefficients
+    evader: RewardCoefficients
+    runner: RewardCoefficients
 
 
 class World(NamedTuple):
-    """Mazes laid end to end; what lies in cell c of maze m is at `first_cell[m] + c`.
+    """Concatenated arrays of all mazes; cell c of maze m has the index `first_cell[m] + c`.
 
-    first_cell, num_cells, table, start_mark, num_goal_marks: [mazes] int64; `table` is where the
-        maze's distances begin in `tables`, -1 where it is too large for a table; no mark is -1.
+    first_cell, num_cells, table, start_mark, num_goal_marks: [mazes] int64; `table` is the
+        index of the maze's distances in `tables`, -1 if it is too large for a table; no mark is -1.
     goal_marks: [marks, mazes] int64, cells.
     neighbors: [all cells, 5] int32, the cell after north, south, east, west, stay.
     row, column, mark_distance: [all cells] int32; steps to the nearest goal mark.
@@ -111,9 +111,9 @@ class World(NamedTuple):
 class Games(NamedTuple):
     """A batch of games, int32.
 
-    position: [games, agents], cells; a captured evader keeps that of its capture.
+    position: [games, agents], cells; a captured evader stays in the cell of its capture.
     active: [games, agents], 1, or 0 after capture.
-    event: [games, agents], what the last step brought: a sum of COLLECTED, CAPTURED, WAS_CAPTURED.
+    event: [games, agents], the last step's events: a sum of COLLECTED, CAPTURED, WAS_CAPTURED.
     goal: [games, goals], cells; -1 when collected or absent.
     steps: [games], taken in this episode.
     maze: [games], which maze of the world.
@@ -128,10 +128,10 @@ class Games(NamedTuple):
 
 
 class NextEpisode(NamedTuple):
-    """What takes effect as the next episode begins, [games] int32; -1 is "no limit", or "drawn".
+    """Pending settings of the next episode, [games] int32; -1 is "no limit", or "drawn".
 
-    epsilon: [games, agents] float64, the share of random moves; NaN leaves it to the agent, and
-        UNCHANGED the present one as it is, which the start of an episode puts here.
+    epsilon: [games, agents] float64, the probability of random moves; NaN uses the agent's own, and
+        UNCHANGED keeps the present one. It is UNCHANGED after the start of an episode.
     """
 
     maze: Any
@@ -144,14 +144,14 @@ class NextEpisode(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What steps led to.
+    """The results of steps.
 
     rewards: [games, agents] float32, of the last step.
     returns: [games, agents] float64, of the episode so far.
-    collected: [games, agents] float64, goals collected in it so far, those shared in parts.
+    collected: [games, agents] float64, goals collected in it so far; shared goals in parts.
     terminated, truncated: [games] bool, of the last step.
     episode_returns: [games, agents] float64, of the last finished episode.
-    final: the games as their last finished episode ended.
+    final: the last state of the last finished episode.
     """
 
     rewards: Any
@@ -164,18 +164,18 @@ class Outcome(NamedTuple):
 
 
 class Search(NamedTuple):
-    """Room for one search: `distance` is -1 everywhere between two of them. [cells] int32."""
+    """Scratch memory of a search, [cells] int32; `distance` is -1 everywhere between searches."""
 
     distance: Any
     queue: Any
 
 
-class Plan(NamedTuple):
-    """What is decided before anything is written, for one game after the other; int32.
+class StepScratch(NamedTuple):
+    """Scratch memory of the step of one game, for decisions before the state is written; int32.
 
-    after: [agents], where each will stand.
-    captors: [agents], how many chasers capture this evader; captured: those who are, in order.
-    takers: [goals], how many collect this goal.
+    after: [agents], the cells after the step.
+    captors: [agents], the number of captors of an evader; captured: the captured evaders, in order.
+    takers: [goals], the number of agents that collect a goal.
     """
 
     after: Any
@@ -185,14 +185,14 @@ class Plan(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """The flat arrays of a batch, its layers named above; made by `allocate`.
+    """The flat arrays of a batch, with the layers named above; created by `allocate`.
 
-    All of one game lies together: a step has few places to look at, and so few registers to lose.
+    The data of one game is adjacent, so that a step needs few addresses and registers.
 
     agents: [games, AGENT_LAYERS, agents] int32.
     goals: [games, GOAL_LAYERS, goals] int32.
     clocks: [games, CLOCK_LAYERS] int32.
-    coming: [fields of NextEpisode but epsilon, games] int32.
+    pending: [fields of NextEpisode except epsilon, games] int32.
     reals: [games, REAL_LAYERS, agents] float64.
     flags: [FLAG_LAYERS, games] bool.
     rewards: [games, agents] float32.
@@ -202,7 +202,7 @@ class Memory(NamedTuple):
     agents: Any
     goals: Any
     clocks: Any
-    coming: Any
+    pending: Any
     reals: Any
     flags: Any
     rewards: Any
@@ -210,14 +210,14 @@ class Memory(NamedTuple):
 
 
 def allocate(num_games: int, num_agents: int, num_goals: int) -> Memory:
-    """Memory for a batch of games that have not begun."""
+    """Memory of a batch of games before their first episode."""
     reals = np.zeros((num_games, REAL_LAYERS, num_agents))
     reals[:, EPSILON], reals[:, NEXT_EPSILON] = np.nan, UNCHANGED
     return Memory(
         agents=np.zeros((num_games, AGENT_LAYERS, num_agents), dtype=np.int32),
         goals=np.zeros((num_games, GOAL_LAYERS, num_goals), dtype=np.int32),
         clocks=np.zeros((num_games, CLOCK_LAYERS), dtype=np.int32),
-        coming=np.full((len(NextEpisode._fields) - 1, num_games), -1, dtype=np.int32),
+        pending=np.full((len(NextEpisode._fields) - 1, num_games), -1, dtype=np.int32),
         reals=reals,
         flags=np.zeros((FLAG_LAYERS, num_games), dtype=bool),
         rewards=np.zeros((num_games, num_agents), dtype=np.float32),
@@ -226,26 +226,26 @@ def allocate(num_games: int, num_agents: int, num_goals: int) -> Memory:
 
 
 def empty_games(num_games: int, num_agents: int, num_goals: int) -> Games:
-    """Games in which nobody is active and every array is 0."""
+    """Games without active agents, with all arrays 0."""
     return named(games_of, allocate(num_games, num_agents, num_goals))
 
 
 def numbers_of(
     teams: Teams, max_steps: int, num_actions: int, chasers_first: bool, start_at_marks: bool
 ) -> Any:
-    """[8] int64: the teams and the first rules, as kernels take them and `rules_of` names them."""
+    """[8] int64: the teams and the integer rules, an argument of kernels; see `rules_of`."""
     rest = (max_steps, num_actions, chasers_first, start_at_marks)
     return np.array([*teams, *rest], dtype=np.int64)
 
 
 def scratch_for(num_cells: int, num_agents: int, num_goals: int) -> Any:
-    """Room for the plan of one game, and for a search over `num_cells` cells."""
+    """Scratch memory of the step of one game and of a search over `num_cells` cells."""
     return np.full((SCRATCH_LAYERS, max(num_cells, num_agents, num_goals)), -1, dtype=np.int32)
 
 
 def named(naming: Any, *arrays: Any) -> Any:
-    """What one of the functions below returns, outside kernels: views of the arrays."""
-    return getattr(naming, "py_func", naming)(*arrays)  # itself where nothing is compiled
+    """The result of one of the functions below, outside kernels: views of the arrays."""
+    return getattr(naming, "py_func", naming)(*arrays)  # the function itself if nothing is compiled
 
 
 # -- names for the layers --------------------------------------------------------------------------
@@ -253,7 +253,7 @@ def named(naming: Any, *arrays: Any) -> Any:
 
 @inlined
 def games_of(memory: Memory) -> Games:
-    """The games as they stand."""
+    """The current state of the games."""
     agents, clocks = memory.agents, memory.clocks
     return Games(
         agents[:, POSITION], agents[:, ACTIVE], agents[:, EVENT], memory.goals[:, GOAL],
@@ -263,7 +263,7 @@ def games_of(memory: Memory) -> Games:
 
 @inlined
 def outcome_of(memory: Memory) -> Outcome:
-    """What steps write beside the games."""
+    """The results of steps."""
     agents, clocks, reals, flags = memory.agents, memory.clocks, memory.reals, memory.flags
     final = Games(
         agents[:, FINAL_POSITION], agents[:, FINAL_ACTIVE], agents[:, FINAL_EVENT],
@@ -277,10 +277,10 @@ def outcome_of(memory: Memory) -> Outcome:
 
 @inlined
 def next_episode_of(memory: Memory) -> NextEpisode:
-    """The settings of the next episode."""
-    coming, epsilon = memory.coming, memory.reals[:, NEXT_EPSILON]
+    """The pending settings of the next episode."""
+    pending, epsilon = memory.pending, memory.reals[:, NEXT_EPSILON]
     return NextEpisode(
-        coming[0], coming[1], coming[2], coming[3], coming[4], coming[5], epsilon
+        pending[0], pending[1], pending[2], pending[3], pending[4], pending[5], epsilon
     )  # fmt: skip
 
 
@@ -296,39 +296,40 @@ def world_of(mazes: Any, neighbors: Any, facts: Any, tables: Any) -> World:
 
 @inlined
 def teams_of(numbers: Any) -> Teams:
-    """How many of each the task has, of the numbers of `numbers_of`."""
+    """The numbers of agents and goals in `numbers`, the result of `numbers_of`."""
     return Teams(numbers[0], numbers[1], numbers[2], numbers[3])
 
 
 @inlined
-def pay_of(paid: Any) -> Pay:
-    """What a role is paid: float64, in the order of the fields of `Pay`."""
-    return Pay(paid[0], paid[1], paid[2], paid[3], paid[4], paid[5])
+def rewards_of(row: Any) -> RewardCoefficients:
+    """The coefficients of one role, in the order of the fields of `RewardCoefficients`."""
+    return RewardCoefficients(row[0], row[1], row[2], row[3], row[4], row[5])
 
 
 @inlined
-def rules_of(teams: Teams, numbers: Any, pay: Any) -> Rules:
-    """The rules for these teams: numbers as of `numbers_of`, and [roles, fields of Pay] float64."""
+def rules_of(teams: Teams, numbers: Any, coefficients: Any) -> Rules:
+    """The rules for these teams: `numbers` is the result of `numbers_of`."""
     return Rules(
         teams, numbers[4], numbers[5], numbers[6] != 0, numbers[7] != 0,
-        pay_of(pay[CHASER]), pay_of(pay[EVADER]), pay_of(pay[RUNNER]),
+        rewards_of(coefficients[CHASER]), rewards_of(coefficients[EVADER]),
+        rewards_of(coefficients[RUNNER]),
     )  # fmt: skip
 
 
 @inlined
 def search_of(scratch: Any) -> Search:
-    """Where starts search."""
+    """The scratch memory of searches."""
     return Search(scratch[SCRATCH_DISTANCE], scratch[SCRATCH_QUEUE])
 
 
 @inlined
-def plan_of(scratch: Any) -> Plan:
-    """Where a step decides."""
+def step_scratch_of(scratch: Any) -> StepScratch:
+    """The scratch memory of a step."""
     after, captors = scratch[SCRATCH_AFTER], scratch[SCRATCH_CAPTORS]
-    return Plan(after, captors, scratch[SCRATCH_TAKERS], scratch[SCRATCH_CAPTURED])
+    return StepScratch(after, captors, scratch[SCRATCH_TAKERS], scratch[SCRATCH_CAPTURED])
 
 
-# -- who is who ------------------------------------------------------------------------------------
+# -- agent indices ---------------------------------------------------------------------------------
 
 
 @inlined
@@ -339,19 +340,19 @@ def agents_of(teams: Teams) -> Any:
 
 @inlined
 def chasers_of(teams: Teams) -> Any:
-    """The chasers, who are the first."""
+    """The chasers, which come first."""
     return range(teams.chasers)
 
 
 @inlined
 def evaders_of(teams: Teams) -> Any:
-    """The evaders, who come after the chasers."""
+    """The evaders, after the chasers."""
     return range(teams.chasers, teams.chasers + teams.evaders)
 
 
 @inlined
 def runners_of(teams: Teams) -> Any:
-    """The runners, who are the last."""
+    """The runners, which come last."""
     return range(teams.chasers + teams.evaders, teams.chasers + teams.evaders + teams.runners)
 
 
@@ -363,28 +364,28 @@ def goals_of(teams: Teams) -> Any:
 
 @inlined
 def collectors_of(teams: Teams) -> Any:
-    """Whoever collects goals: evaders and runners."""
+    """The agents that collect goals: evaders and runners."""
     return range(teams.chasers, teams.chasers + teams.evaders + teams.runners)
 
 
 @inlined
 def bit_of(number: int) -> Any:
-    """The bit of a cell or agent in a word of those that may be meant: 64 apart share one."""
+    """The bit of a cell or agent in a 64-bit word; numbers 64 apart share a bit."""
     return np.uint64(1) << (np.uint64(number) & np.uint64(63))
 
 
 STARTS_STREAM = 0
-"""The random stream of starts; then come one for each seat, and one for the agents of a team that
-draw together."""
+"""The random stream of starts; it is followed by one for each agent, and by one for teams that draw
+joint actions."""
 
 
 @inlined
 def stream_of(seat: int) -> int:
-    """The random stream of the policy in a seat."""
+    """The index of the random stream of the policy of an agent."""
     return STARTS_STREAM + 1 + seat
 
 
 @inlined
 def team_stream(streams: Any) -> int:
-    """The stream of a team, of those of a game; it moves on as an episode begins, and only then."""
+    """The index of the stream of a team; it advances only at the start of an episode."""
     return streams.shape[0] - 1

@@ -1,6 +1,6 @@
-"""Look-ups: what an agent does about the nearest of some cells, where a maze has a table.
+"""Moves towards or away from the nearest of several cells, by tables.
 
-`greedy` is laid out as the distance tables: a bit mask of moves at every [own cell, other cell].
+`greedy` has the layout of the distance tables: a bit mask of moves for [own cell, other cell].
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from pursuit.rules.randomness import draw_action
 
 @inlined
 def towards_nearest(world: World, maze: Any, own: Any, cells: Any, count: int, greedy: Any) -> int:
-    """The greedy moves towards all of `cells[:count]` that are nearest; 0 where there is none.
+    """The greedy moves towards all nearest cells of `cells[:count]`; 0 if count is 0.
 
-    Without a branch, of which every agent would have to be guessed anew.
+    The code has no branches, as the processor could not predict them.
     """
     row, mask, nearest = pair_index(world, maze, own, 0), np.int64(0), np.int64(FAR)
     for i in range(count):
@@ -35,7 +35,7 @@ def towards_nearest(world: World, maze: Any, own: Any, cells: Any, count: int, g
 def away_from_nearest(
     world: World, maze: Any, own: Any, cells: Any, count: int, greedy: Any
 ) -> int:
-    """The greedy moves away from the first of `cells[:count]` that is nearest; 0 without any."""
+    """The greedy moves away from the first nearest cell of `cells[:count]`; 0 if count is 0."""
     row, nearest = pair_index(world, maze, own, 0), np.int64(2**62)
     for i in range(count):
         distance = np.int64(world.tables[np.uint64(row + np.int64(cells[np.uint64(i)]))])
@@ -59,7 +59,7 @@ def take(
     streams: Any,
     seat: Any,
 ) -> None:
-    """Write the action of a seat, drawn from its greedy moves, or else from every move."""
+    """Write the action of an agent: a greedy move or, with probability epsilon, any move."""
     share = default if np.isnan(epsilon) else epsilon
     greedy = every if mask == 0 else mask
     stream = np.uint64(stream_of(seat))

@@ -1,7 +1,7 @@
-"""Random numbers: streams of 64-bit words, each a function of (seed, game, stream) alone.
+"""Random streams of 64-bit words, each a function of (seed, game, stream) only.
 
-SplitMix64 (Steele, Lea and Flood, 2014): a stream is a counter, a number is its mixed value. The
-order of the streams of a game is drawn in `layout`.
+SplitMix64 (Steele, Lea and Flood, 2014): a stream is a counter, a number is its mixed value. For
+the order of the streams of a game see `layout`.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from pursuit.compilation.compiled import compiled, inlined
 from pursuit.rules.layout import STARTS_STREAM, STAY
 
 GOLDEN = 0x9E3779B97F4A7C15
-"""2**64 divided by the golden ratio, made odd: how far a stream moves on."""
+"""2**64 divided by the golden ratio, made odd: the increment of a stream."""
 
 
 def _packed(mask: int, empty: int) -> int:
-    """The actions of a bit mask, a byte each from the lowest on, and how many in the highest."""
+    """The actions of a bit mask, one byte each from the lowest, and their number in the highest."""
     actions = [action for action in range(5) if mask >> action & 1]
     size = len(actions)
     return sum(action << 8 * at for at, action in enumerate(actions or [empty])) | size << 56
@@ -28,7 +28,7 @@ def _packed(mask: int, empty: int) -> int:
 PACKED_MASKS = np.array(
     [_packed(mask, empty) for empty in (0, STAY) for mask in range(32)], dtype=np.uint64
 )
-"""[64] uint64: the 32 masks where an empty one means a bump, then where it means to stay."""
+"""[64] uint64: the 32 masks with an empty mask as a bump, then the 32 with it as stay."""
 
 
 @inlined
@@ -41,7 +41,7 @@ def mix(word: Any) -> Any:
 
 @inlined
 def next_word(streams: Any, stream: int) -> Any:
-    """The next 64 random bits of `streams[stream]`, which moves on."""
+    """The next 64 random bits of `streams[stream]`, which advances."""
     streams[stream] += np.uint64(GOLDEN)
     return mix(streams[stream])
 
@@ -66,10 +66,10 @@ def draw_action(
 ) -> int:
     """A uniformly random action of the mask `greedy`, or, with probability `epsilon`, of `every`.
 
-    One random word serves both draws. Staying, or a bump, where the mask is empty.
+    One random word is used for both draws. The action is stay, or a bump, if the mask is empty.
     """
-    # Without a branch, which would have to be guessed. `at_random` is all ones where the first 32
-    # bits are below epsilon * 2**32, else 0; signed: the processor converts no unsigned words.
+    # No branch, as it could not be predicted. `at_random` is all ones if the first 32 bits are
+    # below epsilon * 2**32, else 0; signed, as the processor does not convert unsigned words.
     word = next_word(streams, stream)
     at_random = (np.int64(word >> np.uint64(32)) - np.int64(ceil(epsilon * 2.0**32))) >> 63
     mask = greedy ^ ((greedy ^ every) & at_random)
@@ -80,7 +80,7 @@ def draw_action(
 
 @compiled
 def seed_streams(streams: Any, seed: int, first_game: int) -> None:
-    """Give every stream of every game its own state, a function of (seed, game, stream) alone."""
+    """Set the state of every stream of every game, a function of (seed, game, stream) only."""
     for game in range(streams.shape[0]):
         key = mix(mix(np.uint64(seed)) + np.uint64(first_game + game))
         for stream in range(streams.shape[1]):
@@ -89,7 +89,7 @@ def seed_streams(streams: Any, seed: int, first_game: int) -> None:
 
 @compiled
 def seed_starts(streams: Any, games: Any, seeds: Any) -> None:
-    """Give the stream of starts of each of `games` the state that belongs to a seed."""
+    """Set the state of the stream of starts of each of `games` by a seed."""
     for i in range(games.shape[0]):
         streams[games[i], STARTS_STREAM] = mix(mix(seeds[i]) + np.uint64(1))
 

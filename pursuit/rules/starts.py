@@ -1,8 +1,8 @@
-"""Starts: where everybody and every goal stands as an episode begins.
+"""Start placements of agents and goals.
 
-Agents are placed first, whole placements until the settings hold, so that starts are uniform over
-all placements that are allowed; then the goals, one by one. `pursuit.tasks.placements` has refused
-settings that hold so rarely that this would take long.
+Placements of all agents are drawn until one satisfies the limits, so that starts are uniform over
+all valid placements. Then the goals are placed one by one. `pursuit.tasks.placements` rejects
+limits that are satisfied too rarely.
 """
 
 from __future__ import annotations
@@ -42,28 +42,28 @@ def start(
     games: Games,
     game: int,
     streams: Any,
-    coming: NextEpisode,
+    pending: NextEpisode,
     rules: Rules,
     world: World,
     search: Search,
 ) -> None:
-    """Begin an episode: choose the maze, place agents and goals."""
+    """Start an episode: choose the maze, place agents and goals."""
     next_word(streams[game], team_stream(streams[game]))
-    games.maze[game] = choose_maze(coming.maze[game], streams[game], world)
+    games.maze[game] = choose_maze(pending.maze[game], streams[game], world)
     games.steps[game] = 0
     for agent in agents_of(rules.teams):
         games.active[game, agent] = 1
         games.event[game, agent] = 0
-    place_agents(games, game, streams[game], coming, rules, world)
-    while not starts_apart(games, game, coming, rules, world, search):
-        place_agents(games, game, streams[game], coming, rules, world)
+    place_agents(games, game, streams[game], pending, rules, world)
+    while not starts_apart(games, game, pending, rules, world, search):
+        place_agents(games, game, streams[game], pending, rules, world)
     if rules.teams.goals > 0:
-        place_goals(games, game, streams[game], coming, rules, world, search)
+        place_goals(games, game, streams[game], pending, rules, world, search)
 
 
 @inlined
 def choose_maze(asked: int, streams: Any, world: World) -> int:
-    """The maze that is asked for, or a random one."""
+    """The maze `asked`, or a random one if it is -1."""
     if asked >= 0:
         return np.int64(asked)
     count = world.num_cells.shape[0]
@@ -71,17 +71,17 @@ def choose_maze(asked: int, streams: Any, world: World) -> int:
 
 
 @inlined
-def goals_wanted(game: int, coming: NextEpisode, rules: Rules) -> int:
-    """How many goals the episode begins with."""
+def goals_wanted(game: int, pending: NextEpisode, rules: Rules) -> int:
+    """The number of goals at the start of the episode."""
     wanted = rules.teams.goals
-    if coming.num_goals[game] >= 0:
-        wanted = min(wanted, np.int64(coming.num_goals[game]))
+    if pending.num_goals[game] >= 0:
+        wanted = min(wanted, np.int64(pending.num_goals[game]))
     return wanted
 
 
 @inlined
 def is_taken(games: Games, game: int, cell: int, rules: Rules, num_goals: int) -> bool:
-    """Whether an agent, or one of the first goals, stands on `cell`."""
+    """Whether an agent, or one of the first `num_goals` goals, is on `cell`."""
     for agent in agents_of(rules.teams):
         if games.position[game, agent] == cell:
             return True
@@ -97,8 +97,8 @@ def draw_free_cell(
 ) -> int:
     """A uniformly random cell without an agent and without one of the first goals.
 
-    The bits of their cells are in `taken`: only where there are more cells than bits, or one is
-    met, they are asked by themselves.
+    `taken` has the bits of occupied cells. Exact checks are needed only if a bit is set and there
+    are more cells than bits.
     """
     size = world.num_cells[games.maze[game]]
     cell = next_below(streams, STARTS_STREAM, size)
@@ -111,7 +111,7 @@ def draw_free_cell(
 
 @inlined
 def cells_taken(games: Games, game: int, rules: Rules, num_goals: int) -> Any:
-    """The bits of the cells of agents that have one, and of the first goals."""
+    """The bits of the cells of placed agents and of the first goals."""
     taken = np.uint64(0)
     for agent in agents_of(rules.teams):
         cell = games.position[game, agent]
@@ -124,13 +124,13 @@ def cells_taken(games: Games, game: int, rules: Rules, num_goals: int) -> Any:
 
 @inlined
 def place_goals_on_marks(
-    games: Games, game: int, coming: NextEpisode, rules: Rules, world: World
+    games: Games, game: int, pending: NextEpisode, rules: Rules, world: World
 ) -> int:
-    """Put goals on the marks of the maze; how many."""
+    """Place goals on the marks of the maze; return how many."""
     if not rules.start_at_marks:
         return 0
     maze = games.maze[game]
-    count = min(goals_wanted(game, coming, rules), world.num_goal_marks[maze])
+    count = min(goals_wanted(game, pending, rules), world.num_goal_marks[maze])
     for goal in range(count):
         games.goal[game, goal] = world.goal_marks[goal, maze]
     return count
@@ -138,13 +138,13 @@ def place_goals_on_marks(
 
 @inlined
 def place_agents(
-    games: Games, game: int, streams: Any, coming: NextEpisode, rules: Rules, world: World
+    games: Games, game: int, streams: Any, pending: NextEpisode, rules: Rules, world: World
 ) -> None:
-    """Put every agent on its mark, or else on its own uniformly random cell, off marked goals."""
+    """Place every agent on its mark, or on a uniformly random free cell without a marked goal."""
     teams, maze = rules.teams, games.maze[game]
     for agent in agents_of(teams):
         games.position[game, agent] = UNPLACED
-    marked_goals = place_goals_on_marks(games, game, coming, rules, world)
+    marked_goals = place_goals_on_marks(games, game, pending, rules, world)
     if rules.start_at_marks:
         if world.start_mark[maze] >= 0:
             games.position[game, 0] = world.start_mark[maze]
@@ -164,10 +164,10 @@ def place_agents(
 
 @inlined
 def starts_apart(
-    games: Games, game: int, coming: NextEpisode, rules: Rules, world: World, search: Search
+    games: Games, game: int, pending: NextEpisode, rules: Rules, world: World, search: Search
 ) -> bool:
-    """Whether every chaser and evader are as far apart, and as near, as the settings ask."""
-    least, most = coming.min_start_distance[game], coming.max_start_distance[game]
+    """Whether the distances between chasers and evaders are within the limits."""
+    least, most = pending.min_start_distance[game], pending.max_start_distance[game]
     if least <= 1 and most < 0:
         return True
     limit, maze, cells = max(least, most), games.maze[game], games.position[game]
@@ -181,7 +181,7 @@ def starts_apart(
 
 @inlined
 def first_collector(rules: Rules) -> int:
-    """The agent whom goals are near: the first runner, the first evader where nobody runs."""
+    """The centre of the goal radius: the first runner or, without runners, the first evader."""
     teams = rules.teams
     return teams.chasers + teams.evaders if teams.runners > 0 else teams.chasers
 
@@ -191,23 +191,23 @@ def place_goals(
     games: Games,
     game: int,
     streams: Any,
-    coming: NextEpisode,
+    pending: NextEpisode,
     rules: Rules,
     world: World,
     search: Search,
 ) -> None:
-    """Put the goals on the marks, or on their own random cells within the radius of the settings.
+    """Place the goals on the marks, or on random free cells within the goal radius.
 
-    The radius counts path steps from the first runner (or the first evader where nobody runs), or
-    from the nearest goal mark of the maze. Where it holds too few free cells it grows, a step at a
-    time, until a goal fits.
+    The radius is the path distance from the first runner (without runners, the first evader), or
+    from the nearest goal mark of the maze. If there are too few free cells, it is increased by one
+    until a goal fits.
     """
     for goal in goals_of(rules.teams):
         games.goal[game, goal] = -1
-    placed = place_goals_on_marks(games, game, coming, rules, world)
-    radius = np.int64(coming.goal_radius[game])
-    around_marks = coming.goals_around_marks[game] > 0
-    while placed < goals_wanted(game, coming, rules):
+    placed = place_goals_on_marks(games, game, pending, rules, world)
+    radius = np.int64(pending.goal_radius[game])
+    around_marks = pending.goals_around_marks[game] > 0
+    while placed < goals_wanted(game, pending, rules):
         if radius < 0:
             taken = cells_taken(games, game, rules, placed)
             cell = draw_free_cell(games, game, streams, rules, world, placed, taken)
@@ -234,9 +234,9 @@ def list_free_cells(
     radius: int,
     around_marks: bool,
 ) -> int:
-    """Fill `search.queue` with the cells within the radius where nobody stands; how many.
+    """Fill `search.queue` with the free cells within the radius; return how many.
 
-    Goals beyond the first `num_goals` are not there yet.
+    Only the first `num_goals` goals have been placed.
     """
     maze = games.maze[game]
     first, size = world.first_cell[maze], world.num_cells[maze]

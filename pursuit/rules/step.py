@@ -1,9 +1,10 @@
-"""One step of one game, in six verbs: legal moves, step, ended, rewards (start: `starts`; observe:
-`pursuit.observations.observations`).
+"""The rules of one step of one game: legal moves, step, ended, rewards.
 
-Everything is decided from what stood before the step; what follows is written last, and of what was
-written only events and rewards are read again. Loops run over `chasers_of(teams)` and the like:
-where a kernel is made for a task whose teams the compiler knows, they dissolve.
+For starts see `starts`, for observations `pursuit.observations.observations`.
+
+All decisions use the state before the step; the new state is written last. Of the values written,
+only events and rewards are read again. Loops over `chasers_of(teams)` and the like are unrolled in
+kernels with constant team sizes.
 
                   before            decided                       written
     position      games.position    plan.after                    games.position
@@ -30,9 +31,9 @@ from pursuit.rules.layout import (
     WAS_CAPTURED,
     Games,
     Outcome,
-    Pay,
-    Plan,
+    RewardCoefficients,
     Rules,
+    StepScratch,
     Teams,
     World,
     agents_of,
@@ -53,9 +54,15 @@ def legal_moves(world: World, maze: int, cell: int) -> int:
 
 @inlined
 def step(
-    games: Games, game: int, actions: Any, rules: Rules, world: World, plan: Plan, outcome: Outcome
+    games: Games,
+    game: int,
+    actions: Any,
+    rules: Rules,
+    world: World,
+    plan: StepScratch,
+    outcome: Outcome,
 ) -> int:
-    """Move one game by one step; GOING_ON, TERMINATED or TRUNCATED."""
+    """Step one game; return GOING_ON, TERMINATED or TRUNCATED."""
     teams, first_cell = rules.teams, world.first_cell[games.maze[game]]
     steps = games.steps[game] + 1
     for chaser in chasers_of(teams):
@@ -63,7 +70,7 @@ def step(
             games, game, chaser, actions[game, chaser], world, first_cell
         )
     for evader in evaders_of(teams):
-        # A captured one stays; without a branch, which the processor could not predict.
+        # A captured agent stays; no branch, as the processor could not predict it.
         action = STAY + (np.int64(actions[game, evader]) - STAY) * is_free(games, game, evader)
         plan.after[evader] = destination(games, game, evader, action, world, first_cell)
     for runner in runners_of(teams):
@@ -75,11 +82,11 @@ def step(
     all_collected = collected > 0 and goals_left == 0
     end = ended(games, game, rules, num_captured, all_collected, steps)
 
-    pay_ordinary_steps(games, game, rules, world, first_cell, plan, outcome)
+    add_step_rewards(games, game, rules, world, first_cell, plan, outcome)
     if num_captured > 0 or collected > 0:
-        pay_events(games, game, rules, plan, outcome, num_captured, collected, end)
+        add_event_rewards(games, game, rules, plan, outcome, num_captured, collected, end)
     if rules.chaser.per_evader != 0.0:
-        pay_per_evader(games, game, rules, plan, outcome)
+        add_per_evader_rewards(games, game, rules, plan, outcome)
     if collected > 0:
         count_goals(games, game, teams, plan, outcome)
     for agent in agents_of(teams):
@@ -107,18 +114,20 @@ def destination(
 
 
 @inlined
-def meet(games: Games, game: int, chaser: int, evader: int, rules: Rules, plan: Plan) -> bool:
+def meet(
+    games: Games, game: int, chaser: int, evader: int, rules: Rules, plan: StepScratch
+) -> bool:
     """Whether a chaser captures an evader."""
     cells, after = games.position[game], plan.after
     return captures(rules.chasers_first, cells[chaser], after[chaser], cells[evader], after[evader])
 
 
 @inlined
-def decide_captures(games: Games, game: int, rules: Rules, plan: Plan) -> int:
-    """Count the captors of every evader and list those that are captured; how many are.
+def decide_captures(games: Games, game: int, rules: Rules, plan: StepScratch) -> int:
+    """Count the captors of every evader and list the captured evaders; return their number.
 
-    Where the chasers move first, an evader that one of them reaches moves no more. Only
-    evaders that the bits of cells show to be near a chaser are looked at one by one.
+    If the chasers move first, an evader that one of them reaches does not move. Exact checks are
+    made only for evaders that may share a cell with a chaser according to the bits of cells.
     """
     reached = np.uint64(0)
     for chaser in chasers_of(rules.teams):
@@ -143,8 +152,8 @@ def decide_captures(games: Games, game: int, rules: Rules, plan: Plan) -> int:
 
 
 @inlined
-def decide_goals(games: Games, game: int, teams: Teams, plan: Plan) -> tuple[int, int]:
-    """Count the takers of every goal; how many goals are collected, and how many are left."""
+def decide_goals(games: Games, game: int, teams: Teams, plan: StepScratch) -> tuple[int, int]:
+    """Count the agents on every goal; return the numbers of goals collected and left."""
     collected = left = 0
     for goal in goals_of(teams):
         takers, cell = 0, games.goal[game, goal]
@@ -158,8 +167,8 @@ def decide_goals(games: Games, game: int, teams: Teams, plan: Plan) -> tuple[int
 
 
 @inlined
-def may_collect(games: Games, game: int, agent: int, teams: Teams, plan: Plan) -> bool:
-    """Whether an evader is free, and stays so; a runner always is."""
+def may_collect(games: Games, game: int, agent: int, teams: Teams, plan: StepScratch) -> bool:
+    """Whether an agent is a runner, or an evader that is free and is not captured now."""
     if agent >= teams.chasers + teams.evaders:
         return True
     return (games.active[game, agent] != 0) & (plan.captors[agent] == 0)
@@ -169,7 +178,7 @@ def may_collect(games: Games, game: int, agent: int, teams: Teams, plan: Plan) -
 def ended(
     games: Games, game: int, rules: Rules, num_captured: int, all_collected: bool, steps: int
 ) -> int:
-    """TERMINATED when no evader is left, or no goal; else TRUNCATED when time is up."""
+    """TERMINATED if no evader or no goal is left; else TRUNCATED after the last step."""
     free = -num_captured
     for evader in evaders_of(rules.teams):
         free += is_free(games, game, evader)
@@ -180,13 +189,13 @@ def ended(
 
 @inlined
 def is_free(games: Games, game: int, evader: int) -> int:
-    """1 where an evader was free before the step, 0 where it had been captured."""
+    """1 if an evader was free before the step, 0 if it had been captured."""
     return np.int64(games.active[game, evader] != 0)
 
 
 @inlined
-def count_goals(games: Games, game: int, teams: Teams, plan: Plan, outcome: Outcome) -> None:
-    """Add the goals of this step to those that each agent has collected; shared ones in parts."""
+def count_goals(games: Games, game: int, teams: Teams, plan: StepScratch, outcome: Outcome) -> None:
+    """Add the goals of this step to the goals collected by each agent; shared goals in parts."""
     for goal in goals_of(teams):
         for agent in collectors_of(teams):
             here = plan.after[agent] == games.goal[game, goal]
@@ -198,16 +207,16 @@ def count_goals(games: Games, game: int, teams: Teams, plan: Plan, outcome: Outc
 
 
 @inlined
-def pay_ordinary_steps(
+def add_step_rewards(
     games: Games,
     game: int,
     rules: Rules,
     world: World,
     first_cell: int,
-    plan: Plan,
+    plan: StepScratch,
     outcome: Outcome,
 ) -> None:
-    """Pay everybody as if nothing had happened: the step reward, and nothing to the captured."""
+    """Write the step reward of every agent; 0 for captured evaders."""
     teams = rules.teams
     for chaser in chasers_of(teams):
         earned = np.float32(rules.chaser.step)
@@ -234,20 +243,20 @@ def pay_ordinary_steps(
 
 
 @inlined
-def pay_events(
+def add_event_rewards(
     games: Games,
     game: int,
     rules: Rules,
-    plan: Plan,
+    plan: StepScratch,
     outcome: Outcome,
     num_captured: int,
     collected: int,
     end: int,
 ) -> None:
-    """Pay those to whom something happened, in place of the step reward."""
+    """Replace the step reward of agents that have an event."""
     teams = rules.teams
     if num_captured > 0:
-        pay_captures(games, game, rules, plan, outcome, num_captured, end)
+        add_capture_rewards(games, game, rules, plan, outcome, num_captured, end)
     if collected > 0:
         for evader in evaders_of(teams):
             if games.active[game, evader] != 0 and plan.captors[evader] == 0:
@@ -263,17 +272,23 @@ def pay_events(
 
 
 @inlined
-def pays_step(pay: Pay, event: int, end: int) -> bool:
-    """Whether the step reward is due: nothing happened, or nothing that counts before the end."""
-    return event == 0 or (pay.on_completion != 0.0 and end != TERMINATED)
+def pays_step(coefficients: RewardCoefficients, event: int, end: int) -> bool:
+    """Whether the step reward applies: no event, or an event that counts only at the end."""
+    return event == 0 or (coefficients.on_completion != 0.0 and end != TERMINATED)
 
 
 @inlined
-def pay_captures(
-    games: Games, game: int, rules: Rules, plan: Plan, outcome: Outcome, num_captured: int, end: int
+def add_capture_rewards(
+    games: Games,
+    game: int,
+    rules: Rules,
+    plan: StepScratch,
+    outcome: Outcome,
+    num_captured: int,
+    end: int,
 ) -> None:
-    """The events and the rewards of captures: captors of one evader share it equally."""
-    paid = not pays_step(rules.chaser, CAPTURED, end)
+    """Write the events and rewards of captures; captors of one evader share its reward equally."""
+    row = not pays_step(rules.chaser, CAPTURED, end)
     for i in range(num_captured):
         evader = plan.captured[i]
         share = rules.chaser.capture / plan.captors[evader]
@@ -282,22 +297,24 @@ def pay_captures(
             event, earned = games.event[game, chaser], outcome.rewards[game, chaser]
             more = np.float32(share + (earned if event != 0 else np.float32(0.0)))
             games.event[game, chaser] = event | (CAPTURED * met)
-            outcome.rewards[game, chaser] = more if met & paid else earned
+            outcome.rewards[game, chaser] = more if met & row else earned
         games.event[game, evader] = WAS_CAPTURED
         outcome.rewards[game, evader] = np.float32(rules.evader.capture)
 
 
 @inlined
-def pay_per_evader(games: Games, game: int, rules: Rules, plan: Plan, outcome: Outcome) -> None:
-    """Pay every chaser the sum over the evaders that were free before the step, whoever it met."""
-    teams, pay, total = rules.teams, rules.chaser, np.float32(0.0)
+def add_per_evader_rewards(
+    games: Games, game: int, rules: Rules, plan: StepScratch, outcome: Outcome
+) -> None:
+    """Write the reward of every chaser as a sum over the evaders free before the step."""
+    teams, coefficients, total = rules.teams, rules.chaser, np.float32(0.0)
     for evader in evaders_of(teams):
         if is_free(games, game, evader) != 0:
             if plan.captors[evader] > 0:
-                earned = np.float32(pay.capture)
+                earned = np.float32(coefficients.capture)
             else:
-                event, earned = goals_taken_by(games, game, evader, teams, pay, plan)
-                earned = earned if event != 0 else np.float32(pay.step)
+                event, earned = goals_taken_by(games, game, evader, teams, coefficients, plan)
+                earned = earned if event != 0 else np.float32(coefficients.step)
             total = np.float32(total + earned)
     for chaser in chasers_of(teams):
         outcome.rewards[game, chaser] = total
@@ -305,22 +322,33 @@ def pay_per_evader(games: Games, game: int, rules: Rules, plan: Plan, outcome: O
 
 @inlined
 def goals_taken_by(
-    games: Games, game: int, agent: int, teams: Teams, pay: Pay, plan: Plan
+    games: Games,
+    game: int,
+    agent: int,
+    teams: Teams,
+    coefficients: RewardCoefficients,
+    plan: StepScratch,
 ) -> tuple[int, float]:
-    """The event and the reward of a collector: those who arrive at once share a goal equally."""
+    """The event and reward of a collector; agents on one goal share its reward equally."""
     event, earned = 0, np.float32(0.0)
     for goal in goals_of(teams):
         if plan.takers[goal] > 0 and games.goal[game, goal] == plan.after[agent]:
             event = COLLECTED
-            earned = np.float32(earned + pay.goal / plan.takers[goal])
+            earned = np.float32(earned + coefficients.goal / plan.takers[goal])
     return event, earned
 
 
 @inlined
 def nearest_evader(
-    games: Games, game: int, chaser: int, teams: Teams, world: World, first_cell: int, plan: Plan
+    games: Games,
+    game: int,
+    chaser: int,
+    teams: Teams,
+    world: World,
+    first_cell: int,
+    plan: StepScratch,
 ) -> int:
-    """Rows plus columns to the nearest evader that is free; 0 where none is."""
+    """The Manhattan distance to the nearest free evader; 0 if there is none."""
     nearest = -1
     for evader in evaders_of(teams):
         if games.active[game, evader] and plan.captors[evader] == 0:
@@ -331,8 +359,10 @@ def nearest_evader(
 
 
 @inlined
-def nearest_chaser(evader: int, teams: Teams, world: World, first_cell: int, plan: Plan) -> int:
-    """Rows plus columns to the nearest chaser; 0 where none is."""
+def nearest_chaser(
+    evader: int, teams: Teams, world: World, first_cell: int, plan: StepScratch
+) -> int:
+    """The Manhattan distance to the nearest chaser; 0 if there is none."""
     nearest = -1
     for chaser in chasers_of(teams):
         away = manhattan(world, first_cell, plan.after[evader], plan.after[chaser])
@@ -343,9 +373,15 @@ def nearest_chaser(evader: int, teams: Teams, world: World, first_cell: int, pla
 
 @inlined
 def nearest_goal(
-    games: Games, game: int, runner: int, teams: Teams, world: World, first_cell: int, plan: Plan
+    games: Games,
+    game: int,
+    runner: int,
+    teams: Teams,
+    world: World,
+    first_cell: int,
+    plan: StepScratch,
 ) -> int:
-    """Rows plus columns to the nearest goal that is left; 0 where none is."""
+    """The Manhattan distance to the nearest goal that is left; 0 if there is none."""
     nearest = -1
     for goal in goals_of(teams):
         if games.goal[game, goal] >= 0 and plan.takers[goal] == 0:

@@ -21,7 +21,7 @@ LARGEST = 2**31 - 1
 
 def configure(
     task: Task,
-    coming: NextEpisode,
+    pending: NextEpisode,
     games: NDArray[np.intp],
     *,
     epsilon: ArrayLike | None,
@@ -29,7 +29,7 @@ def configure(
     goals_around: str | None,
     **numbers: ArrayLike | None,
 ) -> None:
-    """Write the settings that are given into `coming`; see `Simulator.configure`.
+    """Write the settings that are given into `pending`; see `Simulator.configure`.
 
     Raises:
         ValueError: a value out of range, or a start that cannot be; nothing is changed then.
@@ -37,7 +37,7 @@ def configure(
     seats = slice(None) if seat is None else task.seat(seat)
     changed: dict[str, Any] = {}
     if epsilon is not None:
-        changed["epsilon"] = coming.epsilon[games]
+        changed["epsilon"] = pending.epsilon[games]
         fill_epsilon(changed["epsilon"][:, seats], epsilon)
     given = {name: value for name, value in numbers.items() if value is not None}
     limits = limits_of(task) if given else {}
@@ -48,10 +48,10 @@ def configure(
         one_of("goals_around", goals_around, ("start", "marks"))
         changed["goals_around_marks"] = np.int32(goals_around == "marks")
     if changed.keys() - {"epsilon", "goal_radius"}:
-        waiting = {name: array[games] for name, array in coming._asdict().items()}
+        waiting = {name: array[games] for name, array in pending._asdict().items()}
         check_waiting(task, NextEpisode(**waiting | changed))
     for name, values in changed.items():
-        getattr(coming, name)[games] = values
+        getattr(pending, name)[games] = values
 
 
 def limits_of(task: Task) -> dict[str, tuple[int, int]]:
@@ -138,7 +138,7 @@ def fill(name: str, array: NDArray[Any], values: NDArray[Any]) -> None:
 
 def start_at(
     task: Task,
-    coming: NextEpisode,
+    pending: NextEpisode,
     positions: ArrayLike,
     goals: ArrayLike | None,
     maze: ArrayLike | None,
@@ -148,10 +148,10 @@ def start_at(
     Raises:
         ValueError: cells or mazes that make no start.
     """
-    games = len(coming.maze)
+    games = len(pending.maze)
     agents = np.empty((games, task.num_agents), dtype=np.int32)
     wanted = np.empty((games, task.num_goals), dtype=np.int32)
-    mazes = coming.maze.copy() if len(task.mazes) > 1 else np.zeros(games, dtype=np.int32)
+    mazes = pending.maze.copy() if len(task.mazes) > 1 else np.zeros(games, dtype=np.int32)
     if maze is not None:
         fill("maze", mazes, whole_numbers("maze", maze, 0, len(task.mazes) - 1))
     if (mazes < 0).any():

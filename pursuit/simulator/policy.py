@@ -1,4 +1,4 @@
-"""The Policy protocol, and GameView: what whoever fills a seat may see."""
+"""The `Policy` protocol, and `GameView`, the argument of policies."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from pursuit.tasks.task import ROLES, Task
 
 
 class GameArrays:
-    """The arrays of a batch of games under their public names, for whatever has `games`."""
+    """The arrays of a batch of games (`games`) under their public names."""
 
     games: Games
 
     @property
     def positions(self) -> NDArray[np.int32]:
-        """[num_games, num_agents] int32, cells; a captured evader keeps that of its capture."""
+        """[num_games, num_agents] int32, cells; captured evaders stay in the cell of capture."""
         return self.games.position
 
     @property
@@ -35,7 +35,7 @@ class GameArrays:
 
     @property
     def events(self) -> NDArray[np.int32]:
-        """[num_games, num_agents] int32, what the last step brought: a sum of `rules.COLLECTED`,
+        """[num_games, num_agents] int32, the events of the last step: a sum of `rules.COLLECTED`,
         `CAPTURED` and `WAS_CAPTURED`."""
         return self.games.event
 
@@ -57,15 +57,15 @@ class GameArrays:
 
 @dataclass(frozen=True, eq=False)
 class GameView(GameArrays):
-    """A batch of games seen from one seat: live arrays of the `Simulator`, not copies.
+    """A batch of games as seen by one agent: live arrays of the `Simulator`, not copies.
 
     Attributes:
         task: the rules and settings.
-        seat: which agent this is.
+        seat: the index of the agent.
         games: the arrays of the games under the names of the rule book.
         streams: [num_games, ...] uint64, the random streams; a policy draws from its own only.
-        epsilon: [num_games, num_agents] float64, the share of random moves; NaN where the game
-            leaves it to the policy.
+        epsilon: [num_games, num_agents] float64, the probability of a random move; NaN if the
+            policy's own epsilon applies.
         mazes: the arrays of the mazes.
         observe: `observe(encoding)` -> [num_games, ...] what the agent in this seat observes.
         whole: of a view that `select` made, the view of all games of the batch; None otherwise.
@@ -90,7 +90,7 @@ class GameView(GameArrays):
     def select(self, games: NDArray[np.intp]) -> GameView:
         """Copies of these games as a view of their own.
 
-        Whoever lets a policy draw from it puts the streams back:
+        After a policy has drawn random numbers from it, copy the streams back:
         `view.streams[games] = part.streams`.
         """
         return replace(
@@ -109,7 +109,7 @@ class GameView(GameArrays):
         return np.arange(self.num_games) if self.chosen is None else self.chosen
 
     def uniform(self) -> NDArray[np.float64]:
-        """[num_games] float64 in [0, 1), from this seat's own random stream, which moves on."""
+        """[num_games] float64 in [0, 1), from the agent's own random stream, which advances."""
         numbers = np.empty(self.num_games)
         draw_uniform(self.streams, layout.named(layout.stream_of, self.seat), numbers)
         return numbers
@@ -136,9 +136,9 @@ def pairs_of_cells(task: Task, maze: Maze, agent: str | int) -> Games:
 
 
 class Policy(Protocol):
-    """Whoever fills a seat: scripted, exact or learned.
+    """Chooses the actions of an agent: scripted, exact or learned.
 
-    One that fills many seats may besides have `act_together(view, seats, actions)`, which is called
+    A policy of several agents can also have `act_together(view, seats, actions)`, which is called
     once for all of them (see `play_all`); `view` is that of the first.
     """
 
@@ -152,7 +152,7 @@ class Policy(Protocol):
 
 
 def role_of(policy: object) -> str | None:
-    """The role that a policy is made for, where it says so: "chaser", "evader" or "runner"."""
+    """The role of a policy ("chaser", "evader" or "runner"), or None."""
     role = getattr(policy, "role", None) or getattr(policy, "agent", None)
     return None if role is None else str(role).split("_")[0]
 
@@ -202,13 +202,13 @@ def seat_policies(task: Task, policies: Any) -> list[Policy | None]:
 
 
 class Memory:
-    """What a policy remembers of every game: arrays for each batch and seat that it plays in.
+    """The memory of a policy: arrays for each batch and agent that it plays.
 
-    They are made when it first plays there and go with the batch, so that one policy may fill many
-    seats and batches. A copy of a policy begins without them.
+    They are created on first use and deleted with the batch, so one policy can play several agents
+    and batches. A copy of a policy starts with empty memory.
 
     Args:
-        make: the arrays of a view, [num_games, ...] each, by name, as nothing is remembered yet.
+        make: the arrays of a view, [num_games, ...] each, by name, at the start of an episode.
     """
 
     def __init__(self, make: Callable[[GameView], dict[str, NDArray[Any]]]) -> None:
@@ -228,13 +228,13 @@ class Memory:
 
 @runtime_checkable
 class MemoryPolicy(Protocol):
-    """A policy that remembers: it plays by what it has seen and done in the episode.
+    """A policy with memory: its actions depend on earlier steps of the episode.
 
     Call `play`, which begins new episodes, rather than its `act`; the `Simulator` and the
     environments do. It acts once in every step, in all games of the view, or of a part of them.
 
     Attributes:
-        memory: what it remembers, for whoever saves games in the middle of an episode.
+        memory: its memory, for saving games within an episode.
     """
 
     memory: Memory
@@ -249,7 +249,7 @@ class MemoryPolicy(Protocol):
 
 
 def play(policy: Policy, view: GameView) -> NDArray[np.int32]:
-    """[num_games] int32: what a policy does in every game, new episodes begun where it remembers.
+    """[num_games] int32: the actions of a policy; its memory is reset in new episodes.
 
     An episode is new where no step of it has been taken.
     """

@@ -17,9 +17,9 @@ from pursuit.simulator import next_episode
 from pursuit.simulator.next_episode import slots
 from pursuit.simulator.policy import GameArrays, GameView, Policy, play_all
 from pursuit.simulator.state import OWN, SimulatorState, check_fits
-from pursuit.tasks.payments import step_games_of
+from pursuit.tasks.custom_rewards import step_games_of
 from pursuit.tasks.task import Task, checked_task
-from pursuit.validation import as_array, truth, whole
+from pursuit.validation import as_array, check_bool, whole
 
 __all__ = ["Simulator", "SimulatorState"]
 
@@ -75,7 +75,10 @@ class Simulator(GameArrays):
     ) -> None:
         task, num_games = checked_task(task), whole("num_games", num_games, 1, 2**63 - 1)
         first_game = whole("first_game", first_game, 0, 2**62)
-        seed, auto_restart = whole("seed", seed, 0, 2**64 - 1), truth("auto_restart", auto_restart)
+        seed, auto_restart = (
+            whole("seed", seed, 0, 2**64 - 1),
+            check_bool("auto_restart", auto_restart),
+        )
         one = layout.allocate(1, task.num_agents, task.num_goals)
         bytes_of_game = sum(array.nbytes for array in one)
         check_memory(f"num_games={num_games}", num_games * bytes_of_game, "take fewer games")

@@ -1,1 +1,1 @@
-"""Tasks: a maze, roles, rewards, placements and limits of sight."""
+"""Tasks: a maze, roles, rewards, placements and limited views."""

@@ -1,6 +1,6 @@
-"""Moments: the games as a user's own reward function or observation is given them.
+"""The states passed to custom reward functions and observations.
 
-Plain arrays under readable names, in NamedTuples: a function over them may be compiled by Numba.
+They are NamedTuples of arrays, so functions of them can be compiled by Numba.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from pursuit.rules import layout
 from pursuit.rules.layout import Games
 
 ROLES = ("chaser", "evader", "runner")
-"""In the order of the numbers CHASER, EVADER and RUNNER."""
+"""The role names in the order of the constants CHASER, EVADER and RUNNER."""
 
 
 class Before(NamedTuple):
-    """The games at one moment; `pursuit.rules` has the constants.
+    """The state of a batch of games; the constants are in `pursuit.rules`.
 
     Attributes:
-        positions: [games, agents] int32, cells; a captured evader keeps that of its capture.
-        active: [games, agents] int32, 1, or 0 after capture.
-        events: [games, agents] int32, what the step that led here brought: a sum of COLLECTED,
-            CAPTURED and WAS_CAPTURED.
-        goals: [games, goals] int32, cells; -1 when gone.
-        steps: [games] int32, taken in this episode.
-        maze_index: [games] int32, which of the task's mazes each game plays in.
+        positions: [games, agents] int32, cells; a captured evader stays in the cell of its capture.
+        active: [games, agents] int32, 1; 0 after capture.
+        events: [games, agents] int32, the events of the last step: a sum of COLLECTED, CAPTURED and
+            WAS_CAPTURED.
+        goals: [games, goals] int32, cells; -1 for collected goals.
+        steps: [games] int32, the steps taken in this episode.
+        maze_index: [games] int32, the index of the game's maze among the mazes of the task.
         roles: [agents] int32, CHASER, EVADER or RUNNER.
-        distances: [mazes, cells, cells] int32, steps on a shortest path, UNREACHABLE where there is
-            none; read-only, and [mazes, 0, 0] where a maze is too large for a table.
+        distances: [mazes, cells, cells] int32, read-only, shortest path lengths; UNREACHABLE if
+            there is no path. [mazes, 0, 0] if a maze is too large for a table.
     """
 
     positions: Any
@@ -47,12 +47,12 @@ class Before(NamedTuple):
 
 
 class After(NamedTuple):
-    """The games after a step, before any of them begins anew: `Before`, and what the step led to.
+    """The state of a batch of games after a step and before any restart, with its results.
 
     Attributes:
         positions, active, events, goals, steps, maze_index, roles, distances: as of `Before`.
         terminated, truncated: [games] bool, whether the step ended the game.
-        rewards: [games, agents] float32, what the coefficients of the scheme "goal" would pay.
+        rewards: [games, agents] float32, the rewards of the scheme "goal".
     """
 
     positions: Any
@@ -69,7 +69,7 @@ class After(NamedTuple):
 
 
 def moment_of(games: Games, roles: Any, distances: Any) -> Before:
-    """The games as they stand: views of them, not copies."""
+    """The current state of the games, as views of their arrays."""
     return Before(*games, roles, distances)
 
 

@@ -1,10 +1,9 @@
-"""Placements: whether chasers and evaders can start as far apart, and as near, as is asked.
+"""Check that start placements with the given distances between chasers and evaders exist.
 
-The rule book draws placements until one holds (`rules.starts`), so that starts are uniform over all
-that hold. What holds too rarely for that is refused here, as the distances are set.
+`rules.starts` draws placements until one satisfies the limits, so that starts are uniform over all
+valid placements. Limits that are satisfied too rarely for that are rejected here.
 
-Distances are path steps. Cells that no path joins are infinitely far apart: every minimum holds
-for them, and no maximum does.
+Distances are path lengths. The distance between cells without a connecting path is infinite.
 """
 
 from __future__ import annotations
@@ -19,20 +18,20 @@ from pursuit.rules import UNREACHABLE
 from pursuit.rules.layout import Teams
 
 TRIES = 1000
-"""Random placements of the chasers, and of the evaders for each of them, of which one must hold."""
+"""Random placements of the chasers, and of the evaders for each; one of them must be valid."""
 TRIES_WITHOUT_TABLE = 20
-"""Placements of the chasers in mazes without a table of distances, where each takes searches."""
+"""The same for chasers in mazes without a table of distances, where each needs searches."""
 
 
-class Apart(NamedTuple):
-    """How chasers and evaders are to be placed in one maze.
+class StartConstraint(NamedTuple):
+    """Limits on the placement of chasers and evaders in one maze.
 
     Attributes:
-        maze: where.
-        teams: how many of each there are.
-        marked: whether agents that have a mark start on it.
-        num_goals: the goals that the episode begins with, where they start on marks.
-        least, most: path steps between every chaser and every evader; no maximum is -1.
+        maze: the maze.
+        teams: the numbers of agents and goals.
+        marked: whether agents start on the marks of the maze.
+        num_goals: the number of goals at the start, if they are placed on marks.
+        least, most: path distance between any chaser and any evader; `most` -1 means no limit.
     """
 
     maze: Maze
@@ -43,30 +42,30 @@ class Apart(NamedTuple):
     most: int
 
 
-def check_placeable(asked: Apart) -> None:
-    """Refuse what no placement meets, or so few that none of many random ones does.
+def check_placeable(asked: StartConstraint) -> None:
+    """Check that one of many random placements satisfies the limits.
 
     Raises:
-        ValueError: none was found.
+        ValueError: none does.
     """
     maze, (chasers, evaders) = asked.maze, asked.teams[:2]
     if not chasers or not evaders or (asked.least <= 1 and asked.most < 0) or _was_found(asked):
         return
-    wishes = [f"min_start_distance={asked.least}"] if asked.least > 1 else []
-    wishes += [f"max_start_distance={asked.most}"] if asked.most >= 0 else []
+    limits = [f"min_start_distance={asked.least}"] if asked.least > 1 else []
+    limits += [f"max_start_distance={asked.most}"] if asked.most >= 0 else []
     longest = ""
     if maze.num_cells <= MAX_TABLE_CELLS:
         longest = f", whose longest distance is {maze.longest_distance}"
     raise ValueError(
-        f"{' and '.join(wishes)}: no random placement of {chasers} chaser(s) and {evaders} "
-        f"evader(s) {'with marks ' if asked.marked else ''}is so in maze {maze.name}{longest}. "
-        "Lower the minimum, raise the maximum, or take another maze or fewer agents"
+        f"{' and '.join(limits)}: no random placement of {chasers} chaser(s) and {evaders} "
+        f"evader(s) {'with marks ' if asked.marked else ''}satisfies this in {maze.name}{longest}. "
+        "Lower the minimum, raise the maximum, or use another maze or fewer agents"
     )
 
 
 @lru_cache(maxsize=256)
-def _was_found(asked: Apart) -> bool:
-    """Whether one of many random placements holds; drawn from a seed of their own."""
+def _was_found(asked: StartConstraint) -> bool:
+    """Whether one of many random placements is valid; drawn with a fixed seed."""
     maze, (chasers, evaders) = asked.maze, asked.teams[:2]
     has_table = maze.num_cells <= MAX_TABLE_CELLS
     if has_table:

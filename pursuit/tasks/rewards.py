@@ -1,4 +1,4 @@
-"""Rewards: what each role is paid, by coefficients, by a named scheme or by a user's function."""
+"""Rewards of each role: coefficients, named schemes, or a custom reward function."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from pursuit.tasks.moments import After, Before
 from pursuit.validation import FrozenDict, check_fields, finite, flag
 
 RewardFunction = Callable[[Before, Any, After], Any]
-"""`f(before, actions, after)` -> [games, agents], what every agent is paid for the step.
+"""`f(before, actions, after)` -> [games, agents], the reward of every agent for the step.
 
-`actions` is [games, agents] int32. It may be compiled by Numba: the two moments are NamedTuples of
-arrays, copies that it may keep or change. Whoever had left the game before the step is paid
-nothing, whatever it says.
+`actions` is [games, agents] int32. `before` and `after` are NamedTuples of arrays, so the function
+can be compiled by Numba; they are copies, which it may keep or change. Agents that had left the
+game before the step get a reward of 0, whatever the function returns.
 """
 
 
 @dataclass(frozen=True)
 class Rewards:
-    """What one role is paid. The reward of an event replaces the step reward of that step.
+    """Reward coefficients of one role. The reward of an event replaces the step reward.
 
     Attributes:
-        step: every step without an event.
-        capture: for a chaser, capturing an evader (captors of one evader share it equally); for an
-            evader, being captured.
-        goal: collecting a goal (those who arrive at once share it equally).
-        distance: this times the Manhattan distance to the nearest active opponent (for a runner,
-            to the nearest goal) is added to the step reward.
-        on_completion: events pay only in the step that ends the game; before, they count as steps.
-            Being captured always pays: it ends the game for that evader.
-        per_evader: for chasers alone. In every step each chaser is paid the sum, over the evaders
-            that were free before the step, of `capture` for an evader that is captured (by any
-            chaser), `goal` for one that collects a goal (its share of it), and `step` for any
-            other. Needs distance=0 and on_completion=False.
+        step: reward of a step without an event.
+        capture: for a chaser, the reward for capturing an evader (divided equally among its
+            captors); for an evader, the reward for being captured.
+        goal: reward for collecting a goal (divided equally among agents that reach it at once).
+        distance: coefficient of the Manhattan distance to the nearest active opponent (for a
+            runner, to the nearest goal), which is added to the step reward.
+        on_completion: events are rewarded only in the step that ends the game; before it, they get
+            the step reward. Being captured is always rewarded, as it ends the evader's episode.
+        per_evader: chasers only. The reward of each chaser is a sum over the evaders that were free
+            before the step: `capture` for an evader that is captured (by any chaser), `goal` for
+            one that collects a goal (times its share), and `step` for any other. Requires
+            distance=0 and on_completion=False.
 
     Raises:
-        ValueError: a value that is no finite number; `per_evader` with a distance or
+        ValueError: a value that is not a finite number; `per_evader` with a distance or
             `on_completion`.
     """
 
@@ -56,7 +56,7 @@ class Rewards:
         if self.per_evader and (self.distance != 0.0 or self.on_completion):
             raise ValueError(
                 f"per_evader=True with distance={self.distance:g}, on_completion="
-                f"{self.on_completion}; it needs distance=0 and on_completion=False: leave them out"
+                f"{self.on_completion}; it requires distance=0, on_completion=False: leave them out"
             )
 
 
@@ -84,17 +84,17 @@ REWARD_SCHEMES: Mapping[str, Mapping[str, Rewards]] = {
 }
 """Rewards by scheme and role.
 
-In `zero_sum` every step counts, the last one included: an evader that was free before the step is
-paid 1 (its share of a goal where several collect one at once), and every chaser is paid minus the
-sum of what the evaders are paid. So in each step the rewards of one chaser and of all evaders sum
-to 0, and those of C chasers and all evaders to minus C - 1 times what the evaders are paid. In a
-duel the return is the payoff of the exact game. A runner that is alone is paid minus the number of
-steps; between runners nothing is zero-sum.
+In `zero_sum` every step counts, including the last: the reward of an evader that was free before
+the step is 1 (its share of a goal that several collect at once), and the reward of every chaser is
+minus the sum of the rewards of the evaders. So the rewards of one chaser and all evaders sum to 0
+in every step, and those of C chasers and all evaders to minus C - 1 times the rewards of the
+evaders. In a duel the return is the payoff of the exact game. The return of a single runner is
+minus the number of steps; the game between several runners is not zero-sum.
 """
 
 
 def is_rewards(part: Any) -> bool:
-    """Whether a part is a reward function, or `Rewards` by role."""
+    """Whether `part` is a reward function or a dict from role to `Rewards`."""
     if isinstance(part, Mapping):
         return set(part) <= set(ROLES) and all(
             isinstance(paid, Rewards) and (role == "chaser" or not paid.per_evader)
@@ -104,7 +104,7 @@ def is_rewards(part: Any) -> bool:
 
 
 def takes_three(function: Callable[..., Any]) -> bool:
-    """Whether three arguments fit a function; True where its arguments are not known."""
+    """Whether a function accepts three arguments; True if its signature is unknown."""
     try:
         signature = inspect.signature(function)
     except ValueError:  # some functions written in C
@@ -128,17 +128,17 @@ for _name, _scheme in REWARD_SCHEMES.items():
 
 
 def is_coefficients(text: object) -> bool:
-    """Whether a text is of the form `step=-0.1,capture=2`."""
+    """Whether `text` has the form `step=-0.1,capture=2`."""
     return isinstance(text, str) and "=" in text
 
 
 def rewards_from_text(text: str) -> Mapping[str, Rewards]:
-    """`Rewards` by role from `step=-0.1,capture=2` (for all roles), `chaser.step=-0.1`, or both.
+    """`Rewards` by role from `step=-0.1,capture=2` (all roles), `chaser.step=-0.1`, or both.
 
-    What is left out of a role that is named is 0; a role's own entries go before those for all.
+    Coefficients that are left out are 0. The entries of a role override those for all roles.
 
     Raises:
-        ValueError: an unknown role or coefficient, one given twice, or a value that is no number.
+        ValueError: an unknown role or coefficient, a duplicate, or a value that is not a number.
     """
     known = [field.name for field in fields(Rewards)]
     found: dict[str, dict[str, Any]] = {}
@@ -147,14 +147,14 @@ def rewards_from_text(text: str) -> Mapping[str, Rewards]:
         role, _, name = place.rpartition(".")
         if role not in ("", *ROLES) or name not in known:
             raise ValueError(
-                f"rewards={text!r}: no {place!r}; give {', '.join(known)}, for one role as in "
+                f"rewards={text!r}: unknown {place!r}; give {', '.join(known)}, for one role as in "
                 f"chaser.step=-0.1 ({', '.join(ROLES)})"
             )
         if name in found.setdefault(role, {}):
             raise ValueError(f"rewards={text!r}: {place!r} is given twice; give it once")
         found[role][name] = _value_of(text, entry, name, value)
     if not found:
-        raise ValueError(f"rewards={text!r}: empty; give step=-0.1,capture=2, say")
+        raise ValueError(f"rewards={text!r}: empty; give for example step=-0.1,capture=2")
     named = ROLES if "" in found else [role for role in ROLES if role in found]
     return {role: Rewards(**{**found.get("", {}), **found.get(role, {})}) for role in named}
 
@@ -171,14 +171,14 @@ def _value_of(text: str, entry: str, name: str, value: str) -> float | bool:
 
 
 def rewards_text(given: Any) -> str:
-    """One text for what files and options say of rewards: the same for the same coefficients.
+    """The rewards of a file or option as text; equal coefficients give equal text.
 
     Args:
-        given: a scheme, a `package.module:Name`, coefficients as text or as a table, with a table
-            for each role or one for all.
+        given: a scheme, a `package.module:Name`, or coefficients as text or as a dict, one for
+            each role or one for all.
 
     Raises:
-        ValueError: something else, or coefficients that are none.
+        ValueError: anything else.
     """
     if isinstance(given, Mapping):
         entries = []
@@ -203,11 +203,11 @@ def _plain(value: float | bool) -> str:
     return str(value).lower() if isinstance(value, bool) else f"{value!r}".removesuffix(".0")
 
 
-def kept_rewards(name: str, given: Any) -> Any:
-    """What `Task` keeps: a name as it is; `Rewards` by role as a dict that never changes.
+def check_rewards(name: str, given: Any) -> Any:
+    """The value of `Task.rewards`: a name unchanged; `Rewards` by role as an immutable dict.
 
     Raises:
-        ValueError: an unknown name, role or coefficient, or something else altogether.
+        ValueError: an unknown name, role or coefficient, or another type.
     """
     if isinstance(given, str):
         if not is_coefficients(given):
@@ -221,12 +221,12 @@ def kept_rewards(name: str, given: Any) -> Any:
         for role, paid in given.items():
             if not isinstance(paid, Rewards):
                 raise ValueError(
-                    f"{name} of the {role}: {paid!r}; give pursuit.Rewards(...) (a function is "
-                    "given instead of the whole, and pays all roles)"
+                    f"{name} of the {role}: {paid!r}; give pursuit.Rewards(...) (a "
+                    "reward function replaces the whole dict)"
                 )
             if paid.per_evader and role != "chaser":
                 raise ValueError(
-                    f"{name} of the {role}: per_evader=True; it is for chasers alone: leave it out"
+                    f"{name} of the {role}: per_evader=True; only chasers can have it: leave it out"
                 )
         return FrozenDict(given)
     if not is_rewards(given):
@@ -237,17 +237,17 @@ def kept_rewards(name: str, given: Any) -> Any:
     try:
         hash(given)
     except TypeError:
-        raise ValueError(f"{name}={given!r}; a reward function must hash, as tasks do") from None
+        raise ValueError(f"{name}={given!r}; a reward function must be hashable") from None
     return given
 
 
 def coefficients_of(kept: Any) -> Mapping[str, Rewards]:
-    """The `Rewards` of every role; those of the scheme "goal" where a function pays instead."""
+    """Dict from role to `Rewards`; the scheme "goal" for roles left out or a reward function."""
     found = REWARDS.get(kept) if isinstance(kept, str) else kept
     return {**REWARD_SCHEMES["goal"], **(found if isinstance(found, Mapping) else {})}
 
 
 def function_of(kept: Any) -> RewardFunction | None:
-    """The reward function, where there is one."""
+    """The reward function, or None."""
     found = REWARDS.get(kept) if isinstance(kept, str) else kept
     return None if isinstance(found, Mapping) else found

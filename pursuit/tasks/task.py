@@ -1,4 +1,4 @@
-"""Task: one frozen, validated description of a game, and the named tasks."""
+"""The `Task` class, an immutable and validated description of a game, and the named tasks."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.suites import load_mazes
 from pursuit.rules import layout
-from pursuit.tasks.placements import Apart, check_placeable
+from pursuit.tasks.placements import StartConstraint, check_placeable
 from pursuit.tasks.rewards import REWARD_SCHEMES as REWARD_SCHEMES
 from pursuit.tasks.rewards import ROLES as ROLES
-from pursuit.tasks.rewards import RewardFunction, coefficients_of, function_of, kept_rewards
+from pursuit.tasks.rewards import RewardFunction, check_rewards, coefficients_of, function_of
 from pursuit.tasks.rewards import Rewards as Rewards
-from pursuit.tasks.sight import (
-    Chosen,
+from pursuit.tasks.visibility import (
+    AgentChoice,
     Limit,
-    Radius,
-    Sight,
+    ViewRadius,
+    Visibility,
+    check_agent_choice,
+    check_view_radius,
     check_visible,
-    kept_chosen,
-    kept_radius,
     limits_of,
-    sight_of,
+    visibility_of,
 )
 from pursuit.validation import (
     FrozenDict,
@@ -37,7 +37,7 @@ from pursuit.validation import (
     count,
     declared,
     flag,
-    is_whole,
+    is_int,
     named_settings,
     one_of,
     whole,
@@ -48,7 +48,7 @@ STARTS = ("random", "marks")
 
 
 def _kept_mazes(name: str, given: Any) -> Any:
-    """One maze as it is; several as a tuple, so that a caller's list does not stay inside."""
+    """One maze unchanged; several as a tuple, so that later changes of a list have no effect."""
     if isinstance(given, (str, Path, Maze)):
         return given
     mazes = tuple(given) if isinstance(given, Iterable) else (given,)
@@ -62,45 +62,49 @@ def _kept_mazes(name: str, given: Any) -> Any:
 
 
 def _kept_name(name: str, given: Any) -> Any:
-    """A name as it is."""
+    """`given` if it is a string; ValueError otherwise."""
     if not isinstance(given, str):
-        raise ValueError(f"{name}={given!r}; it is a text")
+        raise ValueError(f"{name}={given!r}; give a string")
     return given
 
 
 @dataclass(frozen=True)
 class Task:
-    """Rules and settings of one game: never changes, hashes, and is checked at birth.
+    """Rules and settings of one game. Immutable, hashable, and validated when it is created.
 
     Args:
-        maze: the name of a shipped maze, a path, a `Maze`, a frozen suite ("suite:7x7-train"; see
-            `pursuit.load_suite`), or several of them; with several, each game draws its own at
-            every restart.
-        num_chasers, num_evaders, num_runners: agents of each role.
-        num_goals: goals, collected by runners and evaders.
-        max_steps: an episode of this many steps is truncated.
-        stay_action: whether action 4, stay, exists.
-        move_order: "simultaneous", or "chasers_first": the chasers move, captures are resolved,
-            then everybody else moves and captures are resolved again.
-        start: "random": every agent and goal gets its own uniformly random cell; "marks": the
-            first agent starts on `S`, the goals (or the evaders, where there are no goals) on the
-            `G` marks in order, whoever has no mark at random.
-        min_start_distance: path steps between every chaser and every evader at the start, at least.
-            Cells that no path joins are infinitely far apart: every minimum holds for them.
-        rewards: a named scheme ("goal", "completion", "distance", "zero_sum"); `Rewards` by role,
-            or their text ("chaser.step=-0.1,evader.capture=-2"; without a role for all), where
-            roles left out are paid as in "goal"; or a function of your own, itself or as
-            "package.module:Name" (see `pursuit.tasks.rewards.RewardFunction`).
-        view_radius: path steps up to which agents see: None for everything, a number, numbers by
-            role or agent ({"chaser": 2, "evader_0": None}; an agent's own goes first), or their
-            text ("2", "chaser=2,evader_0=3"). Who is not seen is absent from the observation.
-        line_of_sight: who sees straight along rows and columns only, until a wall, and with a
-            radius so far only: True for everybody, roles or agents, or their text ("chaser").
-        unknown_maze: who knows of the maze only what is within view; likewise.
-        name: what results call this task.
+        maze: the name of a shipped maze, a path, a `Maze`, a fixed suite ("suite:7x7-train"; see
+            `pursuit.load_suite`), or a list of these. With several mazes, each game draws one at
+            random at every reset.
+        num_chasers, num_evaders, num_runners: the number of agents of each role.
+        num_goals: the number of goals. Runners and evaders collect them.
+        max_steps: an episode is truncated after this many steps.
+        stay_action: whether there is an action 4, stay.
+        move_order: "simultaneous", or "chasers_first": the chasers move and captures are resolved,
+            then all other agents move and captures are resolved again.
+        start: "random": each agent and goal is placed on a different, uniformly random cell.
+            "marks": the first agent is placed on `S`. The goals (or the evaders, if there are no
+            goals) are placed on the `G` marks in order. All others are placed at random.
+        min_start_distance: the least path distance between any chaser and any evader at the start.
+            The distance between cells without a connecting path is infinite.
+        rewards: a named scheme ("goal", "completion", "distance" or "zero_sum"); a dict from role
+            to `Rewards`; the same as text ("chaser.step=-0.1,evader.capture=-2"; an entry without a
+            role applies to all roles); or a custom reward function or its name
+            "package.module:Name" (see `pursuit.tasks.rewards.RewardFunction`). Roles that are left
+            out use the scheme "goal".
+        view_radius: the path distance up to which an agent sees. None (no limit), a number, a dict
+            from role or agent to a number ({"chaser": 2, "evader_0": None}; the entry of an agent
+            overrides that of its role), or the same as text ("2", "chaser=2,evader_0=3"). Agents
+            and goals out of view are absent from the observation.
+        line_of_sight: the agents that see only along their row and column, up to the next wall
+            (and up to `view_radius`): True for all, a list of roles or agents, or the same as text
+            ("chaser").
+        unknown_maze: the agents that observe only the part of the maze within view; same form as
+            `line_of_sight`.
+        name: the name of the task in results.
 
     Raises:
-        ValueError: naming the value, the rule and the remedy.
+        ValueError: an invalid setting, or settings that contradict each other.
     """
 
     maze: str | Path | Maze | Sequence[str | Path | Maze] = declared(_kept_mazes, default="5x5")
@@ -113,20 +117,22 @@ class Task:
     move_order: str = choice(MOVE_ORDERS, default="simultaneous")
     start: str = choice(STARTS, default="random")
     min_start_distance: int = count(1, default=1)
-    rewards: str | Mapping[str, Rewards] | RewardFunction = declared(kept_rewards, default="goal")
-    view_radius: Radius | Mapping[str, int | None] | str = declared(kept_radius, default=None)
-    line_of_sight: Chosen | Sequence[str] | str = declared(kept_chosen, default=False)
-    unknown_maze: Chosen | Sequence[str] | str = declared(kept_chosen, default=False)
+    rewards: str | Mapping[str, Rewards] | RewardFunction = declared(check_rewards, default="goal")
+    view_radius: ViewRadius | Mapping[str, int | None] | str = declared(
+        check_view_radius, default=None
+    )
+    line_of_sight: AgentChoice | Sequence[str] | str = declared(check_agent_choice, default=False)
+    unknown_maze: AgentChoice | Sequence[str] | str = declared(check_agent_choice, default=False)
     name: str = declared(_kept_name, default="custom")
 
     def __post_init__(self) -> None:
         check_fields(self)
         self._check_that_it_can_end()
-        self._check_who_collects()
+        self._check_collectors()
         for number, maze in enumerate(self.mazes):
             self._check_maze(maze)
             check_placeable(self.apart(number, -1, self.min_start_distance, -1))
-        self._check_sight()
+        self._check_visibility()
 
     def _check_that_it_can_end(self) -> None:
         if self.num_agents == 0:
@@ -134,11 +140,11 @@ class Task:
         for role, other in (("chaser", "evader"), ("evader", "chaser")):
             if self.count(role) and not self.count(other) and not self.num_goals:
                 raise ValueError(
-                    f"num_{role}s={self.count(role)}, num_{other}s=0 and no goals: nothing can end "
-                    f"this game; give num_{other}s or num_goals"
+                    f"num_{role}s={self.count(role)}, num_{other}s=0 and no goals: the game cannot "
+                    f"terminate; give num_{other}s or num_goals"
                 )
 
-    def _check_who_collects(self) -> None:
+    def _check_collectors(self) -> None:
         if self.num_runners and not self.num_goals:
             raise ValueError(
                 f"num_runners={self.num_runners} and num_goals=0; runners collect goals: give "
@@ -154,28 +160,28 @@ class Task:
         needed = self.num_agents + self.num_goals
         if needed > maze.num_cells:
             raise ValueError(
-                f"{self.num_agents} agents and {self.num_goals} goals need {needed} cells of their "
-                f"own; maze {maze.name} has {maze.num_cells}. Take fewer, or a larger maze"
+                f"{self.num_agents} agents and {self.num_goals} goals need {needed} different "
+                f"cells; maze {maze.name} has {maze.num_cells}. Use fewer, or a larger maze"
             )
         if self.num_goals and not maze.is_connected:
             raise ValueError(
-                f"maze {maze.name} falls into {maze.num_components} parts, so a goal could be out "
-                "of reach; open a wall, or block the smaller parts with '#'"
+                f"maze {maze.name} has {maze.num_components} unconnected parts, so a goal could be "
+                "unreachable; open a wall, or block the smaller parts with '#'"
             )
 
-    def _check_sight(self) -> None:
+    def _check_visibility(self) -> None:
         if not all(limit.sees_all for limit in self._limits):
             for maze in self.mazes:
                 check_visible(maze)
 
-    def apart(self, maze: int, num_goals: int, least: int, most: int) -> Apart:
-        """How chasers and evaders are placed in the maze of that number.
+    def apart(self, maze: int, num_goals: int, least: int, most: int) -> StartConstraint:
+        """The constraint on start placements in the maze with index `maze`.
 
-        Of `num_goals` -1 is all, of `most` (and `least`, path steps) no limit.
+        `num_goals` -1 means all goals. `least` and `most` are path distances; -1 means no limit.
         """
         teams, marked = self.teams, self.start == "marks"
         goals = teams.goals if num_goals < 0 else min(teams.goals, num_goals)
-        return Apart(self.mazes[maze], teams, marked, goals if marked else 0, least, most)
+        return StartConstraint(self.mazes[maze], teams, marked, goals if marked else 0, least, most)
 
     @cached_property
     def mazes(self) -> tuple[Maze, ...]:
@@ -184,12 +190,12 @@ class Task:
 
     @cached_property
     def role_rewards(self) -> dict[str, Rewards]:
-        """The `Rewards` of every role; never changes. Those of "goal" where a function pays."""
+        """Immutable dict from role to `Rewards`; the scheme "goal" with a reward function."""
         return FrozenDict(coefficients_of(self.rewards))
 
     @cached_property
     def reward_function(self) -> RewardFunction | None:
-        """The function that pays instead of `role_rewards`, where there is one."""
+        """The custom reward function that replaces `role_rewards`, or None."""
         return function_of(self.rewards)
 
     @cached_property
@@ -200,12 +206,12 @@ class Task:
         return limits_of(self.agent_names, radius, in_line, unknown)
 
     @cached_property
-    def sight(self) -> Sight:
-        """Who sees what; the tables are made on first use."""
-        return sight_of(self.mazes, self._limits)
+    def sight(self) -> Visibility:
+        """What each agent sees; its tables are computed on first use."""
+        return visibility_of(self.mazes, self._limits)
 
     def sees(self, seat: str | int, maze_number: int = 0) -> NDArray[np.bool_]:
-        """[own cell, other cell] bool, read-only: what an agent sees from each cell of a maze.
+        """[own cell, other cell] bool, read-only: the cells visible to an agent from each cell.
 
         Raises:
             ValueError: no such agent, or no such maze.
@@ -214,7 +220,7 @@ class Task:
         return self.sight.sees(self.seat(seat), maze_number)
 
     def hides_from(self, seat: str | int) -> bool:
-        """Whether anything can be out of an agent's view; not where its view has all cells.
+        """Whether anything can be out of an agent's view; False if its view covers all cells.
 
         Raises:
             ValueError: no such agent.
@@ -235,26 +241,26 @@ class Task:
 
     @cached_property
     def max_cells(self) -> int:
-        """The cells of the largest maze."""
+        """The number of cells of the largest maze."""
         return max(maze.num_cells for maze in self.mazes)
 
     @cached_property
     def agent_names(self) -> tuple[str, ...]:
-        """`("chaser_0", ..., "evader_0", ..., "runner_0", ...)`: the name of each seat."""
+        """`("chaser_0", ..., "evader_0", ..., "runner_0", ...)`: the name of each agent."""
         return tuple(f"{role}_{i}" for role in ROLES for i in range(self.count(role)))
 
     @cached_property
     def seat_roles(self) -> tuple[str, ...]:
-        """The role of each seat."""
+        """The role of each agent."""
         return tuple(name.split("_")[0] for name in self.agent_names)
 
     def count(self, role: str) -> int:
-        """How many agents of `role` there are."""
+        """The number of agents of `role`."""
         one_of("role", role, ROLES)
         return int(getattr(self, f"num_{role}s"))
 
     def seat(self, agent: str | int) -> int:
-        """The seat of an agent given by its name, by its role (the first of it) or by number."""
+        """The index of an agent given by name, by role (the first agent of it) or by index."""
         if isinstance(agent, str):
             names = self.agent_names
             if agent in self.seat_roles:
@@ -262,30 +268,30 @@ class Task:
             if agent not in names:
                 raise ValueError(f"unknown agent {agent!r}; this task has {', '.join(names)}")
             return names.index(agent)
-        if not is_whole(agent) or not 0 <= agent < self.num_agents:
-            raise ValueError(f"seat {agent!r}; this task has seats 0 to {self.num_agents - 1}")
+        if not is_int(agent) or not 0 <= agent < self.num_agents:
+            raise ValueError(f"agent index {agent!r}; this task has 0 to {self.num_agents - 1}")
         return int(agent)
 
     @property
     def is_duel(self) -> bool:
-        """One chaser against one evader, no goals: the game that is solved exactly."""
+        """Whether there is one chaser, one evader and no goal; such games are solved exactly."""
         return tuple(self.teams) == (1, 1, 0, 0)
 
     @property
     def teams(self) -> layout.Teams:
-        """How many of each there are, as the rule book has it."""
+        """The numbers of agents and goals, as used by `pursuit.rules`."""
         return layout.Teams(self.num_chasers, self.num_evaders, self.num_runners, self.num_goals)
 
     def numbers_for_kernels(self) -> NDArray[np.int64]:
-        """As `layout.rules_of` takes them."""
+        """The argument `numbers` of `layout.rules_of`."""
         first, marks = self.move_order == "chasers_first", self.start == "marks"
         return layout.numbers_of(self.teams, self.max_steps, self.num_actions, first, marks)
 
     def rewards_for_kernels(self) -> NDArray[np.float64]:
-        """[roles, fields of `layout.Pay`] float64, as `layout.rules_of` takes them."""
-        paid = [self.role_rewards[role] for role in ROLES]
-        names = layout.Pay._fields
-        return np.array([[getattr(each, name) for name in names] for each in paid], np.float64)
+        """[roles, fields of `RewardCoefficients`] float64, the argument of `layout.rules_of`."""
+        rewards = [self.role_rewards[role] for role in ROLES]
+        names = layout.RewardCoefficients._fields
+        return np.array([[getattr(each, name) for name in names] for each in rewards], np.float64)
 
 
 def checked_task(task: Any) -> Task:
@@ -296,7 +302,7 @@ def checked_task(task: Any) -> Task:
 
 
 HEIST_REWARDS = {"evader": Rewards(step=-0.1, capture=-1.0, goal=1.0)}
-"""An evader that collects goals is in a hurry; paid for every step survived it would not be."""
+"""The step reward is negative: an evader rewarded for surviving has no reason to collect goals."""
 
 _NAMED: dict[str, Callable[[], Task]] = {
     "chase": lambda: Task(num_chasers=1, num_evaders=1, name="chase"),
@@ -312,11 +318,11 @@ TASK_NAMES = tuple(_NAMED)
 def make_task(name: str, **settings: Any) -> Task:
     """The named task ("chase", "maze", "race" or "heist") with `settings` of `Task` changed.
 
-    `max_cycles` is PettingZoo's name of `max_steps`.
+    `max_cycles`, PettingZoo's name, is accepted for `max_steps`.
 
     Raises:
-        ValueError: an unknown name, or settings that make no game.
-        TypeError: an unknown setting, as an unknown keyword is everywhere.
+        ValueError: an unknown name or invalid settings.
+        TypeError: an unknown setting.
     """
     one_of("task", name, TASK_NAMES)
     known = [field.name for field in fields(Task) if field.name != "name"]

@@ -72,7 +72,7 @@ def path_of(scratch: Any) -> Search:
 
 @inlined
 def field_of(scratch: Any) -> Search:
-    """Room for one search for all agents of a kind, from all whom they seek."""
+    """Scratch memory of one search from all cells that the agents of a kind seek."""
     return Search(scratch[FIELD_DISTANCE], scratch[FIELD_QUEUE])
 
 
@@ -153,7 +153,7 @@ def fill_greedy_table(
 
 @inlined
 def sought_by(kind: int, teams: Teams) -> Any:
-    """The numbers of whom an agent of this kind heads for, or keeps away from."""
+    """The indices of the agents or goals that an agent of this kind approaches or avoids."""
     if kind == CHASER:
         return evaders_of(teams)
     if kind == EVADER:
@@ -180,7 +180,7 @@ def list_sought(kind: int, games: Games, game: int, teams: Teams, cells: Any) ->
 def moves_away(
     world: World, maze: int, own: int, threat: int, greedy: Any, scratch: Any, settings: Any
 ) -> int:
-    """The moves of an evader whose nearest chaser stands in `threat`."""
+    """The moves of an evader; `threat` is the cell of its nearest chaser."""
     _, alert, look, stay = settings
     if has_table(world, maze):
         return np.int64(greedy[pair_index(world, maze, own, threat)])
@@ -282,7 +282,7 @@ def entry_for(kind: int) -> Any:
 
         `counts` is (chasers, evaders, runners, goals); `settings` is (epsilon, alert distance, look
         radius, stay action). An epsilon of NaN in the game means that of the settings. Captured
-        evaders choose as if they were free: it takes less time than to ask who is.
+        evaders choose as if they were free: it takes less time than to check.
 
         Whom they seek is listed once a game. A few are looked up one by one; where agents are many,
         one search spreads from all who are sought, so that agents and cells add up.

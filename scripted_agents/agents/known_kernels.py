@@ -20,7 +20,7 @@ from pursuit.rules.step import legal_moves
 __all__ = ["MOST_KNOWN", "in_rows", "team_entry_for"]
 
 MOST_PADDED = 2
-"""Of more evaders than these, chasers look at those only who are left."""
+"""With more evaders than these, chasers check only those that are left."""
 
 
 @inlined
@@ -33,7 +33,7 @@ def in_rows(position: Any, active: Any, epsilon_of: Any) -> bool:
 
 @cache
 def team_entry_for(kind: int, num_seats: int, num_sought: int) -> Any:
-    """The decisions of the agents in so many neighbouring seats, who seek so many others, or goals.
+    """The decisions of `count` agents with consecutive indices, for a constant number of targets.
 
     `kind` is CHASER, EVADER or RUNNER. As `kernels.entry_for`'s decide, with the same arguments, in
     mazes that all have tables, into neighbouring `columns`, with arrays that are `in_rows`.
@@ -64,7 +64,7 @@ def team_entry_for(kind: int, num_seats: int, num_sought: int) -> Any:
     ) -> None:
         """Fill the columns of these seats in `actions` [games, any]."""
         if not in_rows(position, active, epsilon_of):
-            return  # it is asked before: here it tells the compiler how they lie
+            return  # checked before; here it gives the compiler the layout
         default, _, _, stay_action = settings
         games = Games(position, active, event, goal, steps, maze_of)
         world = world_of(mazes, neighbors, facts, tables)

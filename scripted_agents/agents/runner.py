@@ -97,7 +97,7 @@ class TourRunner(Scripted):
         """As `NearestGoalRunner.moves`, in games of one goal.
 
         Raises:
-            ValueError: several goals: of tours that are equally short it takes the one whose goal
+            ValueError: several goals: among equally short tours it takes the one with the goal
                 has the smallest number, so that what it plays is no function of where goals are.
         """
         if task.num_goals > 1:

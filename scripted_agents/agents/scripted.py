@@ -16,7 +16,7 @@ from pursuit.rules import layout
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
-from pursuit.validation import share, truth, whole
+from pursuit.validation import check_bool, check_probability, whole
 from scripted_agents.agents import kernels, known_kernels
 
 
@@ -38,7 +38,7 @@ class Scripted:
     look_radius = 0
 
     def __init__(self, epsilon: float = 0.0) -> None:
-        self.epsilon = share("epsilon", epsilon)
+        self.epsilon = check_probability("epsilon", epsilon)
         self._scratch = _scratch_for(1)
         self._greedy: dict[tuple[int, bool], tuple[object, NDArray[np.uint8]]] = {}
 
@@ -46,9 +46,9 @@ class Scripted:
         return f"{type(self).__name__}(epsilon={self.epsilon:g})"
 
     def __init_subclass__(cls) -> None:
-        own_way = cls.act is not Scripted.act  # its own, or of whatever else it inherits
+        own_way = cls.act is not Scripted.act  # defined by this or another class
         if own_way and cls.act_together is Scripted.act_together:
-            cls.act_together = None  # type: ignore[assignment]  # nobody else knows that way
+            cls.act_together = None  # type: ignore[assignment]  # it would not use that `act`
 
     def act(self, view: GameView) -> NDArray[np.int32]:
         """[num_games] int32, an action for every game; random numbers from the seat's stream."""
@@ -61,7 +61,7 @@ class Scripted:
     ) -> None:
         """Write into `actions` [num_games, num_agents] what `act` would do in each of `seats`.
 
-        In one pass over the games, and with one look at whom they all seek.
+        In one pass over the games, in which targets are looked up once for all agents.
         """
         self._fill(view, tuple(seats), tuple(seats), actions)
 
@@ -100,7 +100,7 @@ class Scripted:
         Raises:
             ValueError: the maze has too many cells for a table.
         """
-        maze, stay_action = load_maze(maze), truth("stay_action", stay_action)
+        maze, stay_action = load_maze(maze), check_bool("stay_action", stay_action)
         if maze.num_cells > MAX_TABLE_CELLS:
             raise ValueError(
                 f"{maze.name}: {maze.num_cells} cells; tables are made up to {MAX_TABLE_CELLS}"
@@ -228,9 +228,9 @@ def number_of_moves(moves: NDArray[np.uint8]) -> NDArray[np.int64]:
 
 
 def rows_of_moves(epsilon: float, num_actions: int) -> NDArray[np.float64]:
-    """[NUM_MOVES, actions] float64: how an agent plays whose moves have that number."""
+    """[NUM_MOVES, actions] float64: the action distribution for each set of moves."""
     greedy, every = np.divmod(np.arange(NUM_MOVES), 16)
-    # An enclosed cell has no move: whoever is there stays, or bumps into the north wall.
+    # An enclosed cell has no move: its agent stays, or moves into the north wall.
     nowhere = np.eye(num_actions)[4 if num_actions == 5 else 0]
     rows = np.zeros((NUM_MOVES, num_actions))
     for weight, sets in ((1.0 - epsilon, greedy), (epsilon, every)):
@@ -269,7 +269,7 @@ def _numbers(seats: tuple[int, ...]) -> NDArray[np.int64]:
 
 
 class RandomAgent(Scripted):
-    """Uniformly random among the moves that change the cell, whatever its epsilon."""
+    """Uniformly random among the moves that change the cell, for any epsilon."""
 
     def __init__(self) -> None:
         super().__init__(epsilon=1.0)

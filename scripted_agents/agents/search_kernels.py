@@ -1,6 +1,6 @@
 """Compiled decisions of agents of limited sight: what they remember, and where they go by it.
 
-What is asked of pairs of cells lies as the distance tables do (`pair_index`): `sight` [own, other],
+Tables over pairs of cells have the layout of the distance tables: `sight` [own, other],
 whether the other cell is in view; `towards` and `away`, the moves of an A* agent as bit masks.
 """
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from pursuit.simulator.policy import GameView, Memory, check_plays
 from pursuit.tasks.task import ROLES
-from pursuit.validation import share, whole
+from pursuit.validation import check_probability, whole
 from scripted_agents.agents import kernels, search_kernels
 from scripted_agents.agents.scripted import draw_actions, greedy_moves
-from scripted_agents.agents.sights import Eyes
+from scripted_agents.agents.view_tables import ViewTables
 
 
 class LimitedAgent:
@@ -39,14 +39,14 @@ class LimitedAgent:
     def __init__(
         self, epsilon: float = 0.0, view_radius: int | None = None, line_of_sight: bool = False
     ) -> None:
-        self.epsilon = share("epsilon", epsilon)
-        self.eyes = Eyes(view_radius, line_of_sight)
+        self.epsilon = check_probability("epsilon", epsilon)
+        self.view_tables = ViewTables(view_radius, line_of_sight)
         self.memory = Memory(_remembered)
         self._moves = Memory(self._moves_of)
 
     def __repr__(self) -> str:
-        told = [f"epsilon={self.epsilon:g}", repr(self.eyes)]
-        return f"{type(self).__name__}({', '.join(filter(None, told))})"
+        settings = [f"epsilon={self.epsilon:g}", repr(self.view_tables)]
+        return f"{type(self).__name__}({', '.join(filter(None, settings))})"
 
     def begin(self, view: GameView, games: NDArray[np.intp]) -> None:
         """Forget all of these games of `view` (numbers [n] in it): their episodes begin now."""
@@ -68,7 +68,7 @@ class LimitedAgent:
             view.seat,
             tuple(view.task.teams),
             view.mazes,
-            self.eyes.table(view),
+            self.view_tables.table(view),
             self._moves.of(view)["moves"],
             view.rows,
             *kept,
@@ -85,7 +85,7 @@ class LimitedAgent:
 
 
 class SearchingChaser(LimitedAgent):
-    """Chases whom it sees, goes where it saw one last, and from there, or at first, it sweeps.
+    """Chases visible evaders, else goes to where it last saw one, else sweeps the maze.
 
     In view it heads for the nearest evader, as `AStarChaser`; out of view for the cell in which one
     was in view last. From there it sweeps: to the nearest of the cells that have been out of view
@@ -96,7 +96,7 @@ class SearchingChaser(LimitedAgent):
 
 
 class SweepingChaser(SearchingChaser):
-    """Chases whom it sees, and sweeps else: it does not remember evaders that went out of view."""
+    """Chases visible evaders, else sweeps the maze; it does not remember evaders out of view."""
 
     remembered = False
 

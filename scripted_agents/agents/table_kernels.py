@@ -56,7 +56,7 @@ def sample_table(
 
 @compiled
 def draw_together(streams: Any, steps: Any, numbers: Any) -> None:
-    """Fill `numbers` [games] with a uniform float64 in [0, 1) that all who ask in a step find.
+    """Fill `numbers` [games] with uniform float64 in [0, 1), the same for all calls in a step.
 
     A function of the state of the stream of teams, which moves on with every episode, and of the
     step; no stream moves on.

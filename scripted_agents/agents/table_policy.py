@@ -9,7 +9,7 @@ from pursuit.mazes.maze import Maze, load_maze
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
-from pursuit.validation import share, truth
+from pursuit.validation import check_bool, check_probability
 from scripted_agents.agents import table_kernels
 from scripted_agents.agents.scripted import RandomAgent
 from scripted_agents.duel.best_response import checked_table
@@ -34,7 +34,7 @@ class TablePolicy:
     def __init__(self, maze: Maze, table: ArrayLike, epsilon: float = 0.0) -> None:
         self.maze = load_maze(maze)
         self.table = checked_table(self.maze, table, "table")
-        self.epsilon = share("epsilon", epsilon)
+        self.epsilon = check_probability("epsilon", epsilon)
         self._cumulative = self.table.cumsum(axis=2).reshape(-1, self.table.shape[2])
         self._offsets = np.zeros(1, dtype=np.int64)
 
@@ -89,7 +89,7 @@ class TablePolicy:
         Raises:
             ValueError: another maze, or another number of actions.
         """
-        self._check((load_maze(maze),), truth("stay_action", stay_action))
+        self._check((load_maze(maze),), check_bool("stay_action", stay_action))
         if self.epsilon == 0.0:
             return self.table.copy()
         random = RandomAgent().action_probabilities(self.maze, stay_action)

@@ -1,4 +1,4 @@
-"""Who moves an arm without learning: at random, by inverse kinematics, or in the least steps."""
+"""Policies of the arm without learning: random, inverse kinematics, and least steps."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class RandomArm:
 class InverseKinematics:
     """Turns towards the target as the pose of the moment says, and holds still in reach of it.
 
-    `scripted_agents.arm.kernels` says what the methods do, and whose they are. Where a method finds
+    `scripted_agents.arm.kernels` describes the methods and their sources. Where a method finds
     no way, as when a straight arm points at the target, the arm is bent for a step.
 
     Args:
@@ -77,7 +77,7 @@ class InverseKinematics:
         return actions
 
 
-class Aims(NamedTuple):
+class ArmGoals(NamedTuple):
     """What arms are to reach, and how: [games, 2], [games], [games], [games]; `max_turn` is the
     radians of a whole action."""
 
@@ -96,7 +96,7 @@ class Planned(ABC):
     """
 
     def __init__(self) -> None:
-        self._aims: Aims | None = None
+        self._aims: ArmGoals | None = None
         self._angles: NDArray[np.float64] = np.zeros((0, 0))
         self._actions: NDArray[np.float64] = np.zeros((0, 0))
         self._left: NDArray[np.float64] = np.zeros(0)
@@ -104,15 +104,15 @@ class Planned(ABC):
     def act(self, view: ArmView) -> NDArray[np.float64]:
         """[num_games, joints] float64 in [-1, 1]."""
         turn = np.full(view.num_games, view.task.max_turn)
-        aims = Aims(view.targets, view.tolerance, view.free_joints, turn)
+        aims = ArmGoals(view.targets, view.tolerance, view.free_joints, turn)
         if self._aims is None or self._angles.shape != view.angles.shape:
-            self._aims = Aims(*(np.zeros_like(array) for array in aims))
+            self._aims = ArmGoals(*(np.zeros_like(array) for array in aims))
             self._angles, self._actions = np.zeros((2, *view.angles.shape))
             self._left = np.zeros(view.num_games)
         pairs: list[tuple[NDArray[Any], NDArray[Any]]] = list(zip(aims, self._aims, strict=True))
         off = (view.angles - self._angles + np.pi) % (2.0 * np.pi) - np.pi
         new = (view.steps == 0) | (np.abs(off) > AS_PLANNED).any(axis=1)
-        # Who did only nearly as planned may stand a hair out of reach when the plan is over.
+        # Rounding can leave the tip just out of reach at the end of a plan.
         away = np.hypot(*(view.ends[:, -1] - view.targets).T)
         new |= (self._left <= 0.0) & (away > view.tolerance)
         for array, planned in pairs:
@@ -121,7 +121,7 @@ class Planned(ABC):
             for array, planned in pairs:
                 planned[new] = array[new]
             self._angles[new] = view.angles[new]
-            given = Aims(*(array[new] for array in aims))
+            given = ArmGoals(*(array[new] for array in aims))
             self._actions[new], self._left[new] = self.plan(view.angles[new], given)
         part = np.minimum(self._left, 1.0)
         actions: NDArray[np.float64] = part[:, None] * self._actions
@@ -131,7 +131,7 @@ class Planned(ABC):
 
     @abstractmethod
     def plan(
-        self, angles: NDArray[np.float64], aims: Aims
+        self, angles: NDArray[np.float64], aims: ArmGoals
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """[games, joints] float64 actions in [-1, 1] from these angles [games, joints], and [games]
         float64, how many steps of them."""
@@ -158,7 +158,7 @@ class LeastStepsPolicy(Planned):
         return f"LeastStepsPolicy(budget={self.budget})"
 
     def plan(
-        self, angles: NDArray[np.float64], aims: Aims
+        self, angles: NDArray[np.float64], aims: ArmGoals
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """As `Planned.plan`: equal moves."""
         targets, tolerance, free_joints, (max_turn, *_) = aims
@@ -195,7 +195,7 @@ class ThesisInverseKinematics(Planned):
         return f"ThesisInverseKinematics({self.precision:g}, {self.iterations})"
 
     def plan(
-        self, angles: NDArray[np.float64], aims: Aims
+        self, angles: NDArray[np.float64], aims: ArmGoals
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """As `Planned.plan`: the largest action is 1."""
         goals, room = angles.copy(), np.empty_like(angles)

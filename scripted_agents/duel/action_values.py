@@ -26,7 +26,7 @@ class ActionValues:
     """The exact values of a duel for one side, by its own cell and the other's.
 
     Attributes:
-        role: "chaser" or "evader", whose values these are.
+        role: "chaser" or "evader", the role of these values.
         steps: [own cell, other cell, action] float64, expected steps until capture after that
             action, itself counted, when all that follows is best; cut at the horizon.
         values: [own cell, other cell] float64, of the best action; 0 on the diagonal.

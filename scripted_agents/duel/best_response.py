@@ -18,7 +18,7 @@ from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.memory import check_memory
 from pursuit.observations.masks import bump_masks
 from pursuit.rules.captures import Duel
-from pursuit.validation import as_array, number, truth, whole
+from pursuit.validation import as_array, check_bool, number, whole
 from scripted_agents.duel.pair_kernels import (
     choose,
     evaluate,
@@ -54,7 +54,7 @@ class BestResponse:
     """What `best_response` found.
 
     Attributes:
-        role: "chaser" or "evader", whose best response this is.
+        role: "chaser" or "evader", the role of the best response.
         values: [chaser cell, evader cell] float64, the expected number of steps until capture (the
             capturing step included), cut at the horizon; 0 on the diagonal. With a discount the
             step t = 0, 1, ... counts discount**t.
@@ -78,7 +78,7 @@ class BestResponse:
     def policy(self) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64, `actions` as a table of probabilities 0 and 1.
 
-        It is optimal for ever where `horizon` is None, and for the first step otherwise.
+        It is optimal at every step if `horizon` is None, else at the first step.
         """
         return np.eye(self.num_actions)[self.actions]
 
@@ -118,13 +118,13 @@ def best_response(
     Raises:
         ValueError: an argument outside these limits; a table of a wrong shape, or with a row that
             is no distribution; a stationary problem without discount in which capture can be
-            avoided for ever, or is so rare that value iteration does not end.
+            avoided forever, or is so rare that value iteration does not end.
     """
     if role not in ("chaser", "evader"):
         raise ValueError(f"role {role!r}; the roles here are 'chaser' and 'evader'")
     maze = load_maze(maze)
     if stay_action is not None:
-        truth("stay_action", stay_action)
+        check_bool("stay_action", stay_action)
     _check_settings(maze, horizon, discount, move_order)
     table = checked_table(maze, opponent_table, "opponent_table")
     num_actions = table.shape[2] if stay_action is None else 4 + bool(stay_action)
@@ -285,7 +285,7 @@ def _check_capture(
     """Raise unless the expected time until capture is finite from every pair of cells.
 
     In a finite chain it is, exactly if capture can be reached from every pair: by some own move
-    at each pair for a minimiser, whatever the own moves for a maximiser.
+    at each pair for a minimiser, any own moves for a maximiser.
     """
     captured = np.eye(maze.num_cells, dtype=bool)
     spots, _ = _grid(maze)
@@ -294,7 +294,7 @@ def _check_capture(
     if not captured.all():
         own_cell, other_cell = np.argwhere(~captured)[0].tolist()
         raise ValueError(
-            f"{maze.name}: capture can be avoided for ever, so the expected number of steps is "
+            f"{maze.name}: capture can be avoided forever, so the expected number of steps is "
             f"infinite (first from the cells {own_cell} and {other_cell}); give a horizon, or a "
             "discount below 1"
         )
@@ -329,8 +329,8 @@ def _own_moves(
     """Neighbors [cells, 5] of an own player that may do what is `allowed` [cells, actions], and
     [cells, 5] which allowed action each action is.
 
-    One that is not allowed becomes the first that is. So the kernels need no mask: where nobody
-    can run into a wall, nobody can stand still by it.
+    One that is not allowed becomes the first that is. So the kernels need no mask: an agent that
+    cannot move into walls cannot wait by such a move.
     """
     kept = np.concatenate([allowed, np.ones((len(allowed), 5), dtype=bool)], axis=1)[:, :5]
     instead = np.where(kept, np.arange(5), kept.argmax(axis=1)[:, None])

@@ -91,7 +91,7 @@ def look_ahead(
     """Fill after[slot] with the mean of `values` after that own move, over the other's moves.
 
     Capture counts 0, and an own slot that does not exist infinity. The values of two in one cell
-    are 0; other captures are of neighbors only, whose means are then taken one by one.
+    are 0; other captures are of neighbors only; their means are computed one by one.
     """
     grid = chances.shape[2]
     north, south = chances[own, 0], chances[own, 1]
@@ -226,7 +226,7 @@ def choose(
 ) -> None:
     """Fill actions[own cell, other cell] with the first best action, moves before standing.
 
-    One stands still by the stay action, or else by the first action that runs into a wall.
+    Waiting is the stay action or, without it, the first action that moves into a wall.
     """
     after = np.empty((5, chances.shape[2]))
     for own in range(spots.shape[0]):

@@ -1,4 +1,4 @@
-"""Who does better in duels, exactly: the comparisons that ratings are made of, without games."""
+"""Exact win probabilities in duels, for ratings without sampled games."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def duel_wins(
 
     Two players do the same thing apart: each plays a game of its own from one start against one
     opponent. The chaser that captures sooner has won, and the evader that is captured later; ties
-    count half, and who is free at the horizon ties with who is captured in the last step. Mean over
+    count half, and an escape until the horizon ties with a capture in the last step. Mean over
     all starts and all opponents: what the share of comparisons of `pursuit league` tends to.
 
     Args:

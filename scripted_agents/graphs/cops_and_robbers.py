@@ -1,4 +1,4 @@
-"""The chase in turns, solved by retrograde analysis: who wins from where, and the cop number.
+"""The turn-based chase, solved by retrograde analysis: winning positions and the cop number.
 
 The chasers see the evader and move all at once, then the evader sees them and moves, and so on:
 the game of cops and robbers (Nowakowski and Winkler, 1983; Aigner and Fromme, 1984).
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.memory import check_memory
-from pursuit.validation import truth, whole
+from pursuit.validation import check_bool, whole
 from scripted_agents.graphs.turn_kernels import extend, join, trap
 
 MAX_BYTES = 4 * 10**9
@@ -23,7 +23,7 @@ MAX_BYTES = 4 * 10**9
 Report = Callable[[float, int], None]
 
 NEVER = 65535
-"""Capture time where the evader escapes for ever."""
+"""Capture time if the evader is never captured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,15 +64,15 @@ def solve_in_turns(
     Args:
         maze: where it is played.
         num_chasers: 1 or more.
-        stay_action: whether everybody may stay; as in the literature. Without it only a move into a
+        stay_action: whether agents may stay, as in the literature. Without it only a move into a
             wall is a way to stay.
-        report: told after every sweep the share of all places that the chasers are known to win,
+        report: called after every sweep with the fraction of positions known to be won by chasers,
             and how many they are.
 
     Raises:
         ValueError: no chaser, or a game that does not fit into MAX_BYTES.
     """
-    maze, stay_action = load_maze(maze), truth("stay_action", stay_action)
+    maze, stay_action = load_maze(maze), check_bool("stay_action", stay_action)
     whole("num_chasers", num_chasers, 1)
     size, width = maze.num_cells, maze.width
     words = -(-maze.height * width // 64)

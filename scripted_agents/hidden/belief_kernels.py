@@ -1,6 +1,6 @@
 """Compiled Bayes filter over the cell of one opponent that is not always seen.
 
-Every game is filtered by itself, so that it does not depend on its batch. What is asked of pairs of
+Every game is filtered by itself, so that it does not depend on its batch. Tables over pairs of
 cells lies as the distance tables do (`pair_index`): `sight` uint8 [own, other], and `chances`
 float64 [other, own, action] (the opponent's own cell first).
 """
@@ -19,12 +19,19 @@ from pursuit.rules.layout import Games, World, world_of
 
 @inlined
 def predict(
-    world: World, maze: int, before: int, now: int, chances: Any, duel: Duel, belief: Any, room: Any
+    world: World,
+    maze: int,
+    before: int,
+    now: int,
+    chances: Any,
+    duel: Duel,
+    belief: Any,
+    workspace: Any,
 ) -> None:
     """Carry a belief one step on by the opponent's chances, to games without a capture."""
     size, first = world.num_cells[maze], world.first_cell[maze]
     for cell in range(size):
-        room[cell] = 0.0
+        workspace[cell] = 0.0
     for cell in range(size):
         if belief[cell] == 0.0:
             continue
@@ -32,13 +39,13 @@ def predict(
         for action in range(chances.shape[1]):
             after = world.neighbors[first + cell, action]
             if not ends_duel(duel, before, now, cell, after):
-                room[after] += belief[cell] * chances[pair, action]
+                workspace[after] += belief[cell] * chances[pair, action]
     for cell in range(size):
-        belief[cell] = room[cell]
+        belief[cell] = workspace[cell]
 
 
 @inlined
-def see_nobody(world: World, maze: int, own: int, sight: Any, belief: Any) -> bool:
+def hide_opponents(world: World, maze: int, own: int, sight: Any, belief: Any) -> bool:
     """Take what is in view out of a belief, and norm it; False where nothing is left of it."""
     total = 0.0
     for cell in range(world.num_cells[maze]):
@@ -65,14 +72,14 @@ def update_beliefs(
     belief: Any,
     known_at: Any,
     before: Any,
-    room: Any,
+    workspace: Any,
 ) -> None:
-    """Bring the beliefs of all games to what is in view now.
+    """Update the beliefs of all games by what is in view now.
 
-    `settings` is (own chases, chasers first, least distance of a start). `rows` [games] are the
-    games' rows of what is remembered: `belief` [all games, cells] float64, the step `known_at`
-    which it held (-1: nothing is known) and the own cell `before`, both [all games] int32. `room`
-    is float64 [cells].
+    `settings` is (own role chases, chasers first, minimum start distance). `rows` [games] are the
+    rows of the games in the agent's memory: `belief` [all games, cells] float64, the step
+    `known_at` of that belief (-1: none), and the own cell `before`, both [all games] int32.
+    `workspace` is float64 [cells].
     """
     own_chases, chasers_first, least = settings
     duel = Duel(own_chases, chasers_first)
@@ -90,37 +97,37 @@ def update_beliefs(
             mine[theirs] = 1.0
         elif known_at[row] < 0 or known_at[row] != games.steps[game]:
             if known_at[row] >= 0 and known_at[row] == games.steps[game] - 1:
-                predict(world, maze, np.int64(before[row]), own, chances, duel, mine, room)
+                predict(world, maze, np.int64(before[row]), own, chances, duel, mine, workspace)
             else:
                 for cell in range(size):
                     far = table_distance(world, maze, own, cell) >= least
                     mine[cell] = 1.0 if far else 0.0
-            if not see_nobody(world, maze, own, sight, mine):
+            if not hide_opponents(world, maze, own, sight, mine):
                 # The opponent does what it should not: it may be anywhere out of view.
                 for cell in range(size):
                     mine[cell] = 1.0
-                see_nobody(world, maze, own, sight, mine)
+                hide_opponents(world, maze, own, sight, mine)
         known_at[row] = games.steps[game]
         before[row] = own
 
 
 @summing
 def least_expected(
-    first: Any, sizes: Any, belief: Any, worth: Any, most: float, room: Any, masks: Any
+    first: Any, sizes: Any, belief: Any, worth: Any, most: float, workspace: Any, masks: Any
 ) -> None:
-    """Fill `masks` [games] with the actions that are worth least under `belief` [games, cells].
+    """Fill `masks` [games] with the actions of least expected value under `belief` [games, cells].
 
-    `worth` is [actions, pairs], `first` [games] the pair of the own cell and cell 0, `sizes`
-    [games] how many cells the maze has, and `room` [actions]. What is worth up to `most` times the
-    least is as good.
+    `worth` is [actions, pairs], `first` [games] the index of the pair (own cell, cell 0), `sizes`
+    [games] the number of cells of the maze, and `workspace` is [actions]. Actions within the factor
+    `most` of the least count as equal.
     """
     for game in range(masks.shape[0]):
         least, mask = np.inf, 0
-        for action in range(room.shape[0]):
+        for action in range(workspace.shape[0]):
             total = 0.0
             for cell in range(sizes[game]):
                 total += belief[game, cell] * worth[action, first[game] + cell]
-            room[action], least = total, min(least, total)
-        for action in range(room.shape[0]):
-            mask |= (room[action] <= most * least) << action
+            workspace[action], least = total, min(least, total)
+        for action in range(workspace.shape[0]):
+            mask |= (workspace[action] <= most * least) << action
         masks[game] = mask

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.simulator.policy import GameView, Memory, TabularPolicy, check_plays, role_of
 from pursuit.tasks.task import Task
-from pursuit.validation import number, one_of, share
+from pursuit.validation import check_probability, number, one_of
 from scripted_agents.agents.scripted import AStarEvader, draw_actions
-from scripted_agents.agents.sights import Eyes
+from scripted_agents.agents.view_tables import ViewTables
 from scripted_agents.duel.action_values import worth_of_actions
 from scripted_agents.duel.best_response import MoveOrder, best_response, checked_table
 from scripted_agents.hidden import belief_kernels
@@ -35,13 +35,13 @@ class BeliefFilter:
 
     At the start the opponent is believed in every cell out of view that is far enough away by the
     task's `min_start_distance`, all equally likely. Each step carries the belief on by the table of
-    the opponent, which knows one's own cell, given that nobody was captured; then the opponent is
+    the opponent, which knows the own cell, given no capture; then the opponent is
     in view, or all cells in view are taken out. Where nothing is left (it does what it should not
     do), it may be in any cell out of view. Smallwood and Sondik (1973).
 
     Args:
-        opponent: a policy that is a table: whom the filter takes the other side for.
-        view_radius, line_of_sight: as of `Eyes`; the task's where left out.
+        opponent: a table policy, the opponent model of the filter.
+        view_radius, line_of_sight: as of `ViewTables`; the task's where left out.
 
     Raises:
         ValueError: an opponent that is no table, or a sight outside its limits.
@@ -58,7 +58,7 @@ class BeliefFilter:
                 f"opponent={opponent!r} has no action_probabilities; a belief is carried on by the "
                 "table of an opponent, such as AStarEvader(epsilon=0.2)"
             )
-        self.opponent, self.eyes = opponent, Eyes(view_radius, line_of_sight)
+        self.opponent, self.view_tables = opponent, ViewTables(view_radius, line_of_sight)
         self.memory = Memory(_nothing_known)
         self._laid = Memory(self._lay_out)
 
@@ -73,7 +73,7 @@ class BeliefFilter:
 
         Returns:
             [batch, cells of the largest maze] float64, where `rows` [games] sum to 1: how likely
-            the opponent stands in each cell; and `rows` themselves.
+            the opponent is in each cell; and `rows` themselves.
 
         Raises:
             ValueError: games that are no duels, or in mazes too large for tables.
@@ -86,7 +86,7 @@ class BeliefFilter:
             view.seat,
             1 - view.seat,
             view.mazes,
-            self.eyes.table(view),
+            self.view_tables.table(view),
             self._laid.of(view)["chances"],
             (role == "chaser", task.move_order == "chasers_first", task.min_start_distance),
             rows,
@@ -121,7 +121,7 @@ class BeliefAgent(ABC):
     role = ""
 
     def __init__(self, beliefs: BeliefFilter, epsilon: float) -> None:
-        self.filter, self.epsilon = beliefs, share("epsilon", epsilon)
+        self.filter, self.epsilon = beliefs, check_probability("epsilon", epsilon)
 
     @property
     def memory(self) -> Memory:
@@ -159,7 +159,7 @@ class BeliefChaser(BeliefAgent):
     the optimum of limited sight (a partially observed Markov decision process) gains.
 
     Args:
-        opponent: whom it takes the evader for: a policy that is a table.
+        opponent: a table policy, the model of the evader.
         response: "expected" takes the action of least expected value under the belief (QMDP;
             Littman, Cassandra and Kaelbling, 1995); "most_likely" answers the most likely cell by
             the best response. Of equally good actions, and of those against cells that are equally
@@ -196,8 +196,13 @@ class BeliefChaser(BeliefAgent):
 
     def __repr__(self) -> str:
         epsilon = f"epsilon={self.epsilon:g}" if self.epsilon else ""
-        told = [repr(self.filter.opponent), repr(self.response), repr(self.filter.eyes), epsilon]
-        return f"{type(self).__name__}({', '.join(filter(None, told))})"
+        settings = [
+            repr(self.filter.opponent),
+            repr(self.response),
+            repr(self.filter.view_tables),
+            epsilon,
+        ]
+        return f"{type(self).__name__}({', '.join(filter(None, settings))})"
 
     def _moves(self, view: GameView, belief: NDArray[np.float64]) -> NDArray[np.uint8]:
         kept, world, maze = self._worth.of(view), view.mazes.world, view.games.maze
@@ -208,9 +213,9 @@ class BeliefChaser(BeliefAgent):
             most = belief.max(axis=1, keepdims=True)
             likely = (belief > 0.0) & (belief >= most * (1.0 - EQUALLY_LIKELY))
             return np.bitwise_or.reduce(np.where(likely, kept["best"][pairs], 0), axis=1)
-        masks, room = np.empty(view.num_games, dtype=np.uint8), np.empty(view.task.num_actions)
+        masks, workspace = np.empty(view.num_games, dtype=np.uint8), np.empty(view.task.num_actions)
         sizes, most = world.num_cells[maze], 1.0 + EQUALLY_GOOD
-        belief_kernels.least_expected(first, sizes, belief, kept["worth"], most, room, masks)
+        belief_kernels.least_expected(first, sizes, belief, kept["worth"], most, workspace, masks)
         return masks
 
     def _worth_of(self, view: GameView) -> dict[str, NDArray[Any]]:
@@ -248,7 +253,7 @@ def _nothing_known(view: GameView) -> dict[str, NDArray[Any]]:
 
 def why_no_belief(task: Task) -> str | None:
     """Why no belief of an opponent is kept in a task; None where one is."""
-    return None if task.is_duel else "one chaser, one evader and no goals are asked for"
+    return None if task.is_duel else "one chaser, one evader and no goals are needed"
 
 
 def check_duel(task: Task, what: str) -> None:

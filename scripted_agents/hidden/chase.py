@@ -1,4 +1,4 @@
-"""The chase under limited sight: a proven interval of the optimum, and who plays its far end.
+"""The chase with a limited view: a proven interval of the optimum, and a policy that attains it.
 
 The chase of one against one, in which the opponent plays a table and sees everything, while the
 responder sees the opponent only in cells that are visible from its own.
@@ -16,9 +16,9 @@ from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.simulator.policy import GameView
 from scripted_agents.duel.best_response import MoveOrder, checked_table
 from scripted_agents.hidden.beliefs import BeliefAgent, BeliefFilter
-from scripted_agents.hidden.game import Role, SightRules, hidden_chase
+from scripted_agents.hidden.game import Role, VisibilityRules, hidden_chase
 from scripted_agents.hidden.kernels import choose_actions
-from scripted_agents.hidden.layout import room_for
+from scripted_agents.hidden.layout import workspace_for
 from scripted_agents.hidden.search import DEFAULT_MEMORY, HiddenSearch, Report
 
 
@@ -31,18 +31,18 @@ class HiddenChaseSolution:
 
     Attributes:
         maze, rules: what is played; `rules.view_radius` and so on.
-        opponent_table: [self cell, other cell, action] float64, whom it is played against.
+        opponent_table: [self cell, other cell, action] float64, the opponent.
         search: the bounds; its costs are the responder's, so an evader's are negative.
     """
 
     maze: Maze
-    rules: SightRules
+    rules: VisibilityRules
     opponent_table: NDArray[np.float64] = field(repr=False)
     search: HiddenSearch = field(repr=False)
 
     @property
     def role(self) -> Role:
-        """Whose optimum this is."""
+        """The role of the responder."""
         return self.rules.role
 
     @property
@@ -75,7 +75,7 @@ class HiddenChaseSolution:
 
         Args:
             own_cell: the responder's cell.
-            belief: [cells], the chances of the opponent's cell; whoever stands in the own cell is
+            belief: [cells], probabilities of the opponent's cell; an opponent in the own cell is
                 caught.
 
         Raises:
@@ -86,7 +86,7 @@ class HiddenChaseSolution:
 
     @cached_property
     def policy(self) -> BeliefOptimal:
-        """Whoever plays the proven end: a chaser at most `upper`, an evader at least `lower`.
+        """A policy with the proven bound: a chaser at most `upper`, an evader at least `lower`.
 
         It is made of what was known when it was asked for first.
         """
@@ -136,7 +136,7 @@ def solve_hidden_chase(
         move_order: as in `Task`.
         min_start_distance: least path distance at the start, as in `Task`.
         memory: bytes that the bounds take at most; when they are full, what says least is dropped.
-        report: told the seconds, and both bounds of the responder's costs, as it goes on.
+        report: called regularly with the seconds and both bounds of the responder's costs.
 
     Raises:
         ValueError: an argument outside these limits, or a table of a wrong shape or with a row that
@@ -146,7 +146,7 @@ def solve_hidden_chase(
     if maze.num_cells > MAX_TABLE_CELLS:
         raise ValueError(f"{maze.name}: {maze.num_cells} cells; at most {MAX_TABLE_CELLS}")
     table = checked_table(maze, opponent_table, "opponent_table")
-    rules = SightRules(
+    rules = VisibilityRules(
         role,
         view_radius,
         line_of_sight,
@@ -162,11 +162,11 @@ def solve_hidden_chase(
     return solution
 
 
-# -- who plays it ----------------------------------------------------------------------------------
+# -- the policy ------------------------------------------------------------------------------------
 
 
 class OpponentTable:
-    """A policy that is this table, whatever the task."""
+    """A policy that is this table, in any task."""
 
     def __init__(self, table: NDArray[np.float64]) -> None:
         self.table = table
@@ -202,7 +202,7 @@ class BeliefOptimal(BeliefAgent):
         super().__init__(BeliefFilter(opponent, rules.view_radius, rules.line_of_sight), epsilon)
         self.maze, self._rules, self._visible = solution.maze, rules, search.game.visible
         self._model, self._plans = search.model, search.plans()
-        self._room = room_for(self._model, 0, self._plans.action.shape[1], 0)
+        self._room = workspace_for(self._model, 0, self._plans.action.shape[1], 0)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._rules}, epsilon={self.epsilon:g})"

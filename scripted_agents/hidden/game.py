@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.memory import check_memory
 from pursuit.rules import captured
-from pursuit.tasks.sight import visible_cells
 from pursuit.tasks.task import MOVE_ORDERS
+from pursuit.tasks.visibility import visible_cells
 from pursuit.validation import (
     as_array,
     check_fields,
@@ -40,7 +40,7 @@ def _radius(name: str, value: Any) -> int | None:
 
 
 @dataclass(frozen=True)
-class SightRules:
+class VisibilityRules:
     """What a hidden chase is played by, but for the maze and the opponent.
 
     Raises:
@@ -65,7 +65,7 @@ class SightRules:
 
 @dataclass(frozen=True, eq=False)
 class HiddenCell:
-    """A game of one player, *own*, who knows its own cell; the other cell moves by chance.
+    """A game of one player, *own*, which knows its own cell; the other cell moves by chance.
 
     At every step own takes an action, which leads to a next own cell for sure, and the other cell
     moves, with chances that depend on both cells and on the action. Then own sees the other cell if
@@ -200,7 +200,9 @@ def model_of(game: HiddenCell) -> Model:
     return Model(game.next_own, useful, *arrays, slots, cells, sizes, float(game.discount))
 
 
-def hidden_chase(maze: Maze, opponent_table: NDArray[np.float64], rules: SightRules) -> HiddenCell:
+def hidden_chase(
+    maze: Maze, opponent_table: NDArray[np.float64], rules: VisibilityRules
+) -> HiddenCell:
     """A chase as the player of one role meets it, the other playing a table; a step costs 1.
 
     Of an evader it costs -1. The starts are all ordered pairs of cells that are at least
@@ -222,7 +224,7 @@ def hidden_chase(maze: Maze, opponent_table: NDArray[np.float64], rules: SightRu
         "use a smaller maze, or see less",
     )
     own = moves[:, :num_actions].astype(np.int32)
-    # Of the other: four moves, and standing still in whatever way.
+    # Actions of the other: four moves, and waiting (by stay or a wall).
     still = moves[:, :4] == np.arange(size)[:, None]
     table = opponent_table / np.where(
         np.eye(size)[..., None] > 0, 1.0, opponent_table.sum(axis=2)[..., None]

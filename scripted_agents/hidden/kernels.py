@@ -1,7 +1,7 @@
 """Compiled kernels of `HiddenCell`: bounds of games in which one cell is hidden, and their search.
 
 *Own* knows its own cell; the other cell is hidden, but in cells that are seen from the own one it
-is known. So whoever plays stands in a cell with a *belief*: weights over the hidden cells. The cost
+is known. So the player has a cell and a *belief*: weights over the hidden cells. The cost
 of a belief is the least expected one; it is a concave function of the weights, and of degree 1 in
 them, so beliefs need not sum to 1, and a belief costs at least as much as its parts.
 
@@ -38,13 +38,13 @@ LEAST_GAIN = 1e-3
 
 
 @subroutine
-def lower_at(lower: Any, own: int, size: int, weights: Any, room: Any, skip: int) -> Any:
+def lower_at(lower: Any, own: int, size: int, weights: Any, workspace: Any, skip: int) -> Any:
     """A lower bound of the cost of these weights by slot; the point `skip` is left out.
 
     The weights hold so much of a point, left in room.ratio, and the rest costs its informed bound
     at least. (Sawtooth: Hauskrecht, 2000; there the rest costs what its single cells do.)
     """
-    count, ratio, least = lower.count[own], room.ratio, room.least
+    count, ratio, least = lower.count[own], workspace.ratio, workspace.least
     for i in range(count):
         ratio[i], least[i] = 1e300, 1e300
     for slot in range(size):
@@ -69,9 +69,9 @@ def lower_at(lower: Any, own: int, size: int, weights: Any, room: Any, skip: int
 
 
 @subroutine
-def upper_at(upper: Any, own: int, size: int, weights: Any, room: Any) -> Any:
+def upper_at(upper: Any, own: int, size: int, weights: Any, workspace: Any) -> Any:
     """The best plan for these weights by slot; its cost is left in room.product."""
-    count, product = upper.count[own], room.product
+    count, product = upper.count[own], workspace.product
     for j in range(count):
         product[j] = 0.0
     for slot in range(size):
@@ -87,13 +87,13 @@ def upper_at(upper: Any, own: int, size: int, weights: Any, room: Any) -> Any:
 
 
 @subroutine
-def upper_after(model: Any, upper: Any, room: Any, own: int, action: int, belief: Any) -> Any:
+def upper_after(model: Any, upper: Any, workspace: Any, own: int, action: int, belief: Any) -> Any:
     """The upper bound of a belief [hidden] with this action first.
 
-    Leaves where the other may be then in room.arrived and room.after, and what was paid for the
+    Leaves where the other may be then in room.arrived and room.after, and the cost of the
     step in room.cost.
     """
-    arrived, after = room.arrived[action], room.after[action]
+    arrived, after = workspace.arrived[action], workspace.after[action]
     mine, cost, up = model.next_own[own, action], 0.0, 0.0
     arrived[:] = 0.0
     after[:] = 0.0
@@ -111,43 +111,51 @@ def upper_after(model: Any, upper: Any, room: Any, own: int, action: int, belief
                     after[slot] += chance
     for cell in range(belief.shape[0]):
         up += arrived[cell] * upper.seen[mine, cell]
-    room.cost[action], room.plan[action], room.hidden_up[action] = cost, 0, 0.0
+    workspace.cost[action], workspace.plan[action], workspace.hidden_up[action] = cost, 0, 0.0
     if after.sum() > 0.0:
-        plan = upper_at(upper, mine, model.sizes[mine], after, room)
-        room.plan[action], room.hidden_up[action] = plan, room.product[plan]
-    return cost + model.discount * (up + room.hidden_up[action])
+        plan = upper_at(upper, mine, model.sizes[mine], after, workspace)
+        workspace.plan[action], workspace.hidden_up[action] = plan, workspace.product[plan]
+    return cost + model.discount * (up + workspace.hidden_up[action])
 
 
 @subroutine
-def look(model: Any, lower: Any, upper: Any, room: Any, own: int, belief: Any) -> None:
+def look(model: Any, lower: Any, upper: Any, workspace: Any, own: int, belief: Any) -> None:
     """Look one step ahead from a belief [hidden]: both bounds of every useful action."""
     for action in range(model.next_own.shape[1]):
-        room.low[action], room.up[action] = 1e300, 1e300
+        workspace.low[action], workspace.up[action] = 1e300, 1e300
         if not model.useful[own, action]:
             continue
-        room.up[action] = upper_after(model, upper, room, own, action, belief)
-        mine, arrived, after = model.next_own[own, action], room.arrived[action], room.after[action]
+        workspace.up[action] = upper_after(model, upper, workspace, own, action, belief)
+        mine, arrived, after = (
+            model.next_own[own, action],
+            workspace.arrived[action],
+            workspace.after[action],
+        )
         low = hidden = 0.0
         for cell in range(belief.shape[0]):
             low += arrived[cell] * lower.seen[mine, cell]
         if after.sum() > 0.0:
-            hidden = lower_at(lower, mine, model.sizes[mine], after, room, NONE)
-        room.hidden_low[action] = hidden
-        room.low[action] = room.cost[action] + model.discount * (low + hidden)
+            hidden = lower_at(lower, mine, model.sizes[mine], after, workspace, NONE)
+        workspace.hidden_low[action] = hidden
+        workspace.low[action] = workspace.cost[action] + model.discount * (low + hidden)
 
 
 @compiled
-def choose_actions(model: Any, upper: Any, room: Any, own: Any, beliefs: Any, moves: Any) -> None:
+def choose_actions(
+    model: Any, upper: Any, workspace: Any, own: Any, beliefs: Any, moves: Any
+) -> None:
     """Fill `moves` [games] with the bit of the action of the least upper bound one step ahead.
 
     That is the first of them where several are; own [games] and beliefs [games, hidden].
     """
     for game in range(len(own)):
         for action in range(model.next_own.shape[1]):
-            room.up[action] = 1e300
+            workspace.up[action] = 1e300
             if model.useful[own[game], action]:
-                room.up[action] = upper_after(model, upper, room, own[game], action, beliefs[game])
-        moves[game] = 1 << least_of(room.up)
+                workspace.up[action] = upper_after(
+                    model, upper, workspace, own[game], action, beliefs[game]
+                )
+        moves[game] = 1 << least_of(workspace.up)
 
 
 @subroutine
@@ -176,14 +184,14 @@ def plan_cost(model: Any, upper: Any, own: int, cell: int, action: int, follow: 
 
 
 @subroutine
-def add_point(model: Any, lower: Any, room: Any, own: int, value: float, gain: float) -> None:
+def add_point(model: Any, lower: Any, workspace: Any, own: int, value: float, gain: float) -> None:
     """Note that the belief in room.rest costs at least `value`, if that is news by `gain`."""
-    size, weights, index = model.sizes[own], room.rest, lower.count[own]
-    known = lower_at(lower, own, size, weights, room, NONE)
+    size, weights, index = model.sizes[own], workspace.rest, lower.count[own]
+    known = lower_at(lower, own, size, weights, workspace, NONE)
     if value <= known + gain:
         return
     for i in range(lower.count[own]):  # a ratio of 1 is the same belief
-        if room.ratio[i] > 1.0 - SAME:
+        if workspace.ratio[i] > 1.0 - SAME:
             index = i
             break
     if index == lower.value.shape[1]:
@@ -203,14 +211,14 @@ def add_point(model: Any, lower: Any, room: Any, own: int, value: float, gain: f
 
 
 @subroutine
-def add_plan(model: Any, upper: Any, room: Any, own: int, action: int, gain: float) -> None:
+def add_plan(model: Any, upper: Any, workspace: Any, own: int, action: int, gain: float) -> None:
     """Note the plan that `look` found to begin with `action`, if it costs the belief in room.rest
     less by `gain`."""
-    size, index, follow = model.sizes[own], upper.count[own], room.plan[action]
+    size, index, follow = model.sizes[own], upper.count[own], workspace.plan[action]
     if index == upper.action.shape[1]:
         return
-    best = upper_at(upper, own, size, room.rest, room)
-    if room.up[action] >= room.product[best] - gain:
+    best = upper_at(upper, own, size, workspace.rest, workspace)
+    if workspace.up[action] >= workspace.product[best] - gain:
         return
     for slot in range(size):
         cell = model.cells[own, slot]
@@ -220,34 +228,40 @@ def add_plan(model: Any, upper: Any, room: Any, own: int, action: int, gain: flo
 
 
 @subroutine
-def update(model: Any, lower: Any, upper: Any, room: Any, own: int, seen: int, belief: Any) -> None:
+def update(
+    model: Any, lower: Any, upper: Any, workspace: Any, own: int, seen: int, belief: Any
+) -> None:
     """Improve both bounds from what `look` found, where the other is seen in the cell `seen`, or at
     a belief out of view (NONE) with the sum 1."""
-    low, action = room.low[least_of(room.low)], least_of(room.up)
+    low, action = workspace.low[least_of(workspace.low)], least_of(workspace.up)
     if seen == NONE:
         for slot in range(model.sizes[own]):
-            room.rest[slot] = belief[model.cells[own, slot]]
-        gain = LEAST_GAIN * max(room.up[action] - low, 0.0)
-        add_plan(model, upper, room, own, action, gain)
-        add_point(model, lower, room, own, low, gain)
+            workspace.rest[slot] = belief[model.cells[own, slot]]
+        gain = LEAST_GAIN * max(workspace.up[action] - low, 0.0)
+        add_plan(model, upper, workspace, own, action, gain)
+        add_point(model, lower, workspace, own, low, gain)
         return
     lower.seen[own, seen] = max(lower.seen[own, seen], low)
-    if room.up[action] < upper.seen[own, seen]:
-        upper.seen[own, seen] = room.up[action]
-        upper.seen_action[own, seen], upper.seen_follow[own, seen] = action, room.plan[action]
+    if workspace.up[action] < upper.seen[own, seen]:
+        upper.seen[own, seen] = workspace.up[action]
+        upper.seen_action[own, seen], upper.seen_follow[own, seen] = action, workspace.plan[action]
 
 
 @subroutine
 def descend(
-    model: Any, lower: Any, upper: Any, room: Any, own: int, depth: int, allowed: float
+    model: Any, lower: Any, upper: Any, workspace: Any, own: int, depth: int, allowed: float
 ) -> Any:
     """Put what adds most to the distance of the bounds into the next place of the way.
 
     That is of what follows the action that may be best. A distance of `allowed` is small enough;
     returns False where none is larger.
     """
-    action = least_of(room.low)
-    mine, arrived, after = model.next_own[own, action], room.arrived[action], room.after[action]
+    action = least_of(workspace.low)
+    mine, arrived, after = (
+        model.next_own[own, action],
+        workspace.arrived[action],
+        workspace.after[action],
+    )
     best, most = NONE, 0.0
     for cell in range(len(arrived)):
         if arrived[cell] > 0.0:
@@ -255,12 +269,12 @@ def descend(
             if arrived[cell] * excess > most:
                 best, most = cell, arrived[cell] * excess
     size, mass = model.sizes[mine], after.sum()
-    excess = room.hidden_up[action] - room.hidden_low[action] - mass * allowed
-    following = room.belief[depth + 1]
-    room.own[depth + 1] = mine
+    excess = workspace.hidden_up[action] - workspace.hidden_low[action] - mass * allowed
+    following = workspace.belief[depth + 1]
+    workspace.own[depth + 1] = mine
     following[:] = 0.0
     if excess > most:
-        room.seen[depth + 1] = NONE
+        workspace.seen[depth + 1] = NONE
         kept = 0.0
         for slot in range(size):
             if after[slot] > NEGLIGIBLE * mass:
@@ -270,30 +284,30 @@ def descend(
                 following[model.cells[mine, slot]] = after[slot] / kept
         return True
     if best != NONE:
-        room.seen[depth + 1] = best
+        workspace.seen[depth + 1] = best
         following[best] = 1.0
     return best != NONE
 
 
 @compiled
-def explore(model: Any, lower: Any, upper: Any, room: Any, epsilon: float) -> Any:
+def explore(model: Any, lower: Any, upper: Any, workspace: Any, epsilon: float) -> Any:
     """One trial from the first place of the way: down to where the bounds are close enough, given
     that they are to be within `epsilon` at the start, and up again, improving them. Returns its
     length; room.low and room.up are of the start then. Heuristic search value iteration: Smith and
     Simmons (2004, 2005).
     """
     depth, allowed = 0, epsilon
-    while depth + 1 < len(room.own):
-        own, belief = room.own[depth], room.belief[depth]
-        look(model, lower, upper, room, own, belief)
+    while depth + 1 < len(workspace.own):
+        own, belief = workspace.own[depth], workspace.belief[depth]
+        look(model, lower, upper, workspace, own, belief)
         allowed /= model.discount
-        if not descend(model, lower, upper, room, own, depth, allowed):
+        if not descend(model, lower, upper, workspace, own, depth, allowed):
             break
         depth += 1
     for place in range(depth, -1, -1):
-        own, belief = room.own[place], room.belief[place]
-        look(model, lower, upper, room, own, belief)
-        update(model, lower, upper, room, own, room.seen[place], belief)
+        own, belief = workspace.own[place], workspace.belief[place]
+        look(model, lower, upper, workspace, own, belief)
+        update(model, lower, upper, workspace, own, workspace.seen[place], belief)
     return depth + 1
 
 
@@ -301,20 +315,20 @@ def explore(model: Any, lower: Any, upper: Any, room: Any, epsilon: float) -> An
 
 
 @compiled
-def improve(model: Any, lower: Any, upper: Any, room: Any, places: Any) -> Any:
+def improve(model: Any, lower: Any, upper: Any, workspace: Any, places: Any) -> Any:
     """Look at all places, which are like roots, and improve both bounds there; but with `seen`
     MIXED (a belief over cells of both kinds) only look. Returns the largest change of their bounds.
     """
     change = 0.0
     for place in range(len(places.own)):
         own, belief = places.own[place], places.belief[place]
-        look(model, lower, upper, room, own, belief)
-        low, up = room.low[least_of(room.low)], room.up[least_of(room.up)]
+        look(model, lower, upper, workspace, own, belief)
+        low, up = workspace.low[least_of(workspace.low)], workspace.up[least_of(workspace.up)]
         change = max(change, low - places.low[place], places.up[place] - up)
         places.low[place] = max(places.low[place], low)
         places.up[place] = min(places.up[place], up)
         if places.seen[place] != MIXED:
-            update(model, lower, upper, room, own, places.seen[place], belief)
+            update(model, lower, upper, workspace, own, places.seen[place], belief)
     return change
 
 
@@ -342,14 +356,14 @@ def evaluate_plans(model: Any, upper: Any) -> Any:
 
 
 @compiled
-def prune_points(model: Any, lower: Any, room: Any, own: int, slack: float) -> None:
+def prune_points(model: Any, lower: Any, workspace: Any, own: int, slack: float) -> None:
     """Drop the points that add less than `slack` to what the others say, one after the other."""
     size, point = model.sizes[own], 0
     while point < lower.count[own]:
         for slot in range(size):
             inverse = lower.inverse[own, slot, point]
-            room.rest[slot] = 1.0 / inverse if inverse < NO_LIMIT else 0.0
-        known = lower_at(lower, own, size, room.rest, room, point)
+            workspace.rest[slot] = 1.0 / inverse if inverse < NO_LIMIT else 0.0
+        known = lower_at(lower, own, size, workspace.rest, workspace, point)
         if known < lower.value[own, point] - slack:
             point += 1
             continue
@@ -363,20 +377,20 @@ def prune_points(model: Any, lower: Any, room: Any, own: int, slack: float) -> N
 
 
 @compiled
-def mark_best(model: Any, lower: Any, upper: Any, room: Any, roots: Any, used: Any) -> None:
+def mark_best(model: Any, lower: Any, upper: Any, workspace: Any, roots: Any, used: Any) -> None:
     """Mark in used [own, plan] the plans that are best at a point or at a root."""
     used[:] = False
-    belief = room.rest
+    belief = workspace.rest
     for own in range(len(model.sizes)):
         size = model.sizes[own]
         for point in range(lower.count[own]):
             for slot in range(size):
                 inverse = lower.inverse[own, slot, point]
                 belief[slot] = 1.0 / inverse if inverse < NO_LIMIT else 0.0
-            used[own, upper_at(upper, own, size, belief, room)] = True
+            used[own, upper_at(upper, own, size, belief, workspace)] = True
     for root in range(len(roots.own)):
         own = roots.own[root]
         if roots.seen[root] == NONE:
             for slot in range(model.sizes[own]):
                 belief[slot] = roots.belief[root, model.cells[own, slot]]
-            used[own, upper_at(upper, own, model.sizes[own], belief, room)] = True
+            used[own, upper_at(upper, own, model.sizes[own], belief, workspace)] = True

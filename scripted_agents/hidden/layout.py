@@ -1,4 +1,4 @@
-"""What the kernels of `HiddenCell` are given: the game, its two bounds and the room to work in."""
+"""The arguments of the kernels of `HiddenCell`: the game, its two bounds and scratch memory."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Model(NamedTuple):
-    """What is played.
+    """The game.
 
     Attributes:
         next_own: [own, action] int32, the own cell after the action.
@@ -33,7 +33,7 @@ class Model(NamedTuple):
     discount: Any
 
 
-class Lower(NamedTuple):
+class LowerBound(NamedTuple):
     """A lower bound of the costs.
 
     Attributes:
@@ -53,7 +53,7 @@ class Lower(NamedTuple):
     count: Any
 
 
-class Upper(NamedTuple):
+class UpperBound(NamedTuple):
     """An upper bound: the costs of plans, each an action and a plan for where it leads unseen.
 
     Attributes:
@@ -73,8 +73,8 @@ class Upper(NamedTuple):
     count: Any
 
 
-class Room(NamedTuple):
-    """Room to work in; what `look` found stands in the arrays by action.
+class Workspace(NamedTuple):
+    """Scratch memory; the arrays by action hold the results of `look`.
 
     Attributes:
         after: [action, slot] float64, the weights after the action, out of view.
@@ -103,13 +103,13 @@ class Room(NamedTuple):
     belief: Any
 
 
-def room_for(model: Model, points: int, plans: int, depth: int) -> Room:
-    """Room for so many points and plans of an own cell, and for trials of this depth."""
+def workspace_for(model: Model, points: int, plans: int, depth: int) -> Workspace:
+    """Scratch memory for so many points and plans of an own cell, and for trials of this depth."""
     _, actions, hidden = model.costs.shape
     slots = model.cells.shape[1]
     cost, low, up, hidden_low, hidden_up = np.zeros((5, actions))
     own, seen = np.zeros((2, depth), dtype=np.int64)
-    return Room(
+    return Workspace(
         after=np.zeros((actions, slots)),
         arrived=np.zeros((actions, hidden)),
         rest=np.zeros(slots),
@@ -130,7 +130,7 @@ def room_for(model: Model, points: int, plans: int, depth: int) -> Room:
 
 class Roots(NamedTuple):
     """Where games begin: own [roots], belief [roots, hidden], seen [roots] (a cell or NONE),
-    weight [roots]; the bounds low, up [roots]; credit [roots], whose turn it is.
+    weight [roots]; the bounds low, up [roots]; credit [roots], which orders the trials.
     """
 
     own: Any

@@ -1,4 +1,4 @@
-"""Who stands beside a learner of limited sight: scripted agents that see no more than it does."""
+"""Reference policies for a learner with a limited view: scripted agents with the same view."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def limited_references(
     chaser that knows this table; an evader a wary one, a runner a searching one.
 
     Args:
-        task: the game, whose sight of this seat they have.
+        task: the game; the policies have the view of this agent.
         agent: by name, role or seat.
-        opponents: who plays the other seats, by agent name or role.
+        opponents: the policies of the other agents, by name or role.
     """
     seat = task.seat(agent)
     if task.sight.limits[seat].sees_all:

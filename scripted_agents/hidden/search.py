@@ -19,7 +19,14 @@ from scripted_agents.hidden.kernels import (
     mark_best,
     prune_points,
 )
-from scripted_agents.hidden.layout import Lower, Model, Room, Roots, Upper, room_for
+from scripted_agents.hidden.layout import (
+    LowerBound,
+    Model,
+    Roots,
+    UpperBound,
+    Workspace,
+    workspace_for,
+)
 from scripted_agents.hidden.plan_kernels import drop_plans, mark_followed
 from scripted_agents.hidden.start_kernels import inform, wander
 
@@ -47,7 +54,7 @@ STEADY = 1e-12
 FIRST_SWEEPS = 2000
 
 Report = Callable[[float, float, float], None]
-"""Told the seconds gone, and both bounds."""
+"""Called with the elapsed seconds and both bounds."""
 
 
 class HiddenSearch:
@@ -82,7 +89,7 @@ class HiddenSearch:
         check_memory("the search", points * a_point + plans * a_plan, "give it less memory")
         informed, walk = first_bounds(self.model)
         least = informed.min(axis=2)
-        self.lower_bound = Lower(
+        self.lower_bound = LowerBound(
             least,
             _by_slot(self.model, informed.transpose(0, 2, 1)),
             np.zeros((own, slots, points)),
@@ -92,7 +99,7 @@ class HiddenSearch:
         )
         vectors = np.zeros((own, slots, plans))
         vectors[:, :, 0] = _by_slot(self.model, walk[:, None])[:, 0]
-        self.upper_bound = Upper(
+        self.upper_bound = UpperBound(
             walk,
             np.full((own, hidden), NONE, dtype=np.int32),
             np.zeros((own, hidden), dtype=np.int32),
@@ -101,14 +108,14 @@ class HiddenSearch:
             np.zeros((own, plans), dtype=np.int32),
             np.ones(own, dtype=np.int64),
         )
-        self._room = room_for(self.model, points, plans, LONGEST_TRIAL)
+        self._room = workspace_for(self.model, points, plans, LONGEST_TRIAL)
         self.roots = game.starts
         cells, others = np.nonzero(game.visible)
         self._in_view = places(game, cells.astype(np.int64), np.eye(hidden)[others])
         self._cursor, self.slack, self._kept = 0, 0.0, 2 * own
 
     @property
-    def _arrays(self) -> tuple[Model, Lower, Upper, Room]:
+    def _arrays(self) -> tuple[Model, LowerBound, UpperBound, Workspace]:
         """As kernels take them."""
         return self.model, self.lower_bound, self.upper_bound, self._room
 
@@ -158,7 +165,7 @@ class HiddenSearch:
         """Proven bounds of the least cost from a belief.
 
         Args:
-            own_cell: where own stands.
+            own_cell: the cell of the player.
             belief: [hidden], chances of the other cell; cells in view may be among them, as if they
                 were not looked at before the next step.
 
@@ -176,10 +183,10 @@ class HiddenSearch:
         self._improve(place)
         return float(place.low[0]) - self.margin, float(place.up[0]) + self.margin
 
-    def plans(self) -> Upper:
+    def plans(self) -> UpperBound:
         """The upper bound as it is now, a copy without room for more plans."""
         upper, most = self.upper_bound, self.upper_bound.count.max()
-        whole = Upper(*(array.copy() for array in upper))
+        whole = UpperBound(*(array.copy() for array in upper))
         return whole._replace(
             vectors=upper.vectors[..., :most].copy(),
             action=upper.action[:, :most].copy(),
@@ -263,12 +270,12 @@ class HiddenSearch:
 
     def _explore_from(self, root: int, epsilon: float) -> int:
         """A trial that is to bring the bounds of a start so close; its length."""
-        roots, room = self.roots, self._room
-        room.own[0], room.seen[0] = roots.own[root], roots.seen[root]
-        room.belief[0] = roots.belief[root]
+        roots, workspace = self.roots, self._room
+        workspace.own[0], workspace.seen[0] = roots.own[root], roots.seen[root]
+        workspace.belief[0] = roots.belief[root]
         length = int(explore(*self._arrays, epsilon))
-        roots.low[root] = max(roots.low[root], room.low.min())
-        roots.up[root] = min(roots.up[root], room.up.min())
+        roots.low[root] = max(roots.low[root], workspace.low.min())
+        roots.up[root] = min(roots.up[root], workspace.up.min())
         return length
 
     def prune(self) -> None:
@@ -315,7 +322,7 @@ def first_bounds(model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64]
     """
     hidden, most = model.costs.shape[2], 1.0 / (1.0 - model.discount)
     own, actions = model.next_own.shape
-    # Whoever ends the game pays nothing more, so 0 is always among the extremes.
+    # The cost after the end of the game is 0, so 0 is always among the extremes.
     informed = np.full((own, hidden, actions), min(float(model.costs.min()), 0.0) * most)
     walk = np.full((own, hidden), max(float(model.costs.max()), 0.0) * most)
     enough = STEADY * max(float(np.abs(model.costs).max()), 1e-300) * most

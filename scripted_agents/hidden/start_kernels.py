@@ -41,7 +41,7 @@ def inform(model: Any, values: Any) -> Any:
     """One sweep of the fast informed bound (Hauskrecht, 2000); returns the largest change.
 
     values [own, hidden, action] float64: what it costs at least to begin with that action, where
-    the hidden cell is known now and will not be told, but where it is seen, from the next step on.
+    the hidden cell is known now; from the next step on it is known only where it is visible.
     They rise; a place takes in what is already new, which is as good.
     """
     change = 0.0

@@ -20,7 +20,7 @@ from scripted_agents.joint.shapley_iteration import (
     Report,
     StochasticGame,
     silent,
-    solve_for_ever,
+    solve_infinite_horizon,
     solve_steps,
 )
 from scripted_agents.joint.states import joint_states_of
@@ -36,8 +36,8 @@ class MatrixGame:
 
     Attributes:
         value: what the row player gets, in expectation, under optimal play.
-        row: [m] float64, an optimal strategy of the row player, who maximises.
-        column: [n] float64, one of the column player, who minimises.
+        row: [m] float64, an optimal strategy of the row player, which maximises.
+        column: [n] float64, one of the column player, which minimises.
         pure: whether the two are a pure saddle point.
     """
 
@@ -133,7 +133,7 @@ def solve_chase(
         move_order: "simultaneous", or "chasers_first": the chasers move first and the evader then,
             if it is not caught yet, but it has chosen its move before.
         num_chasers: size of the team; memory grows with cells ** (num_chasers + 1).
-        report: told how far it is, now and then: the share of the work in [0, 1], as far as that
+        report: called regularly with the fraction of the work done in [0, 1], as far as that
             can be said. A game that was solved before is not solved again, and reports nothing.
 
     Raises:
@@ -172,11 +172,11 @@ def _solve(task: Task, discount: float, horizon: int | None, report: Report) -> 
     cells = np.stack(np.unravel_index(np.arange(states.count), shape), axis=1)
     twins = np.ravel_multi_index((*np.sort(cells[:, :-1], axis=1).T, cells[:, -1]), shape)
     seats, everybody = (num_chasers, *range(num_chasers)), [1] * (num_chasers + 1)
-    paid = Quantity([0] * (num_chasers + 1), everybody)
+    payoff = Quantity([0] * (num_chasers + 1), everybody)
     same = None if num_chasers == 1 else twins
-    game = StochasticGame(states, seats, paid, discount, same, report)
+    game = StochasticGame(states, seats, payoff, discount, same, report)
     if horizon is None:
-        values, sweeps = solve_for_ever(game)
+        values, sweeps = solve_infinite_horizon(game)
     else:
         values, sweeps = solve_steps(game, horizon)
     evader_policy, chaser_policy = game.strategies()

@@ -1,6 +1,6 @@
 """Games of two agents as a whole, in zero-sum form: values and equilibria of races and heists.
 
-What one agent gets is its *lead*: what it is paid less what the other is paid. So in a race of two
+The payoff of an agent is its *lead*: its reward minus that of the other. So in a race of two
 both want more goals than the other, and in a heist what the chaser loses counts for the evader.
 """
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pursuit.tasks.task import Task, checked_task
 from pursuit.validation import number
 from scripted_agents.joint.policy import JointTable
-from scripted_agents.joint.shapley_iteration import StochasticGame, solve_for_ever
+from scripted_agents.joint.shapley_iteration import StochasticGame, solve_infinite_horizon
 from scripted_agents.joint.states import JointStates, check_joint_states, joint_states_of
 from scripted_agents.joint.sweeps import Quantity
 
@@ -50,7 +50,7 @@ class JointGame:
 def solve_joint_game(
     task: Task, discount: float = 0.95, most_states: int = MAX_GAME_STATES
 ) -> JointGame:
-    """The value and an equilibrium of a game of two agents whose aim is to lead.
+    """The value and an equilibrium of a game of two agents that maximise their lead.
 
     Shapley (1953): value iteration in which every state is a matrix game, by its saddle point or a
     linear program, with steps of policy evaluation in between where they help.
@@ -67,8 +67,8 @@ def solve_joint_game(
     task = checked_task(task)
     if task.num_agents != 2 or task.reward_function is not None:
         raise ValueError(
-            f"task {task.name!r}: {task.num_agents} agents, paid by {task.rewards!r}; the lead is "
-            "zero-sum between two agents that the rule book pays: give two, and coefficients"
+            f"task {task.name!r}: {task.num_agents} agents, rewards {task.rewards!r}; the lead is "
+            "zero-sum between two agents with reward coefficients: give two, and coefficients"
         )
     if not 0.0 < number("discount", discount) <= MAX_DISCOUNT:
         raise ValueError(
@@ -79,7 +79,7 @@ def solve_joint_game(
     check_joint_states(task, most_states, each=20 * 30)
     states = joint_states_of(task)
     game = StochasticGame(states, (0, 1), Quantity([1, -1], [0, 0]), discount)
-    values, _ = solve_for_ever(game)
+    values, _ = solve_infinite_horizon(game)
     policies = {
         name: JointTable(states, (seat,), table)
         for seat, (name, table) in enumerate(zip(task.agent_names, game.strategies(), strict=True))

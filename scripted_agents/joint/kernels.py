@@ -1,6 +1,6 @@
-"""Compiled kernels of games as a whole: numbers for all that can stand in a game, and sweeps.
+"""Compiled kernels of games as a whole: state numbers, transitions and sweeps.
 
-A *state* is a number: who is still free (a *group*), which cells hold goals (a *set*), and the
+A *state* is a number: which evaders are free (a *group*), which cells hold goals (a *set*), and the
 cells of all free agents. Captured evaders have no cell. States are numbered group after group, sets
 within them, and cells within those, the last agent's fastest. Groups of fewer free evaders and sets
 of fewer goals come first: a step leads to a state of the same set, or to one of a smaller number.
@@ -16,9 +16,9 @@ import numpy as np
 
 from pursuit.compilation.compiled import compiled, inlined, subroutine
 from pursuit.rules import layout
-from pursuit.rules.layout import Games, Outcome, Plan, Rules, Teams, World
+from pursuit.rules.layout import Games, Outcome, Rules, StepScratch, Teams, World
 from pursuit.rules.step import step
-from scripted_agents.joint.layout import Aim, Numbering, Players, Quantities, Room, Store
+from scripted_agents.joint.layout import Numbering, Objective, Players, Quantities, Store, Workspace
 
 TIE = 1e-12
 """Difference, relative to the value, below which two actions count as equally good."""
@@ -29,7 +29,7 @@ TIE = 1e-12
 
 @inlined
 def number_of(games: Games, game: int, teams: Teams, cells: int, numbering: Numbering) -> int:
-    """The number of what stands in a game; -1 where it is over."""
+    """The state of a game; -1 if it has ended."""
     mask, place = 0, 0
     for chaser in layout.chasers_of(teams):
         place = place * cells + games.position[game, chaser]
@@ -63,7 +63,7 @@ def number_of(games: Games, game: int, teams: Teams, cells: int, numbering: Numb
 def put(
     games: Games, game: int, state: int, group: int, teams: Teams, cells: int, numbering: Numbering
 ) -> None:
-    """Put a state into a game. Captured evaders stand where the first chaser does."""
+    """Write a state into a game. Captured evaders are in the cell of the first chaser."""
     rest = state - numbering.offsets[group]
     goals = rest // numbering.sizes[group]
     rest -= goals * numbering.sizes[group]
@@ -89,7 +89,7 @@ def put(
 
 @inlined
 def can_be(games: Games, game: int, teams: Teams) -> bool:
-    """Whether a state can stand between two steps: nobody is about to be caught, or on a goal."""
+    """Whether a state can occur between steps: no chaser on an evader, no collector on a goal."""
     for evader in layout.evaders_of(teams):
         for chaser in layout.chasers_of(teams):
             here = games.position[game, chaser] == games.position[game, evader]
@@ -127,7 +127,7 @@ def fill_games(
 def fill_numbers(
     games: Games, teams: Teams, cells: int, numbering: Numbering, numbers: Any
 ) -> None:
-    """Fill `numbers` [games] with the states in which games stand; -1 where they are over."""
+    """Fill `numbers` [games] with the states of games; -1 if they have ended."""
     for game in range(numbers.shape[0]):
         numbers[game] = number_of(games, game, teams, cells, numbering)
 
@@ -136,24 +136,24 @@ def fill_numbers(
 
 
 @inlined
-def put_back(games: Games, rules: Rules, room: Room) -> None:
+def put_back(games: Games, rules: Rules, workspace: Workspace) -> None:
     """The game as it was before the step."""
     for agent in layout.agents_of(rules.teams):
-        games.position[0, agent] = room.cells[agent]
-        games.active[0, agent] = room.active[agent]
+        games.position[0, agent] = workspace.cells[agent]
+        games.active[0, agent] = workspace.active[agent]
     for goal in layout.goals_of(rules.teams):
-        games.goal[0, goal] = room.goals[goal]
+        games.goal[0, goal] = workspace.goals[goal]
     games.steps[0] = 0
 
 
 @inlined
 def without_bumps(
-    rules: Rules, world: World, players: Players, player: int, room: Room, joint: int
+    rules: Rules, world: World, players: Players, player: int, workspace: Workspace, joint: int
 ) -> int:
     """A player's joint action with the first of the actions that run into a wall for all these."""
     found, scale = 0, 1
     for back in range(players.begins[player + 1] - players.begins[player]):
-        cell = room.cells[players.seats[players.begins[player + 1] - 1 - back]]
+        cell = workspace.cells[players.seats[players.begins[player + 1] - 1 - back]]
         action = joint % rules.num_actions
         joint //= rules.num_actions
         if world.neighbors[cell, action] == cell:
@@ -166,27 +166,29 @@ def without_bumps(
 
 
 @subroutine
-def list_options(rules: Rules, world: World, players: Players, state: int, room: Room) -> None:
+def list_options(
+    rules: Rules, world: World, players: Players, state: int, workspace: Workspace
+) -> None:
     """What every player may do: one that decides all that leads to different cells, of bumps the
     first; the others what they do with some chance."""
     for player in range(players.begins.shape[0] - 1):
         first, last = players.begins[player], players.begins[player + 1]
         free, many = 0, 0
         for at in range(first, last):
-            free |= room.active[players.seats[at]]
+            free |= workspace.active[players.seats[at]]
         if not free:
-            room.option[player, 0], room.chance[player, 0], many = 0, 1.0, 1
+            workspace.option[player, 0], workspace.chance[player, 0], many = 0, 1.0, 1
         elif player < players.deciding:
-            cell, stays = room.cells[players.seats[first]], -1
+            cell, stays = workspace.cells[players.seats[first]], -1
             for action in range(rules.num_actions):
                 bumps = world.neighbors[cell, action] == cell
                 if not bumps or (stays < 0 and not players.moves_first):
-                    room.option[player, many], room.chance[player, many] = action, 1.0
+                    workspace.option[player, many], workspace.chance[player, many] = action, 1.0
                     many += 1
                 if bumps and stays < 0:
                     stays = action
             if stays >= 0 and players.moves_first:
-                room.option[player, many], room.chance[player, many] = stays, 1.0
+                workspace.option[player, many], workspace.chance[player, many] = stays, 1.0
                 many += 1
         else:
             row = np.int64(players.codes[player - players.deciding, state])
@@ -194,85 +196,88 @@ def list_options(rules: Rules, world: World, players: Players, state: int, room:
                 chance = players.rows[row + joint]
                 if chance == 0.0:
                     continue
-                option, at = without_bumps(rules, world, players, player, room, joint), many
+                option, at = without_bumps(rules, world, players, player, workspace, joint), many
                 for earlier in range(many):
-                    if room.option[player, earlier] == option:
+                    if workspace.option[player, earlier] == option:
                         at = earlier
                 if at == many:
-                    room.option[player, many], room.chance[player, many] = option, 0.0
+                    workspace.option[player, many], workspace.chance[player, many] = option, 0.0
                     many += 1
-                room.chance[player, at] += chance
-        room.many[player] = many
+                workspace.chance[player, at] += chance
+        workspace.many[player] = many
 
 
 @inlined
-def take(players: Players, room: Room, first: int, last: int, actions: int) -> float:
+def take(players: Players, workspace: Workspace, first: int, last: int, actions: int) -> float:
     """Write the actions of these players in the options that they pick; the chance of the picks."""
     chance = 1.0
     for back in range(last - first):
         player = last - 1 - back
-        option = room.pick[player]
-        joint, seat = room.option[player, option], players.begins[player + 1] - 1
+        option = workspace.pick[player]
+        joint, seat = workspace.option[player, option], players.begins[player + 1] - 1
         while seat > players.begins[player]:
-            room.actions[0, players.seats[seat]] = joint % actions
+            workspace.actions[0, players.seats[seat]] = joint % actions
             joint //= actions
             seat -= 1
-        room.actions[0, players.seats[seat]] = joint
-        chance *= room.chance[player, option]
+        workspace.actions[0, players.seats[seat]] = joint
+        chance *= workspace.chance[player, option]
     return chance
 
 
 @inlined
-def pick_next(room: Room, first: int, last: int) -> None:
+def pick_next(workspace: Workspace, first: int, last: int) -> None:
     """The next combination of options of these players, the last one's counting fastest."""
     for back in range(last - first):
         player = last - 1 - back
-        room.pick[player] += 1
-        if room.pick[player] < room.many[player]:
+        workspace.pick[player] += 1
+        if workspace.pick[player] < workspace.many[player]:
             return
-        room.pick[player] = 0
+        workspace.pick[player] = 0
 
 
 @inlined
 def expand(
-    games: Games, rules: Rules, world: World, plan: Plan, outcome: Outcome, numbering: Numbering,
-    players: Players, quantities: Quantities, room: Room, store: Store, state: int,
+    games: Games, rules: Rules, world: World, plan: StepScratch, outcome: Outcome,
+    numbering: Numbering, players: Players, quantities: Quantities, workspace: Workspace,
+    store: Store, state: int,
 ) -> None:  # fmt: skip
-    """Store what follows the state in which the game stands."""
-    agents, cells, number = players.seats.shape[0], int(world.num_cells[0]), room.sums.shape[0]
+    """Store the transitions of the current state of the game."""
+    agents, cells, number = players.seats.shape[0], int(world.num_cells[0]), workspace.sums.shape[0]
     for agent in layout.agents_of(rules.teams):
-        room.cells[agent] = games.position[0, agent]
-        room.active[agent] = games.active[0, agent]
+        workspace.cells[agent] = games.position[0, agent]
+        workspace.active[agent] = games.active[0, agent]
     for goal in layout.goals_of(rules.teams):
-        room.goals[goal] = games.goal[0, goal]
-    list_options(rules, world, players, state, room)
+        workspace.goals[goal] = games.goal[0, goal]
+    list_options(rules, world, players, state, workspace)
     ours, theirs, all_players = 1, 1, players.begins.shape[0] - 1
     for player in range(all_players):
-        room.pick[player] = 0
+        workspace.pick[player] = 0
         if player < players.deciding:
-            ours *= room.many[player]
+            ours *= workspace.many[player]
         else:
-            theirs *= room.many[player]
+            theirs *= workspace.many[player]
     store.shape[state, 0], store.shape[state, 1] = ours, theirs
-    store.shape[state, 2] = room.many[0]
+    store.shape[state, 2] = workspace.many[0]
     pair, edge = store.pairs[state], store.edges[state]
     for own in range(ours):
-        take(players, room, 0, players.deciding, rules.num_actions)
-        pick_next(room, 0, players.deciding)
+        take(players, workspace, 0, players.deciding, rules.num_actions)
+        pick_next(workspace, 0, players.deciding)
         joint = 0
         for seat in range(players.deciding):
-            joint = joint * rules.num_actions + room.actions[0, players.seats[seat]]
+            joint = joint * rules.num_actions + workspace.actions[0, players.seats[seat]]
         store.joints[edge + own] = joint
         for q in range(number):
             lasts = 0
             for agent in range(agents):
-                lasts |= quantities.lasting[q, agent] & room.active[agent]
+                lasts |= quantities.lasting[q, agent] & workspace.active[agent]
             store.sides[edge + own * number + q] = lasts
         for other in range(theirs):
-            chance = take(players, room, players.deciding, all_players, rules.num_actions)
-            pick_next(room, players.deciding, all_players)
-            put_back(games, rules, room)
-            ended = step(games, 0, room.actions, rules, world, plan, outcome) == layout.TERMINATED
+            chance = take(players, workspace, players.deciding, all_players, rules.num_actions)
+            pick_next(workspace, players.deciding, all_players)
+            put_back(games, rules, workspace)
+            ended = (
+                step(games, 0, workspace.actions, rules, world, plan, outcome) == layout.TERMINATED
+            )
             following = int(np.int64(-1))
             if not ended:
                 following = number_of(games, 0, rules.teams, cells, numbering)
@@ -281,7 +286,7 @@ def expand(
             for q in range(number):
                 worth = quantities.ending[q] if ended else 0.0
                 for agent in range(agents):
-                    worth += quantities.paid[q, agent] * outcome.rewards[0, agent]
+                    worth += quantities.reward_weights[q, agent] * outcome.rewards[0, agent]
                 store.sides[edge + own * number + q] += chance * worth
 
 
@@ -291,15 +296,15 @@ def entry_for(duel: bool) -> Any:
 
     @compiled
     def fill_store(
-        memory: layout.Memory, numbers: Any, pay: Any, mazes: Any, scratch: Any,
-        numbering: Numbering, players: Players, quantities: Quantities, room: Room, store: Store,
-        first: int, last: int,
+        memory: layout.Memory, numbers: Any, coefficients: Any, mazes: Any, scratch: Any,
+        numbering: Numbering, players: Players, quantities: Quantities, workspace: Workspace,
+        store: Store, first: int, last: int,
     ) -> None:  # fmt: skip
         """Store what follows the states from `first` to `last` - 1 that the store has room for."""
         teams = Teams(1, 1, 0, 0) if duel else layout.teams_of(numbers)
-        games, rules = layout.games_of(memory), layout.rules_of(teams, numbers, pay)
+        games, rules = layout.games_of(memory), layout.rules_of(teams, numbers, coefficients)
         world = layout.world_of(mazes.mazes, mazes.neighbors, mazes.facts, mazes.tables)
-        outcome, plan = layout.outcome_of(memory), layout.plan_of(scratch)
+        outcome, plan = layout.outcome_of(memory), layout.step_scratch_of(scratch)
         group = 0
         for state in range(first, last):
             if store.pairs[state + 1] == store.pairs[state]:
@@ -307,8 +312,8 @@ def entry_for(duel: bool) -> Any:
             group = group_at(state, group, numbering)
             put(games, 0, state, group, teams, int(world.num_cells[0]), numbering)
             expand(
-                games, rules, world, plan, outcome, numbering, players, quantities, room, store,
-                state,
+                games, rules, world, plan, outcome, numbering, players, quantities, workspace,
+                store, state,
             )  # fmt: skip
 
     return fill_store
@@ -321,35 +326,37 @@ FILL_STORE = {duel: entry_for(duel) for duel in (True, False)}
 
 
 @inlined
-def back_up(store: Store, state: int, room: Room, aim: Aim, values: Any) -> int:
-    """Fill `room.best` with what a state is worth by what follows it; the joint action chosen."""
-    number, ours, theirs = room.sums.shape[0], store.shape[state, 0], store.shape[state, 1]
+def back_up(store: Store, state: int, workspace: Workspace, aim: Objective, values: Any) -> int:
+    """Compute the values of a state into `workspace.best`; return the joint action chosen."""
+    number, ours, theirs = workspace.sums.shape[0], store.shape[state, 0], store.shape[state, 1]
     edge, pair = store.edges[state], store.pairs[state]
     chances, chosen, bound, least = edge + ours * number, 0, np.inf, np.inf
     for own in range(ours):
         for q in range(number):
-            room.sums[q] = 0.0
+            workspace.sums[q] = 0.0
         for other in range(theirs):
             after = np.int64(store.following[pair + own * theirs + other])
             if after >= 0:
                 for q in range(number):
-                    room.sums[q] += store.sides[chances + other] * values[after, q]
+                    workspace.sums[q] += store.sides[chances + other] * values[after, q]
         for q in range(number):
-            room.sums[q] = store.sides[edge + own * number + q] + aim.discount * room.sums[q]
-        first = aim.sign * room.sums[0]
+            workspace.sums[q] = (
+                store.sides[edge + own * number + q] + aim.discount * workspace.sums[q]
+            )
+        first = aim.sign * workspace.sums[0]
         if first < bound:
             bound, chosen = first - TIE * max(1.0, abs(first)), own
         if first < least or own == 0:
             least = first
             for q in range(number):
-                room.best[q] = room.sums[q]
+                workspace.best[q] = workspace.sums[q]
     return int(store.joints[edge + chosen])
 
 
 @compiled
 def sweep(
-    room: Room, store: Store, aim: Aim, values: Any, target: Any, choice: Any, segments: Any,
-    changes: Any,
+    workspace: Workspace, store: Store, aim: Objective, values: Any, target: Any, choice: Any,
+    segments: Any, changes: Any,
 ) -> None:  # fmt: skip
     """Back up all states of `segments` [n, 2] (first state, and the one after the last) once.
 
@@ -360,9 +367,9 @@ def sweep(
         for state in range(segments[segment, 0], segments[segment, 1]):
             if store.shape[state, 0] == 0:
                 continue
-            choice[state] = back_up(store, state, room, aim, values)
-            for q in range(room.best.shape[0]):
-                worth = room.best[q]
+            choice[state] = back_up(store, state, workspace, aim, values)
+            for q in range(workspace.best.shape[0]):
+                worth = workspace.best[q]
                 if aim.only_whether:
                     worth = 1.0 if worth > 0.0 else 0.0
                 changes[segment, 0] = max(changes[segment, 0], abs(worth - values[state, q]))

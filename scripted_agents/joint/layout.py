@@ -1,4 +1,4 @@
-"""How the kernels of joint games name what they are given: states, players, quantities, a store."""
+"""The arguments of the kernels of joint games: states, players, quantities and transitions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class Numbering(NamedTuple):
     masks: [groups] int64, bit e for evader number e that is free.
     offsets: [groups + 1] int64, the first state of each group.
     sizes: [groups] int64, the states of one set of goals.
-    group_of: [2**evaders] int64, the group of a mask; -1 where nobody is free.
+    group_of: [2**evaders] int64, the group of a mask; -1 if no evader is free.
     sets: [sets, goals] int32, cells in order; -1 behind the last.
     binomials: [cells, goals + 1] int64, ways to choose so many of so many cells.
     bases: [goals + 2] int64, the first set of so many goals.
@@ -27,7 +27,7 @@ class Numbering(NamedTuple):
 
 
 class Players(NamedTuple):
-    """Who decides, and what the others do. A player is one seat, or several that draw together.
+    """The players. A player is one agent, or several agents with a joint distribution.
 
     seats: [agents] int64, player after player, those that decide first.
     begins: [players + 1] int64, where the seats of each player begin.
@@ -49,20 +49,20 @@ class Players(NamedTuple):
 class Quantities(NamedTuple):
     """What is summed up along a game; Q quantities, of which the first is decided by.
 
-    paid: [Q, agents] float64, how much of each agent's reward counts.
+    reward_weights: [Q, agents] float64, the weight of each agent's reward.
     lasting: [Q, agents] int64, 1: a step counts 1 as long as any of these is free.
     ending: [Q] float64, what the end of the game counts.
     """
 
-    paid: Any
+    reward_weights: Any
     lasting: Any
     ending: Any
 
 
-class Aim(NamedTuple):
+class Objective(NamedTuple):
     """What is made of the first quantity: as little as possible, with `sign` -1 as much.
 
-    discount: of what the next step counts. only_whether: 1 for whatever is above 0.
+    discount: of what the next step counts. only_whether: 1 for values above 0.
     """
 
     sign: float
@@ -90,8 +90,8 @@ class Store(NamedTuple):
     joints: Any
 
 
-class Room(NamedTuple):
-    """Room for one state at a time: what stands in it, and what every player may do.
+class Workspace(NamedTuple):
+    """Scratch memory of one state: its contents, and the actions of every player.
 
     cells, active: [agents] int64; goals: [goals] int64; actions: [1, agents] int32.
     option: [players, joint actions] int64, those that lead to different cells; `many` [players] of

@@ -51,7 +51,7 @@ def write_first_tableau(payoff: Any, lowest: float, span: float, tableau: Any, b
 
 @compiled
 def solve_matrix(payoff: Any, tableau: Any, basis: Any, row: Any, column: Any) -> Any:
-    """Solve the game in which the row player gets, and the column player pays, `payoff`.
+    """Solve the zero-sum game with the payoff `payoff` of the row player.
 
     A pure saddle point is taken where there is one. Otherwise the linear program of the column
     player (Dantzig, 1951) by the simplex method: maximise the sum of w >= 0 under B w <= 1, where B
@@ -142,7 +142,7 @@ def sweep_games(
 ) -> Any:
     """One sweep of Shapley's iteration (1953) over the states from `first` to `last` - 1.
 
-    target = the value of the matrix game over what is paid at once and `discount` * the values of
+    target = the value of the matrix game over the immediate rewards and `discount` * the values of
     the next states.
 
     Args:

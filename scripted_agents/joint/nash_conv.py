@@ -1,4 +1,4 @@
-"""How much everybody could gain by playing otherwise, in any small game: NashConv, exactly."""
+"""Exact NashConv of any small game: the sum of all gains by best responses."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pursuit.tasks.task import Task, checked_task
-from pursuit.validation import one_of, truth
+from pursuit.validation import check_bool, one_of
 from scripted_agents.joint.opponents import Policies
 from scripted_agents.joint.solver import evaluate_joint, solve_joint
 from scripted_agents.joint.states import MAX_STATES
@@ -17,8 +17,8 @@ class JointNashConv:
     """What `joint_nash_conv` found, in returns or leads: means over the starts that are drawn.
 
     Attributes:
-        returns: by player, what it is paid when all play the policies.
-        best: by player, the most that it can be paid while the others play them.
+        returns: by player, its return when all play the policies.
+        best: by player, its best response return while the others play them.
     """
 
     returns: dict[str, float]
@@ -27,7 +27,7 @@ class JointNashConv:
     @property
     def gains(self) -> dict[str, float]:
         """By player, what it could gain; 0 for all of them in a Nash equilibrium."""
-        return {player: self.best[player] - paid for player, paid in self.returns.items()}
+        return {player: self.best[player] - achieved for player, achieved in self.returns.items()}
 
     @property
     def nash_conv(self) -> float:
@@ -46,7 +46,7 @@ def joint_nash_conv(
 ) -> JointNashConv:
     """What every player's best response gains against the policies of all others, exactly.
 
-    Defined for any number of players and whatever they are paid (no zero sum is needed): in a race
+    Defined for any number of players and any rewards (no zero sum is needed): in a race
     every runner is a player. Arguments and errors are those of `solve_joint`; policies must be
     stationary.
 
@@ -65,7 +65,7 @@ def joint_nash_conv(
     task = checked_task(task)
     players: dict[str, list[str]] = {}
     for name, role in zip(task.agent_names, task.seat_roles, strict=True):
-        players.setdefault(role if truth("sides", sides) else name, []).append(name)
+        players.setdefault(role if check_bool("sides", sides) else name, []).append(name)
     one_of("objective", objective, ("return", "lead"))
     paid_as_one = sides and objective == "return" and task.role_rewards["chaser"].per_evader
     weights = {
@@ -79,11 +79,11 @@ def joint_nash_conv(
         ).mean_over_starts
         for player, names in players.items()
     }
-    paid = evaluate_joint(task, policies, horizon, discount, None, most_states).returns
+    achieved = evaluate_joint(task, policies, horizon, discount, None, most_states).returns
     returns = {
-        player: weights[player] * sum(paid[name] for name in names)
+        player: weights[player] * sum(achieved[name] for name in names)
         for player, names in players.items()
     }
     if objective == "lead":
-        returns = {player: 2.0 * own - sum(paid.values()) for player, own in returns.items()}
+        returns = {player: 2.0 * own - sum(achieved.values()) for player, own in returns.items()}
     return JointNashConv(returns, best)

@@ -23,7 +23,7 @@ TOLERANCE = 1e-4
 Policies = Mapping[str, Policy | ArrayLike]
 
 
-class Others(NamedTuple):
+class OtherPolicies(NamedTuple):
     """How the other seats play.
 
     Attributes:
@@ -40,7 +40,7 @@ class Others(NamedTuple):
 def policies_of(
     task: Task, seats: Sequence[int], policies: Policies
 ) -> dict[int, DistributionPolicy]:
-    """Who fills these seats, by seat: policies that say how likely each action is.
+    """The policies of these agents, by agent index; they have action distributions.
 
     Args:
         task: the game.
@@ -49,7 +49,7 @@ def policies_of(
             is that of a `TablePolicy`.
 
     Raises:
-        ValueError: nobody fills a seat; a policy that has no distribution, that remembers, that
+        ValueError: a missing policy; a policy that has no distribution, that has memory, that
             sees less than all (its distribution is no function of the state).
     """
     found: dict[int, DistributionPolicy] = {}
@@ -57,7 +57,7 @@ def policies_of(
         name = task.agent_names[seat]
         policy = policies.get(name, policies.get(task.seat_roles[seat]))
         if policy is None:
-            raise ValueError(f"nobody fills the seat of {name}; add policies={{{name!r}: ...}}")
+            raise ValueError(f"{name} has no policy; add policies={{{name!r}: ...}}")
         if not hasattr(policy, "act"):
             policy = TablePolicy(task.mazes[0], policy)
         if isinstance(policy, MemoryPolicy) or not isinstance(policy, DistributionPolicy):
@@ -104,8 +104,10 @@ def bytes_of_others(task: Task, policies: Mapping[int, DistributionPolicy]) -> i
     return 4 * len(players) + sum(16 * task.num_actions ** len(seats) for seats in dense)
 
 
-def lay_out_others(states: JointStates, policies: Mapping[int, DistributionPolicy]) -> Others:
-    """Ask everybody who fills one of these seats for what it plays in every state.
+def lay_out_others(
+    states: JointStates, policies: Mapping[int, DistributionPolicy]
+) -> OtherPolicies:
+    """The distributions of the policies of these agents in every state.
 
     Raises:
         ValueError: what a policy raises; rows that are no distributions.
@@ -129,7 +131,7 @@ def lay_out_others(states: JointStates, policies: Mapping[int, DistributionPolic
             rows.append(found.ravel())
             codes[number, some] = begins + width * np.arange(first, first + len(real))
         begins = sum(map(len, rows))
-    return Others(players, codes, np.concatenate(rows))
+    return OtherPolicies(players, codes, np.concatenate(rows))
 
 
 def _drawn_by(policy: Any, task: Task, games: Games, seats: tuple[int, ...]) -> NDArray[np.float64]:
@@ -150,7 +152,7 @@ def _checked(
     seats: tuple[int, ...],
     policy: DistributionPolicy,
 ) -> NDArray[np.float64]:
-    """[games, joint actions] rows that sum to 1, whatever was rounded; others than `playing` count
+    """[games, joint actions] rows normalised to sum to 1; others than `playing` count
     not.
 
     Raises:

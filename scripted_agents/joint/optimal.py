@@ -12,7 +12,7 @@ from pursuit.mazes.maze import Maze, load_maze
 from pursuit.rules.layout import Games
 from pursuit.simulator.policy import GameView, TabularPolicy, role_of
 from pursuit.tasks.task import MOVE_ORDERS, Task
-from pursuit.validation import number, one_of, share, truth
+from pursuit.validation import check_bool, check_probability, number, one_of
 from scripted_agents.agents.table_policy import TablePolicy
 from scripted_agents.duel.best_response import MoveOrder, best_response
 from scripted_agents.joint.equilibrium import bytes_to_solve, solve_chase
@@ -50,7 +50,10 @@ class ExactAgent(ABC):
         if role not in ("chaser", "evader"):
             raise ValueError(f"role {role!r}; the roles here are 'chaser' and 'evader'")
         self.role: Role = role
-        self.epsilon, self.discount = share("epsilon", epsilon), number("discount", discount)
+        self.epsilon, self.discount = (
+            check_probability("epsilon", epsilon),
+            number("discount", discount),
+        )
         if not 0.0 < self.discount <= 1.0:
             raise ValueError(f"discount={discount}; it lies above 0 and is at most 1")
         self.move_order: MoveOrder = one_of("move_order", move_order, MOVE_ORDERS)
@@ -140,7 +143,7 @@ class ExactAgent(ABC):
 
     def action_probabilities(self, maze: Maze, stay_action: bool = False) -> NDArray[np.float64]:
         """[self cell, other cell, action] float64, for the agent's own move order."""
-        return self.table(load_maze(maze), truth("stay_action", stay_action), self.move_order)
+        return self.table(load_maze(maze), check_bool("stay_action", stay_action), self.move_order)
 
 
 class _Equilibrium(ExactAgent):
@@ -207,7 +210,7 @@ class BestResponder(ExactAgent):
         move_order: of `action_probabilities`; in games it plays by theirs.
 
     Raises:
-        ValueError: an opponent that is no table, or whose role is not known.
+        ValueError: an opponent that is not a table, or has an unknown role.
     """
 
     def __init__(

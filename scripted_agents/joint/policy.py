@@ -22,7 +22,7 @@ class JointPlan:
 
     Args:
         states: of the game.
-        seats: of the agents, whose plan it is.
+        seats: the indices of the agents.
         choices: [steps, states] uint8 or int16, joint actions: those of all seats, the last one's
             counting fastest. Beyond the last step the last row goes on.
     """
@@ -135,7 +135,7 @@ class JointTable:
         return joint.reshape(len(joint), -1)
 
     def distribution(self, task: Task, games: Games, seat: int) -> NDArray[np.float64]:
-        """[games, actions] float64, the part of one agent, whatever the others do.
+        """[games, actions] float64, the marginal distribution of one agent.
 
         Raises:
             ValueError: as `act`.
@@ -170,7 +170,7 @@ def with_random_moves(
 ) -> NDArray[np.int32]:
     """[games] int32: `chosen`, or with a game's epsilon (`default` where it is NaN) a random move.
 
-    Two numbers of the seat's own stream are drawn in every game, whatever the other games do.
+    Two numbers of the seat's own stream are drawn in every game, independent of other games.
     """
     epsilon = view.epsilon[:, view.seat]
     random = view.uniform() < np.where(np.isnan(epsilon), default, epsilon)

@@ -10,7 +10,7 @@ from scipy.sparse import csc_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
 from scripted_agents.joint.matrix_games import fill_strategies, sweep_games
-from scripted_agents.joint.opponents import Others
+from scripted_agents.joint.opponents import OtherPolicies
 from scripted_agents.joint.states import JointStates
 from scripted_agents.joint.sweeps import Problem, Quantity, filled_store
 
@@ -30,7 +30,7 @@ STATES_A_REPORT = 20_000
 
 Values = NDArray[np.float64]
 Report = Callable[[float], None]
-"""Told the share of the work that is done, in [0, 1]."""
+"""Called with the fraction of the work done, in [0, 1]."""
 
 
 def silent(share: float) -> None:
@@ -45,11 +45,11 @@ class StochasticGame:
     Args:
         states: of the game.
         seats: of all agents, the row player first.
-        paid: what the column player pays the row player.
+        payoff: of the row player; the column player gets its negative.
         discount: of each step.
         twins: [states] int64, the state that stands for each: one that is the same but for the
             names of agents. Only these are looked at.
-        report: told how far it is.
+        report: called with the progress.
 
     Attributes:
         mixed: [states] bool, whether there is no pure saddle point; of the last sweep.
@@ -63,18 +63,18 @@ class StochasticGame:
         self,
         states: JointStates,
         seats: tuple[int, ...],
-        paid: Quantity,
+        payoff: Quantity,
         discount: float,
         twins: NDArray[np.int64] | None = None,
         report: Report = silent,
     ) -> None:
         task, self.count, self.discount = states.task, states.count, discount
         self.report, self.share = report, (0.0, 0.0)
-        nobody = Others([], np.zeros((0, self.count), dtype=np.uint32), np.zeros(0))
+        no_others = OtherPolicies([], np.zeros((0, self.count), dtype=np.uint32), np.zeros(0))
         wanted = np.ones(self.count, dtype=bool)
         if twins is not None:
             wanted = twins == np.arange(self.count)
-        problem = Problem(states, seats, nobody, (paid,), moves_first=False)
+        problem = Problem(states, seats, no_others, (payoff,), moves_first=False)
         self.store = filled_store(problem, wanted)
         following = self.store.following
         if twins is not None:
@@ -83,8 +83,10 @@ class StochasticGame:
         self.mixed = np.zeros(self.count, dtype=bool)
         self._chances = np.zeros(len(following))
         self._options = task.num_actions, task.num_actions ** (task.num_agents - 1)
-        # What every step pays, whatever is done in it; None where that differs.
-        self._step_pay = None if any(paid.paid) or paid.ending else float(any(paid.lasting))
+        # The reward of every step if it is constant, else None.
+        self._step_reward = (
+            None if any(payoff.reward_weights) or payoff.ending else float(any(payoff.lasting))
+        )
 
     def sweep(self, values: Values) -> tuple[Values, float]:
         """The values one step further back, and the largest change; sets what both play."""
@@ -110,15 +112,15 @@ class StochasticGame:
         following = csr_array((np.where(ends, 0.0, self._chances), columns, starts), shape)
         following.eliminate_zeros()
         going, values = self.playing.copy(), np.zeros(self.count)
-        if self._step_pay is None:
+        if self._step_reward is None:
             shift = self.store.edges[:-1] - self.store.pairs[:-1]
             sides = np.arange(len(self._chances)) + np.repeat(shift, np.diff(self.store.pairs))
             gains = self._chances * self.store.sides[sides]
-            paid = csr_array((gains, columns, self.store.pairs), shape).sum(axis=1)
+            rewards = csr_array((gains, columns, self.store.pairs), shape).sum(axis=1)
         else:
-            paid = np.full(self.count, self._step_pay)
-            # Where the game never ends every step is paid, exactly; a solve would lose digits.
-            values[going] = self._step_pay / (1.0 - self.discount)
+            rewards = np.full(self.count, self._step_reward)
+            # If the game never ends every step is rewarded: exact, where a solve loses digits.
+            values[going] = self._step_reward / (1.0 - self.discount)
             going &= following.sum(axis=1) < 1.0 - 1e-9
             count, before = int(going.sum()), 0
             while count > before:
@@ -128,7 +130,7 @@ class StochasticGame:
         if len(some):
             within = following[some]
             system = eye_array(len(some)) - self.discount * within[:, some]
-            right = paid[some] + self.discount * (within @ np.where(going, 0.0, values))
+            right = rewards[some] + self.discount * (within @ np.where(going, 0.0, values))
             values[some] = splu(csc_array(system)).solve(right)
         return values
 
@@ -151,7 +153,7 @@ def solve_steps(game: StochasticGame, horizon: int) -> tuple[Values, int]:
     return values, sweeps
 
 
-def solve_for_ever(game: StochasticGame) -> tuple[Values, int]:
+def solve_infinite_horizon(game: StochasticGame) -> tuple[Values, int]:
     """The game without an end: its values, and the sweeps it took.
 
     Shapley's map shrinks differences by the discount. Evaluating the two policies that a sweep

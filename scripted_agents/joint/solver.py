@@ -1,7 +1,7 @@
 """Any small game, exactly: best responses of a seat or a team, and the values of given policies.
 
 The states of the whole game are numbered in `joint_states`; transitions and payments are those of
-the rule book's own step. So chases with teams, several evaders, races and heists are solved alike.
+the step of `pursuit.rules`. It solves chases with teams, several evaders, races and heists.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ class JointResponse:
     """What `solve_joint` found.
 
     Attributes:
-        agents: the names of those who respond, moving as one.
+        agents: the names of the responding agents, which act jointly.
         objective: "steps", "return" or "lead".
-        states: of the game; `states.numbers(games)` says which of them games stand in.
+        states: of the game; `states.numbers(games)` returns those of games.
         values: [states] float64, what is to come from each state on: expected steps until the game
             is over (or none of those who respond is free), the last included, or what they are paid
             together; cut at the horizon. With a discount the step t = 0, 1, ... counts discount**t.
-            0 in states that cannot stand between two steps.
+            0 in states that cannot occur between steps.
         mean_over_starts: the mean of `values` over the starts that the task draws.
         policy: a `Policy` for the seats of `agents`.
         reaches_values: whether the policy reaches the values exactly; False where a plan for every
@@ -83,7 +83,7 @@ class JointValues:
         length: the mean over starts of the steps until the game is over.
         ended: the mean chance that the rules end it within the horizon (discounted by its step).
         steps: by agent, the mean steps until it is captured or the game is over.
-        returns: by agent, the mean of what it is paid; empty where a function pays.
+        returns: by agent, its mean return; empty with a custom reward function.
         values: [states] float64 of each of "length", "ended", "steps of NAME", "return of NAME".
     """
 
@@ -113,12 +113,12 @@ def solve_joint(
     Args:
         task: any game in one maze.
         agents: a role (all its agents), a name, or several names.
-        policies: of everybody else, by agent name or role (a name goes first): policies with a
+        policies: of all other agents, by agent name or role (a name goes first): policies with a
             `distribution`, or tables [self cell, other cell, action].
         horizon: the number of steps after which the game is cut, or None.
         discount: what a step counts in terms of the one before it; above 0 and at most 1.
-        objective: "return": as much as `agents` can be paid together, by the rewards of the task;
-            "lead": that less what all others are paid;
+        objective: "return": the largest sum of the returns of `agents`;
+            "lead": that minus the returns of all others;
             "steps": as few steps as possible until the game is over, or as many for evaders, until
             none of these is free.
         most_states: above this number of states the game is refused.
@@ -127,8 +127,8 @@ def solve_joint(
         ValueError: arguments outside these limits; a policy that is missing, or has no known
             distribution; more states, or bytes, than are solved; "steps" for evaders that collect
             goals (to be caught is quickest), for whoever hunts those, or for a team of evaders and
-            others; "return" and "lead" where a user's function pays; a problem without an end or
-            discount, in which the end can be put off for ever.
+            others; "return" and "lead" with a custom reward function; a problem without an end or
+            discount, in which the end can be delayed forever.
     """
     task, seats = checked_task(task), _seats_of(task, agents)
     one_of("objective", objective, OBJECTIVES)
@@ -168,7 +168,7 @@ def evaluate_joint(
     agents: str | Sequence[str] | None = None,
     most_states: int = MAX_STATES,
 ) -> JointValues:
-    """What everybody achieves, in steps and payments, when all seats play `policies`.
+    """The mean steps and returns of all agents when all play `policies`.
 
     Arguments and errors as of `solve_joint`; `agents` are those whose steps and returns are worth
     knowing, all by default. Each takes 32 bytes a state.
@@ -184,13 +184,13 @@ def evaluate_joint(
     states, values = quantities_of(task, policies, wanted, horizon, discount, most_states)
     means = dict(zip(wanted, states.mean_over_starts(values).tolist(), strict=True))
     names = [task.agent_names[seat] for seat in seats]
-    paid = {f"return of {name}": name for name in names if f"return of {name}" in means}
+    return_names = {f"return of {name}": name for name in names if f"return of {name}" in means}
     return JointValues(
         states,
         means["length"],
         means["ended"],
         {name: means[f"steps of {name}"] for name in names},
-        {name: means[key] for key, name in paid.items()},
+        {name: means[key] for key, name in return_names.items()},
         {key: values[:, at] for at, key in enumerate(wanted)},
     )
 
@@ -246,14 +246,14 @@ def _solve(
                 )
             return values, choice.astype(small)[None], True
         plan: list[NDArray[np.integer]] = []
-        room = MAX_PLAN_BYTES // np.dtype(small).itemsize // states.count
+        workspace = MAX_PLAN_BYTES // np.dtype(small).itemsize // states.count
         before = 0
         for before in sweeper.steps(horizon):
-            if keep and before <= room:
+            if keep and before <= workspace:
                 plan.append(choice.astype(small))
-        if before > room or not keep:
+        if before > workspace or not keep:
             return sweeper.values, choice.astype(small)[None], False
-        if horizon > room:  # the last steps alone would be played too soon
+        if horizon > workspace:  # the last steps alone would be played too soon
             return sweeper.values, plan[-1][None], False
         # Where nothing changes any more, earlier steps are as the first that was looked at.
         steps = np.stack([*[plan[-1]] * (horizon - before), *plan[::-1]])
@@ -269,7 +269,7 @@ def _check_end(problem: Problem, for_all: bool) -> None:
     question = Problem(states, problem.deciding, problem.others, (ending,), sign, only_whether=True)
     over = np.zeros(states.count, dtype=bool)
     offsets = states.numbering.offsets
-    for group, mask in enumerate(states.numbering.masks.tolist()):  # nobody who counts is free
+    for group, mask in enumerate(states.numbering.masks.tolist()):  # no agent that counts is free
         if not problem.counts(mask):
             over[offsets[group] : offsets[group + 1]] = True
     values = over.astype(np.float64)[:, None]
@@ -281,13 +281,13 @@ def _check_end(problem: Problem, for_all: bool) -> None:
             where = int(np.argmax(stuck))
             raise ValueError(
                 f"task {task.name!r} on {task.mazes[0].name}: the end of the game can be put off "
-                "for ever, so what is expected is infinite (first from the cells "
+                "forever, so the expectation is infinite (first from the cells "
                 f"{games.position[where].tolist()} and goals {games.goal[where].tolist()}); give a "
                 "horizon, or a discount below 1"
             )
 
 
-# -- what is asked ---------------------------------------------------------------------------------
+# -- arguments -------------------------------------------------------------------------------------
 
 
 def _check(horizon: int | None, discount: float) -> None:
@@ -305,7 +305,7 @@ def _seats_of(task: Task, agents: str | Sequence[str]) -> tuple[int, ...]:
         agents = [agents]
     seats = sorted({task.seat(agent) for agent in agents})
     if not seats:
-        raise ValueError("agents=(); name who responds: a role, an agent, or several")
+        raise ValueError("agents=(); give the responders: a role, an agent, or several")
     return tuple(seats)
 
 
@@ -314,7 +314,7 @@ def _sign(task: Task, seats: tuple[int, ...], objective: Objective) -> float:
     if objective != "steps":
         if task.reward_function is not None:
             raise ValueError(
-                f"task {task.name!r} is paid by a function; what the rule book pays alone is "
+                f"task {task.name!r} has a custom reward function; only coefficients are "
                 "known exactly: take objective='steps', or rewards by coefficients"
             )
         return -1.0

@@ -1,8 +1,8 @@
 """The states of a game as a whole: how many there are, their numbers, and which of them are starts.
 
-A *state* is all that the rest of a game depends on: who is still free, the cells of all free
-agents, and the cells that hold goals. By whom goals were collected is no part of it: it changes
-nothing of what comes. How states are numbered stands in `joint_kernels`.
+A *state* is all that the rest of a game depends on: which evaders are free, the cells of all free
+agents, and the cells that hold goals. Which agents collected goals is not part of it, as it
+has no effect on the rest. How states are numbered stands in `joint_kernels`.
 """
 
 from __future__ import annotations
@@ -73,17 +73,17 @@ def check_joint_states(task: Task, most: int = MAX_STATES, each: int = 0) -> int
             that has no states (`count_joint_states`).
     """
     states = count_joint_states(task)
-    told = (
+    size_text = (
         f"task {task.name!r} on {task.mazes[0].name}: {states:,} states ({task.max_cells} cells, "
         f"{task.num_agents} agents, {task.num_goals} goals)"
     )
     if states > most:
-        raise ValueError(f"{told}; at most {most:,} are solved: {REMEDY}")
+        raise ValueError(f"{size_text}; at most {most:,} are solved: {REMEDY}")
     if task.max_cells > MAX_TABLE_CELLS:
-        raise ValueError(f"{told}; mazes are solved up to {MAX_TABLE_CELLS} cells: {REMEDY}")
+        raise ValueError(f"{size_text}; mazes are solved up to {MAX_TABLE_CELLS} cells: {REMEDY}")
     sets = sum(comb(task.max_cells, left) for left in range(1, task.num_goals + 1))
     needed = states * each + 4 * sets * task.num_goals
-    check_memory(told, needed, REMEDY, MAX_BYTES)
+    check_memory(size_text, needed, REMEDY, MAX_BYTES)
     return states
 
 
@@ -94,7 +94,7 @@ class JointStates:
     Attributes:
         task: the game.
         count: how many states there are.
-        numbering: their groups (who is free) and sets (which cells hold goals), for kernels.
+        numbering: their groups (free evaders) and sets (which cells hold goals), for kernels.
     """
 
     task: Task
@@ -102,14 +102,14 @@ class JointStates:
     numbering: Numbering = field(repr=False)
 
     def games(self, first: int, count: int) -> tuple[Games, NDArray[np.bool_]]:
-        """Games that stand in the states from `first` on, none of which was ever played.
+        """Games in the states from `first` on.
 
-        Goals are in the order of their cells, absent ones last; captured evaders stand where the
-        first chaser does.
+        Goals are in the order of their cells, absent ones last; captured evaders are where
+        the first chaser is.
 
         Returns:
             The games, and [count] bool: whether a state can stand between two steps at all. In no
-            game a chaser stands on a free evader, or somebody who collects goals on one.
+            game a chaser stands on a free evader, or a collector on a goal.
         """
         task = self.task
         games = layout.empty_games(count, task.num_agents, task.num_goals)
@@ -134,7 +134,7 @@ class JointStates:
     def starts(self, least: int | None = None) -> Iterator[NDArray[np.int64]]:
         """The numbers of all states that an episode can begin with, all equally likely, in parts.
 
-        Everybody and every goal has a cell of its own, chasers and evaders are at least `least`
+        All agents and goals are in different cells, chasers and evaders are at least `least`
         path steps apart (the task's `min_start_distance` if left out); with `start="marks"` who has
         a mark stands on it.
         """

@@ -17,8 +17,8 @@ from pursuit.mazes.maze_arrays import lay_out
 from pursuit.memory import check_memory
 from pursuit.rules import layout
 from scripted_agents.joint.kernels import FILL_STORE, sweep
-from scripted_agents.joint.layout import Aim, Players, Quantities, Room, Store
-from scripted_agents.joint.opponents import Others
+from scripted_agents.joint.layout import Objective, Players, Quantities, Store, Workspace
+from scripted_agents.joint.opponents import OtherPolicies
 from scripted_agents.joint.states import JointStates
 
 SAME = 1e-14
@@ -49,12 +49,12 @@ class Quantity:
     """What is summed up along a game.
 
     Attributes:
-        paid: [agents], how much of what each is paid counts.
+        reward_weights: [agents], the weight of each agent's reward.
         lasting: [agents], 1: a step counts 1 as long as any of these is free.
         ending: what the end of the game counts.
     """
 
-    paid: Sequence[float]
+    reward_weights: Sequence[float]
     lasting: Sequence[int]
     ending: float = 0.0
 
@@ -70,13 +70,13 @@ class Problem:
         quantities: what is summed up.
         sign: -1 to make as much of it.
         discount: of what the next step counts.
-        only_whether: 1 for whatever is above 0.
+        only_whether: 1 for values above 0.
         moves_first: of equally good actions moves are chosen before standing still.
     """
 
     states: JointStates
     deciding: tuple[int, ...]
-    others: Others
+    others: OtherPolicies
     quantities: tuple[Quantity, ...]
     sign: float = 1.0
     discount: float = 1.0
@@ -84,7 +84,7 @@ class Problem:
     moves_first: bool = True
 
     def for_kernels(self) -> tuple[Any, ...]:
-        """The game, who plays and what is summed up, as `sweep` takes them."""
+        """The game, its players and quantities: the arguments of `sweep`."""
         task, wanted = self.states.task, self.quantities
         players = [*((seat,) for seat in self.deciding), *self.others.players]
         return (
@@ -102,18 +102,18 @@ class Problem:
                 self.others.rows,
             ),
             Quantities(
-                np.array([q.paid for q in wanted], dtype=np.float64),
+                np.array([q.reward_weights for q in wanted], dtype=np.float64),
                 np.array([q.lasting for q in wanted], dtype=np.int64),
                 np.array([q.ending for q in wanted], dtype=np.float64),
             ),
         )
 
-    def room(self) -> Room:
+    def workspace(self) -> Workspace:
         """Room for one state."""
         task, number = self.states.task, len(self.quantities)
         agents, goals = task.num_agents, task.num_goals
         most = task.num_actions ** max([1, *map(len, self.others.players)])
-        return Room(
+        return Workspace(
             cells=np.zeros(agents, dtype=np.int64),
             active=np.zeros(agents, dtype=np.int64),
             goals=np.zeros(goals, dtype=np.int64),
@@ -145,12 +145,14 @@ class Problem:
         return found
 
     def counts(self, mask: int) -> bool:
-        """Whether anybody who counts is free, where these evaders are."""
+        """Whether any agent that counts is free, if these evaders are."""
         task = self.states.task
         for agent in range(task.num_agents):
             evader = agent - task.num_chasers
             captured = 0 <= evader < task.num_evaders and not mask >> evader & 1
-            if not captured and any(q.paid[agent] or q.lasting[agent] for q in self.quantities):
+            if not captured and any(
+                q.reward_weights[agent] or q.lasting[agent] for q in self.quantities
+            ):
                 return True
         return any(q.ending and not any(q.lasting) for q in self.quantities)
 
@@ -161,7 +163,7 @@ class Sweeper:
     Args:
         problem: what is swept over.
         values: [states, quantities] float64, where it begins.
-        choice: [states] int16, which gets the joint actions of those who decide.
+        choice: [states] int16, which gets the joint actions of the deciding players.
 
     Raises:
         ValueError: what follows all states does not fit into memory.
@@ -175,9 +177,9 @@ class Sweeper:
     ) -> None:
         self.problem, self.values, self.choice = problem, values, choice
         self.store = filled_store(problem)
-        self._aim = Aim(problem.sign, problem.discount, problem.only_whether)
+        self._aim = Objective(problem.sign, problem.discount, problem.only_whether)
         self._threads = threads_for(len(values))
-        self._rooms = [problem.room() for _ in range(self._threads)]
+        self._rooms = [problem.workspace() for _ in range(self._threads)]
         self._pool = ThreadPoolExecutor(self._threads)
 
     def __enter__(self) -> Sweeper:
@@ -279,7 +281,7 @@ def filled_store(problem: Problem, wanted: NDArray[np.bool_] | None = None) -> S
     def part(number: int) -> None:
         memory = layout.allocate(1, task.num_agents, task.num_goals)
         some = bounds[number], bounds[number + 1]
-        FILL_STORE[task.is_duel](memory, *problem.for_kernels(), problem.room(), store, *some)
+        FILL_STORE[task.is_duel](memory, *problem.for_kernels(), problem.workspace(), store, *some)
 
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(part, range(threads)))

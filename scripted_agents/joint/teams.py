@@ -23,12 +23,12 @@ class TeamResponse:
     """What `best_team_response` found.
 
     Attributes:
-        role: who responds: a role, whose agents move as one, or the name of one agent.
+        role: the responder: a role (its agents act jointly), or the name of one agent.
         values: [chaser cell, ..., evader cell] float64, expected steps until capture (the capturing
-            step included), cut at the horizon; 0 where a chaser stands on the evader. With a
+            step included), cut at the horizon; 0 if a chaser is on the evader. With a
             discount the step t = 0, 1, ... counts discount**t.
         mean_over_starts: the mean of `values` over the starts that the game draws.
-        policy: a `Policy` for the seats of those who respond, that reaches the values.
+        policy: a `Policy` for the responding agents that attains the values.
         horizon, discount: of the problem.
     """
 
@@ -51,7 +51,7 @@ def best_team_response(
     Args:
         task: a chase of one evader by one or more chasers in one maze, with random starts.
         role: "chaser" or "evader"; or one agent ("chaser_1"), the others playing `policies`.
-        policies: of everybody else, by agent name or role; a name goes first.
+        policies: of all other agents, by agent name or role; a name goes first.
         horizon: the number of steps after which the game is cut, or None.
         discount: what a step counts in terms of the one before it; above 0, at most 1, and below 1
             without a horizon.
@@ -72,7 +72,7 @@ def best_team_response(
 def evaluate_team(
     task: Task, policies: Policies, horizon: int | None = 200, discount: float = 1.0
 ) -> NDArray[np.float64]:
-    """The expected number of steps until capture when everybody plays `policies`.
+    """The expected number of steps until capture when all agents play `policies`.
 
     The same quantity as `best_team_response(...).values`, arguments and errors as there.
     """
@@ -85,7 +85,7 @@ def evaluate_team(
 def team_survival(
     task: Task, policies: Policies, horizon: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """`evaluate_team` for a horizon, and the chance that nobody is caught within it."""
+    """`evaluate_team` for a horizon, and the probability of no capture within it."""
     _check(task, horizon, 1.0)
     _, values = quantities_of(task, policies, lengths_of(task), horizon, 1.0)
     length, ended = values.reshape(*_shape(task), 2).transpose(-1, *range(task.num_agents))

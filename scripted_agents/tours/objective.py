@@ -1,4 +1,4 @@
-"""The tours of a runner that is paid for every goal, and how much longer than shortest they are.
+"""Tours that are optimal for the discounted rewards of goals, and their gap to shortest tours.
 
 A runner is trained on a reward for each goal with a discount, and judged by its steps. The policy
 that is best by the reward may be longer than the shortest tour: the objective has a floor of its
@@ -14,7 +14,7 @@ import numpy as np
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze
 from pursuit.memory import free_memory
 from pursuit.rules import UNREACHABLE
-from scripted_agents.tours.objective_kernels import Layer, Ways, one_goal_more, sum_of_lengths
+from scripted_agents.tours.objective_kernels import GoalPaths, Layer, one_goal_more, sum_of_lengths
 
 MAX_STEPS_OF_WORK = 3_000_000_000
 """Above this many looks at (set of goals, next goal, cell) it is not enumerated: some seconds."""
@@ -23,7 +23,7 @@ MAX_BYTES = 10**9
 """Above this many bytes of tables it is not enumerated."""
 
 
-def tour_floor(
+def tour_objective_gap(
     maze: Maze,
     num_goals: int,
     discount: float,
@@ -73,7 +73,7 @@ def tour_floor(
     binomials = np.array(
         [[comb(n, k) for k in range(num_goals + 1)] for n in range(cells + 1)], dtype=np.int64
     )
-    ways = Ways(distances, rewards, shrinks, binomials)
+    ways = GoalPaths(distances, rewards, shrinks, binomials)
     layer = _layer(1, cells)
     for count in range(1, num_goals):
         smaller, layer = layer, _layer(comb(cells, count), cells)

@@ -16,7 +16,7 @@ TIE = 1e-12
 """Relative difference below which two tours count as equally good."""
 
 
-class Ways(NamedTuple):
+class GoalPaths(NamedTuple):
     """The ways from every cell to every goal.
 
     Attributes:

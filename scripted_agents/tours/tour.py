@@ -197,7 +197,7 @@ def _check_number(maze: Maze, num_goals: int) -> None:
 
 
 def num_placements(num_cells: int, num_goals: int) -> int:
-    """The placements of a start and of goals that cannot be told apart, all on distinct cells."""
+    """The placements of a start and of goals that are distinct, all on different cells."""
     num_cells, num_goals = whole("num_cells", num_cells, 1), whole("num_goals", num_goals, 0)
     return comb(num_cells, num_goals) * (num_cells - num_goals)
 

@@ -138,9 +138,12 @@ def test_a_schedule_follows_its_unit(unit: str) -> None:
     [
         ({"length": -1.0}, "length=-1.0"),
         ({"shape": "step", "every": 0.0}, "every=0.0"),
-        ({"shape": "exponential", "start": 0.1, "end": 0.2}, "floor 0.2 lies above the start 0.1"),
+        ({"shape": "exponential", "start": 0.1, "end": 0.2}, "end 0.2 is above the start 0.1"),
         ({"shape": "exponential", "start": 1.0, "end": 0.2, "factor": 1.5}, "factor=1.5"),
-        ({"shape": "exponential", "start": -1.0, "end": -2.0}, "start=-1.0; a value that decays"),
+        (
+            {"shape": "exponential", "start": -1.0, "end": -2.0},
+            "start=-1.0; give a start of at least 0",
+        ),
         ({"shape": "piecewise"}, "points"),
         ({"shape": "piecewise", "points": ((0.5, 1.0), (0.5, 0.0))}, "increasing"),
         ({"shape": "sine"}, "unknown schedule 'sine'"),
@@ -244,7 +247,7 @@ def test_controls_are_what_they_are_called() -> None:
 
 @pytest.mark.parametrize("make", [SuccessGated, LearningProgress, Uniform])
 def test_outcomes_of_another_task_are_refused(make: Any) -> None:
-    with pytest.raises(ValueError, match=r"outcomes of lesson 3, which this curriculum never gave"):
+    with pytest.raises(ValueError, match=r"outcomes of unknown stage 3; the stages"):
         make(STAGES).update(outcomes([1.0, 3.0]), Progress())
 
 
@@ -253,17 +256,20 @@ def test_settings_out_of_range_are_refused() -> None:
         (lambda: SuccessGated(STAGES, promote_at=1.2), "promote_at=1.2"),
         (lambda: SuccessGated(STAGES, promote_at=0.5, demote_at=0.6), "demote_at below"),
         (lambda: SuccessGated(STAGES, window=0), "window=0"),
-        (lambda: SuccessGated(STAGES, window=1.5), "window=1.5; a whole number, at least 1 ep"),
-        (lambda: SuccessGated(STAGES, window=True), "window=True; a whole number"),
-        (lambda: LevelReplay(capacity=2.5), "capacity=2.5; a whole number, at least 2 levels"),
+        (
+            lambda: SuccessGated(STAGES, window=1.5),
+            "window=1.5; give a whole number, at least 1 ep",
+        ),
+        (lambda: SuccessGated(STAGES, window=True), "window=True; give a whole number"),
+        (lambda: LevelReplay(capacity=2.5), "capacity=2.5; give a whole number, at least 2 levels"),
         *(
             (lambda kind=kind, value=value: kind([1.0, value]), "all different and finite")
             for kind in (Uniform, SuccessGated, LearningProgress, lambda s: Shuffled(s, 0.5))
             for value in (math.nan, math.inf)
         ),
-        (lambda: piecewise([(0.0, math.nan)], 0.0), "all numbers are finite"),
-        (lambda: piecewise([(0.0, 1.0), (math.inf, 0.0)], 0.0), "all numbers are finite"),
-        (lambda: Schedule("piecewise", points=((math.nan, 1.0),)), "all numbers are finite"),
+        (lambda: piecewise([(0.0, math.nan)], 0.0), "give finite numbers"),
+        (lambda: piecewise([(0.0, 1.0), (math.inf, 0.0)], 0.0), "give finite numbers"),
+        (lambda: Schedule("piecewise", points=((math.nan, 1.0),)), "give finite numbers"),
         (lambda: LearningProgress(STAGES, fast=0.1, slow=0.2), "slow < fast"),
         (lambda: LearningProgress(STAGES, explore_share=-0.1), "explore_share=-0.1"),
         (lambda: Uniform([]), "at least one value"),
@@ -298,7 +304,7 @@ def test_levels_with_regret_are_kept_and_played_again() -> None:
 
 
 def test_the_lesson_that_no_level_has_is_named() -> None:
-    with pytest.raises(ValueError, match="outcomes of lesson -1, which is no seed"):
+    with pytest.raises(ValueError, match="outcomes of level -1; seeds are whole"):
         LevelReplay("learnability").update(outcomes([3.0, -1.0]), Progress())
 
 
@@ -327,7 +333,7 @@ def test_a_level_is_scored_by_its_last_episode_and_learnability_by_all() -> None
 def test_unknown_optima_and_impossible_seeds_are_refused() -> None:
     with pytest.raises(ValueError, match="needs the exact optimum"):
         LevelReplay("regret").update(outcomes([1]), Progress())
-    with pytest.raises(ValueError, match="no seed of a level"):
+    with pytest.raises(ValueError, match="seeds are whole numbers"):
         LevelReplay("learnability").update(outcomes([0.5]), Progress())
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from pursuit.tasks.task import Rewards, Task
 from scripted_agents import evaluate_joint, mean_over_starts, solve_joint
 from scripted_agents.duel.action_values import expected_after, outcomes
-from scripted_agents.tours.objective import tour_floor
+from scripted_agents.tours.objective import tour_objective_gap
 from train.evaluation.contest import GameContest
 from train.evaluation.games import best_reply
 from train.evaluation.joint_contest import joint_work
@@ -82,7 +82,7 @@ def _tour(task: Task, paid: Rewards, discount: float) -> float | None:
         return 0.0  # the return depends on the length of the tour alone
     if not least or paid.on_completion:
         return None
-    return tour_floor(maze, task.num_goals, discount, step, goal, task.max_steps)
+    return tour_objective_gap(maze, task.num_goals, discount, step, goal, task.max_steps)
 
 
 def _duel(contest: GameContest, paid: Rewards, discount: float) -> float | None:

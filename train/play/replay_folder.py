@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pursuit.replays.adapters import has_reward_function
 from pursuit.replays.replay import Episode, Replay, digest_of
-from pursuit.replays.worlds import own_rewards
 from train.files import check_output_folder, hold, write_beside
 from train.play.session import Session
 from train.settings.checks import check
@@ -29,7 +29,7 @@ def replay_of(session: Session, name: str) -> Replay:
     )
     title = f"{name}, by hand: {session.title()}"
     players = {**session.players(), session.own: f"{name}, by hand"}
-    own = own_rewards(session.task)
+    own = has_reward_function(session.task)
     return Replay(session.task, (episode,), title, session.seed, players, own_rewards=own)
 
 

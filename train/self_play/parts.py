@@ -12,7 +12,7 @@ from scripted_agents.environments import (
     AGENTS,
     SEARCHERS,
     check_agent,
-    own_policy,
+    custom_policy,
     own_roles,
     scripted_policy,
 )
@@ -76,7 +76,7 @@ def self_play_parts(settings: SelfPlaySettings) -> SelfPlayParts:
         if role in SEARCHERS.get(name, ROLES)
     }
     scripted |= {
-        (name, role): own_policy(name, task, role)
+        (name, role): custom_policy(name, task, role)
         for name in settings.members
         if name not in AGENTS
         for role in own_roles(name, task)

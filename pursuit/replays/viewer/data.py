@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.observations.observations import PLANES
+from pursuit.replays.adapters import State
 from pursuit.replays.viewer.page import page
-from pursuit.replays.worlds import State
 from pursuit.rules.layout import CAPTURED, COLLECTED
-from pursuit.rules.sight import IN_VIEW
+from pursuit.rules.visibility import IN_VIEW
 
 MOVING = PLANES.index("walkable")
 """The planes of the encoding "planes" before this one are of what moves, the others of the maze."""

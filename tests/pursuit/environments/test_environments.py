@@ -209,7 +209,7 @@ def test_a_captured_evader_leaves_and_the_game_goes_on() -> None:
     assert (rewards["chaser_0"], rewards["evader_0"], rewards["evader_1"]) == (1.0, -1.0, 1.0)
     assert env.agents == ["chaser_0", "evader_1"] and set(observations) == set(terminations)
     before = env.state()
-    with pytest.raises(ValueError, match="'ghost', who is not playing"):
+    with pytest.raises(ValueError, match="'ghost', which is not active"):
         env.step({"chaser_0": EAST, "ghost": NORTH, "evader_1": EAST})
     with pytest.raises(ValueError, match="the action of chaser_0 is None"):
         env.step({"evader_0": None, "chaser_0": None, "evader_1": EAST})
@@ -241,7 +241,7 @@ def test_capture_in_the_last_step_is_a_termination() -> None:
         ({"chaser_0": 2**40, "evader_0": 0}, "integer from 0 to 3"),
         ({"chaser_0": 0, "evader_0": 1.0}, "the action of evader_0 is 1.0; give an integer"),
         ({"chaser_0": None, "evader_0": 1}, "the action of chaser_0 is None"),
-        ({"chaser_0": 0, "evader_0": 0, "ghost_0": 0}, "'ghost_0', who is not playing"),
+        ({"chaser_0": 0, "evader_0": 0, "ghost_0": 0}, "'ghost_0', which is not active"),
     ],
 )
 def test_bad_actions_move_nobody(actions: dict[str, Any], message: str) -> None:
@@ -267,7 +267,7 @@ def test_numpy_integers_are_actions() -> None:
         ({"observation": "pixels"}, "unknown observation 'pixels'; one of one_hot"),
         ({"render_mode": "3d"}, "unknown render_mode '3d'; None or one of ansi"),
         ({"maze": "5x6"}, "unknown maze '5x6'"),
-        ({"maze": "2x2", "num_evaders": 5}, "6 agents and 0 goals need 6 cells"),
+        ({"maze": "2x2", "num_evaders": 5}, "6 agents and 0 goals need 6 different cells"),
         ({"num_evaders": 0}, "num_evaders=0"),
         ({"rewards": "gold"}, "unknown rewards 'gold'"),
         ({"max_steps": 0}, "max_steps=0"),

@@ -315,8 +315,8 @@ def test_policies_by_name_go_before_those_by_role() -> None:
     [
         ("runner", {"chaser": RandomAgent()}, "unknown agent 'runner'; this task has chaser_0, ev"),
         ("evader_1", {"chaser": RandomAgent()}, "unknown agent 'evader_1'"),
-        (2, {"chaser": RandomAgent()}, "seat 2; this task has seats 0 to 1"),
-        ("chaser", {}, "nobody fills the seat of evader_0; add policies={'evader_0': ...}"),
+        (2, {"chaser": RandomAgent()}, "agent index 2; this task has 0 to 1"),
+        ("chaser", {}, "evader_0 has no policy; add policies={'evader_0': ...}"),
         ("chaser", {"runner": RandomAgent()}, "a policy for 'runner'; this task has chaser_0"),
     ],
 )

@@ -146,9 +146,9 @@ def test_whether_a_masked_evader_can_live_for_ever_is_known() -> None:
     # Who must move runs into the chaser that sits at one end of the corridor; who may bump stays.
     sitting = np.zeros((5, 5, 4))
     sitting[..., NORTH] = 1.0
-    with pytest.raises(ValueError, match="capture can be avoided for ever"):
+    with pytest.raises(ValueError, match="capture can be avoided forever"):
         best_response("evader", CORRIDOR, sitting, None)
-    with pytest.raises(ValueError, match="capture can be avoided for ever"):
+    with pytest.raises(ValueError, match="capture can be avoided forever"):
         best_response("evader", CORRIDOR, sitting, None, mask_bumps=True)  # to and fro
     chasing = AStarChaser().action_probabilities(CORRIDOR)
     longest = [

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from pursuit import chase_v0
 from pursuit.mazes.maze import Maze
 from pursuit.observations.observations import ENCODINGS
-from pursuit.replays.worlds import WORLDS
+from pursuit.replays.adapters import ADAPTERS
 from pursuit.simulator.simulator import Simulator
-from pursuit.tasks.sight import visible_cells
 from pursuit.tasks.task import Task, make_task
+from pursuit.tasks.visibility import visible_cells
 from tests.random_mazes import any_maze, connected_maze, seeds
 from tests.reference_observations import Seen, cells_seen
 
@@ -191,17 +191,17 @@ def test_sight_is_said_in_several_ways_and_kept_in_one() -> None:
     ("given", "said"),
     [
         ({"view_radius": -1}, "view_radius=-1; it is at least 0"),
-        ({"view_radius": True}, "view_radius=True; path steps"),
-        ({"view_radius": 1.5}, "view_radius=1.5; path steps"),
-        ({"view_radius": "two"}, "view_radius='two'; path steps"),
+        ({"view_radius": True}, "view_radius=True; give a path distance"),
+        ({"view_radius": 1.5}, "view_radius=1.5; give a path distance"),
+        ({"view_radius": "two"}, "view_radius='two'; give a path distance"),
         ({"view_radius": {"chaser": "x"}}, "view_radius of chaser='x'"),
-        ({"view_radius": "chaser=1,chaser=2"}, "view_radius='chaser=1,chaser=2'; .* named twice"),
-        ({"view_radius": "chaser="}, "view_radius='chaser='; each is a role or agent and"),
-        ({"view_radius": {"runner": 2}}, "view_radius of 'runner', who does not play here; one of"),
-        ({"line_of_sight": 1}, "line_of_sight=1; True for everybody"),
-        ({"line_of_sight": "chaser,"}, "True for everybody"),
-        ({"unknown_maze": ("chaser", "evader_1")}, "unknown_maze of 'evader_1', who does not play"),
-        ({"maze": "HUGE", "view_radius": 2}, "up to 4096"),
+        ({"view_radius": "chaser=1,chaser=2"}, "view_radius='chaser=1,chaser=2'; .* given twice"),
+        ({"view_radius": "chaser="}, "view_radius='chaser='; give a role or agent and"),
+        ({"view_radius": {"runner": 2}}, "view_radius of unknown agent 'runner'; one of"),
+        ({"line_of_sight": 1}, "line_of_sight=1; give True for all"),
+        ({"line_of_sight": "chaser,"}, "give True for all"),
+        ({"unknown_maze": ("chaser", "evader_1")}, "unknown_maze of unknown agent 'evader_1'"),
+        ({"maze": "HUGE", "view_radius": 2}, "at most 4096"),
     ],
 )
 def test_sight_that_is_none_is_refused(given: dict[str, Any], said: str) -> None:
@@ -213,7 +213,7 @@ def test_sight_that_is_none_is_refused(given: dict[str, Any], said: str) -> None
 
 
 def test_a_replay_says_what_limited_sight() -> None:
-    world = WORLDS["maze"]
+    world = ADAPTERS["maze"]
     task = Task(maze=(HALL, "3x3"), **CROWD, **LIMITS["mixed"])
     assert world.task(world.settings(task)).sight.limits == task.sight.limits
     assert "view_radius" not in world.settings(make_task("chase"))

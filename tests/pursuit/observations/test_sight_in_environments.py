@@ -187,7 +187,7 @@ def test_settings_of_runs_say_what_limits_sight() -> None:
     made = {fingerprint("single", each, 100, {}) for each in (plain, limited)}
     assert len(made) == 2
     assert fingerprint("single", settings_of(seconds=1, view_radius=2), 100, {}) not in made
-    with pytest.raises(ValueError, match="path steps such as 2"):
+    with pytest.raises(ValueError, match="path distance such as 2"):
         settings_of(seconds=1, view_radius="far")
 
 

@@ -303,7 +303,7 @@ def test_the_team_is_the_arm_and_each_knows_its_number(discrete: bool) -> None:
     ("actions", "message"),
     [
         ({"joint_0": [0.0]}, "no action for joint_1"),
-        ({"joint_0": [0.0], "joint_1": [0.0], "joint_2": [0.0]}, "'joint_2', who is not playing"),
+        ({"joint_0": [0.0], "joint_1": [0.0], "joint_2": [0.0]}, "'joint_2', which is not active"),
         ({"joint_0": [0.0], "joint_1": [1.5]}, r"the action of joint_1=\[1.5\]; an array of one"),
         ({"joint_0": [np.nan], "joint_1": [0.0]}, "the action of joint_0="),
         ({"joint_0": 0.5, "joint_1": [0.0]}, "the action of joint_0=0.5"),

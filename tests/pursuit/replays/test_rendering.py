@@ -113,11 +113,11 @@ def test_walls_stand_where_the_maze_has_them(maze: Maze) -> None:
         for column in range(maze.width):
             y, x = top + row * CELL, left + column * CELL
             if row:
-                wall = not maze.joined_south[row - 1, column]
+                wall = not maze.open_south[row - 1, column]
                 wall &= not (blocked[row, column] and blocked[row - 1, column])
                 assert (tuple(picture[y, x + CELL // 2]) == WALL) == wall
             if column:
-                wall = not maze.joined_east[row, column - 1]
+                wall = not maze.open_east[row, column - 1]
                 wall &= not (blocked[row, column] and blocked[row, column - 1])
                 assert (tuple(picture[y + CELL // 2, x]) == WALL) == wall
             assert tuple(picture[y + CELL // 2, x + CELL // 2]) != WALL

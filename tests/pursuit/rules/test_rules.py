@@ -370,10 +370,10 @@ def test_zero_sum_of_goals_is_the_opposite_for_chasers() -> None:
 
 def test_rewards_per_evader_are_for_chasers_and_for_events_at_once() -> None:
     for wrong in ({"distance": -1.0}, {"on_completion": True}):
-        with pytest.raises(ValueError, match="needs distance=0 and on_completion=False"):
+        with pytest.raises(ValueError, match="requires distance=0, on_completion=False"):
             Rewards(per_evader=True, **wrong)  # type: ignore[arg-type]
     for role in ("evader", "runner"):
-        with pytest.raises(ValueError, match=f"of the {role}: per_evader=True; it is for chasers"):
+        with pytest.raises(ValueError, match=f"of the {role}: per_evader=True; only chasers"):
             Task(ROOM, 1, 1, rewards={role: Rewards(per_evader=True)})
     with pytest.raises(ValueError, match="of the evader: per_evader=True"):
         Task(ROOM, 1, 1, rewards="step=-1,per_evader=true")

@@ -325,7 +325,10 @@ PARTS = Maze.from_text("+-+-+-+\n|   | |\n+-+-+-+", name="two parts")
         ({**DUEL, "maze": ()}, "an empty list; give at least one maze"),
         ({**DUEL, "maze": "5x6"}, "unknown maze '5x6'; shipped mazes"),
         ({**DUEL, "maze": "2x2", "num_goals": 3}, "need 5 cells.*2x2 has 4.*larger maze"),
-        ({"num_runners": 1, "num_goals": 1, "maze": PARTS}, "two parts falls into 2 parts.*open"),
+        (
+            {"num_runners": 1, "num_goals": 1, "maze": PARTS},
+            "two parts has 2 unconnected parts.*open",
+        ),
     ],
 )
 def test_a_task_that_makes_no_game_names_value_and_remedy(

@@ -15,7 +15,7 @@ from pursuit.mazes.generation import generate_maze
 from pursuit.mazes.maze import UNREACHABLE, Maze, load_maze
 from pursuit.rules.layout import Teams
 from pursuit.simulator.simulator import Simulator
-from pursuit.tasks.placements import Apart, check_placeable
+from pursuit.tasks.placements import StartConstraint, check_placeable
 from pursuit.tasks.task import Task, make_task
 
 PARTS = Maze.from_text("+-+-+-+\n|   | |\n+-+-+-+", name="two parts")
@@ -23,7 +23,7 @@ BLOCKED = Maze.from_text("+-+-+-+\n|S  |G|\n+ +-+ +\n| |G  |\n+ + + +\n|    #|\n
 LONG = Maze.from_text("+" + "-+" * 100 + "\n|" + "  " * 99 + " |\n+" + "-+" * 100, name="long")
 
 
-def all_placements(asked: Apart) -> list[tuple[int, ...]]:
+def all_placements(asked: StartConstraint) -> list[tuple[int, ...]]:
     """Every placement of chasers and evaders that holds, by brute force."""
     maze, (chasers, evaders) = asked.maze, asked.teams[:2]
     cells = np.array(list(permutations(range(maze.num_cells), chasers + evaders)))
@@ -98,7 +98,7 @@ def test_placements_are_uniform_over_all_that_hold(
 def test_what_exists_is_what_an_enumeration_finds(
     maze: Any, teams: tuple[int, int, int, int], least: int, most: int
 ) -> None:
-    asked = Apart(load_maze(maze), Teams(*teams), False, 0, least, most)
+    asked = StartConstraint(load_maze(maze), Teams(*teams), False, 0, least, most)
     if all_placements(asked):
         check_placeable(asked)
     else:
@@ -175,7 +175,7 @@ def test_large_mazes_without_tables_are_searched_too() -> None:
             {"min_start_distance": 9, "start": "marks", "maze": MARKED},
             "with marks .*Lower the minimum",
         ),
-        ({"min_start_distance": 7, "maze": ("9x9", "3x3")}, "maze 3x3"),
+        ({"min_start_distance": 7, "maze": ("9x9", "3x3")}, "in 3x3"),
     ],
     ids=str,
 )
@@ -187,8 +187,8 @@ def test_what_cannot_be_placed_is_no_task(settings: dict[str, Any], message: str
 def test_what_cannot_be_placed_cannot_be_configured() -> None:
     simulator = Simulator(make_task("chase", maze=("9x9", "3x3"), min_start_distance=2), 4)
     for wrong, message in (
-        ({"min_start_distance": 7}, "maze 3x3.*Lower"),
-        ({"min_start_distance": [2, 2, 7, 2], "maze": [0, 0, 1, 1]}, "maze 3x3"),
+        ({"min_start_distance": 7}, "in 3x3.*Lower"),
+        ({"min_start_distance": [2, 2, 7, 2], "maze": [0, 0, 1, 1]}, "in 3x3"),
         ({"max_start_distance": 1}, "=2 and max_start_distance=1.*Lower the minimum, raise"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -258,7 +258,7 @@ def test_they_have_names_for_the_roles_that_they_play() -> None:
     assert isinstance(scripted_policy("searching", "evader"), WaryEvader)
     assert repr(scripted_policy("sweeping", "chaser", 0.3)) == "SweepingChaser(epsilon=0.3)"
     assert repr(scripted_policy("belief", "chaser", 0.3)).endswith("'expected', epsilon=0.3)")
-    with pytest.raises(ValueError, match="belief plays chaser; 'evader' is asked for"):
+    with pytest.raises(ValueError, match="belief plays chaser; 'evader' is needed"):
         scripted_policy("belief", "evader")
     hidden = make_task("chase", maze="4x4", view_radius={"chaser": 1})
     assert isinstance(opponents_of(hidden, "evader", "belief", 0.2)["chaser"], BeliefChaser)

@@ -260,15 +260,15 @@ def test_a_hunt_that_need_not_end_is_refused_without_a_horizon() -> None:
     chaser = np.zeros((RING.num_cells, RING.num_cells, 4))
     for own, other in itertools.product(range(RING.num_cells), repeat=2):
         chaser[own, other, np.argmin(RING.distances[RING.neighbors[own, :4], other])] = 1.0
-    with pytest.raises(ValueError, match=r"avoided for ever.*give a horizon, or a discount"):
+    with pytest.raises(ValueError, match=r"avoided forever.*give a horizon, or a discount"):
         solver.best_response("evader", RING, chaser, horizon=None)
     kept = solver.best_response("evader", RING, chaser, horizon=None, discount=0.9)
     assert kept.values.max() == pytest.approx(10.0)
     assert solver.best_response("evader", RING, chaser, horizon=50).values.max() == 50
     flees = solver.best_response("evader", RING, chaser, horizon=50).policy
-    with pytest.raises(ValueError, match="avoided for ever"):
+    with pytest.raises(ValueError, match="avoided forever"):
         solver.evaluate_exactly(RING, chaser, flees, horizon=None)
-    with pytest.raises(ValueError, match="avoided for ever"):
+    with pytest.raises(ValueError, match="avoided forever"):
         solver.best_response("chaser", TWO_PARTS, random_table(0, TWO_PARTS), horizon=None)
 
 

@@ -351,7 +351,7 @@ def test_optimal_is_known_where_it_is_solved() -> None:
     ("call", "message"),
     [
         (lambda t, p: best_team_response(t, "runner", p), "role 'runner'"),
-        (lambda t, p: best_team_response(t, "chaser", {"chaser": p["chaser"]}), "nobody fills"),
+        (lambda t, p: best_team_response(t, "chaser", {"chaser": p["chaser"]}), "has no policy"),
         (lambda t, p: best_team_response(t, "evader", p, horizon=0), "horizon=0"),
         (lambda t, p: best_team_response(t, "evader", p, None), "discount 1.0"),
         (lambda t, p: best_team_response(make_task("heist"), "evader", p), "without goals"),

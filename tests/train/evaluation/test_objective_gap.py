@@ -22,7 +22,7 @@ from scripted_agents import (
     why_not_optimal,
 )
 from scripted_agents.tours import objective
-from scripted_agents.tours.objective import tour_floor
+from scripted_agents.tours.objective import tour_objective_gap
 from train.evaluation.contest import GameContest
 from train.evaluation.objective_gap import objective_gap
 from train.evaluation.scores import optimality_gap
@@ -55,14 +55,16 @@ def by_every_order(maze: Maze, num_goals: int, discount: float, most: int) -> fl
 def test_the_floor_of_tours_is_that_of_every_order(maze: str, goals: int, discount: float) -> None:
     for most in (200, 7):
         expected = by_every_order(load_maze(maze), goals, discount, most)
-        found = tour_floor(load_maze(maze), goals, discount, max_steps=most)
+        found = tour_objective_gap(load_maze(maze), goals, discount, max_steps=most)
         assert found == pytest.approx(expected, abs=1e-12)
 
 
 def test_floors_as_the_documents_have_them() -> None:
     """0.49 % on 5x5 at 0.95, none at 0.99; 1.26 % with 5 goals."""
     maze = load_maze("5x5")
-    found = [tour_floor(maze, *given) for given in ((3, 0.95), (3, 0.99), (5, 0.95), (3, 1.0))]
+    found = [
+        tour_objective_gap(maze, *given) for given in ((3, 0.95), (3, 0.99), (5, 0.95), (3, 1.0))
+    ]
     assert found == pytest.approx([0.004907965, 0.0, 0.012559874, 0.0], abs=1e-9)
 
 
@@ -144,11 +146,11 @@ def test_what_would_take_too_long_or_too_much_memory_is_not_known(
 ) -> None:
     maze = load_maze("3x3")
     monkeypatch.setattr(objective, "MAX_STEPS_OF_WORK", 10)
-    assert tour_floor(maze, 3, 0.95) is None
+    assert tour_objective_gap(maze, 3, 0.95) is None
     with pytest.raises(ValueError, match="num_goals 9"):
-        tour_floor(maze, 9, 0.95)
+        tour_objective_gap(maze, 9, 0.95)
     with pytest.raises(ValueError, match=r"discount 1\.5"):
-        tour_floor(maze, 3, 1.5)
+        tour_objective_gap(maze, 3, 1.5)
 
 
 def test_a_heuristic_tour_is_never_called_optimal() -> None:

@@ -13,7 +13,7 @@ from torch import nn
 
 import pursuit
 from pursuit.observations.observations import Encoder
-from pursuit.rules.sight import GOALS_PLANE, MAZE_PLANES, PLANES
+from pursuit.rules.visibility import GOALS_PLANE, MAZE_PLANES, PLANES
 from train.commands.main import main
 from train.networks.planning import Planning, paths
 from train.networks.planning_kernels import CHANNELS, NOWHERE

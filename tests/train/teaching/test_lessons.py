@@ -17,7 +17,7 @@ from train.commands.main import main
 from train.runs.parts import settings_of
 from train.runs.tasks import task_of
 from train.settings.curricula import ScheduleSettings
-from train.settings.presets import Setting, hyperparameters, lessons_for
+from train.settings.presets import TaskProfile, curriculum_for, hyperparameters
 from train.teaching.mazes import first_rows, opened
 from train.teaching.plan import training_task
 
@@ -54,7 +54,7 @@ def test_mazes_of_a_curriculum_agree_with_the_last_one() -> None:
         (
             {**CHASE, "curriculum": "opponent-epsilon", "easiest": 0.1,
              "schedule": "exponential", "schedule_unit": "episodes"},
-            "floor 0.2 lies above the start 0.1",
+            "end 0.2 is above the start 0.1",
         ),
         ({**MAZE, "curriculum": "goal-spread-start", "schedule_length": -0.1}, "at least 0"),
         ({**MAZE, "curriculum": "goal-spread-start", "schedule": "step"}, "shares of the budget"),
@@ -128,8 +128,8 @@ def test_settings_change_smoothly_with_the_size_of_the_maze(
 ) -> None:
     found = []
     for cells in range(4, 400):
-        setting = Setting(task, role, cells, duel=True)
-        curriculum, lessons = lessons_for(algorithm, setting)
+        setting = TaskProfile(task, role, cells, duel=True)
+        curriculum, lessons = curriculum_for(algorithm, setting)
         length = lessons.schedule_length if isinstance(lessons, ScheduleSettings) else 0.0
         assert curriculum == "none" or cells > 25
         hyper = asdict(hyperparameters(algorithm, setting))

@@ -1,4 +1,4 @@
-"""Payments: steps of games whose rewards a user's own function decides."""
+"""Steps of games whose rewards are computed by a custom reward function."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from pursuit.tasks.task import Task
 
 
 def step_games_of(task: Task) -> Any:
-    """The entry that moves games of this task, as `rules.step_games_of`; with its own payment."""
+    """`rules.step_games_of`, with the custom reward function of the task if it has one."""
     entry = rules.step_games_of(task.teams)
-    pay = task.reward_function
-    return entry if pay is None else _paying(entry, pay, task)
+    function = task.reward_function
+    return entry if function is None else _with_custom_rewards(entry, function, task)
 
 
-def _paying(entry: Any, pay: RewardFunction, task: Task) -> Any:
-    """`entry` with its payment replaced; games begin anew only after they are paid."""
+def _with_custom_rewards(entry: Any, function: RewardFunction, task: Task) -> Any:
+    """`entry` with the rewards of `function`, computed before ended games restart."""
     roles, distances = roles_of(task.seat_roles), distances_of(task.mazes)
 
     def step_games(*given: Any) -> int:
@@ -31,7 +31,7 @@ def _paying(entry: Any, pay: RewardFunction, task: Task) -> Any:
         outcome: layout.Outcome = layout.named(layout.outcome_of, memory)
         before = _copied(memory, roles, distances)
         returns, flags = outcome.returns.copy(), memory.flags.copy()
-        if auto_restart:  # those that ended have begun anew, and all of them move
+        if auto_restart:  # the games that ended have restarted, so all games move
             memory.flags[:] = False
         playing = ~(outcome.terminated | outcome.truncated)
         found = int(entry(*arrays, actions, False))
@@ -44,8 +44,8 @@ def _paying(entry: Any, pay: RewardFunction, task: Task) -> Any:
             outcome.truncated.copy(),
             outcome.rewards.copy(),
         )
-        paid = _checked(pay(before, actions.copy(), after), pay, actions.shape)
-        np.multiply(paid, (before.active != 0) & playing[:, None], out=outcome.rewards)
+        rewards = _checked(function(before, actions.copy(), after), function, actions.shape)
+        np.multiply(rewards, (before.active != 0) & playing[:, None], out=outcome.rewards)
         np.add(returns, outcome.rewards, out=outcome.returns)
         ended = playing & (outcome.terminated | outcome.truncated)
         outcome.episode_returns[ended] = outcome.returns[ended]
@@ -60,35 +60,35 @@ def _paying(entry: Any, pay: RewardFunction, task: Task) -> Any:
 
 
 def _copied(memory: layout.Memory, roles: Any, distances: Any) -> Before:
-    """The games as they stand; copied layer on layer, which is ten times faster than one by one."""
+    """A copy of the current state; copying the stacked arrays is ten times faster."""
     memory = memory._replace(
         agents=memory.agents.copy(), goals=memory.goals.copy(), clocks=memory.clocks.copy()
     )
     return moment_of(layout.named(layout.games_of, memory), roles, distances)
 
 
-def _checked(paid: Any, pay: RewardFunction, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """What a reward function returned, as [games, agents] float32.
+def _checked(rewards: Any, function: RewardFunction, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """The result of a reward function as [games, agents] float32.
 
     Raises:
-        ValueError: another shape, no numbers, or one that is not finite.
+        ValueError: a wrong shape, or values that are not finite numbers.
     """
-    name = getattr(pay, "__name__", repr(pay))
+    name = getattr(function, "__name__", repr(function))
     try:
-        array = np.asarray(paid)
+        array = np.asarray(rewards)
     except ValueError:
         array = np.asarray(None)
     if array.dtype.kind not in "fiub" or array.shape != shape:
         raise ValueError(
-            f"reward function {name} gave {array.dtype} of shape {array.shape}; it must give "
-            f"numbers [games, agents] = {shape}"
+            f"reward function {name} returned {array.dtype} of shape {array.shape}; it must "
+            f"return numbers [games, agents] = {shape}"
         )
     with np.errstate(over="ignore"):
         kept = array.astype(np.float32)
     if not np.isfinite(kept).all():
         game, seat = np.argwhere(~np.isfinite(kept))[0]
         raise ValueError(
-            f"reward function {name} pays {array[game, seat]} to agent {seat} of game {game}; "
-            "rewards are finite"
+            f"reward function {name} returned {array[game, seat]} for agent {seat} of game {game}; "
+            "rewards must be finite"
         )
     return kept

@@ -1,4 +1,4 @@
-"""Eyes: what an agent of limited sight sees, as the task says or as it is told itself."""
+"""The cells visible to a scripted agent, by its own limits or by those of the task."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.simulator.policy import GameView, Memory
-from pursuit.tasks.sight import check_visible, visible_cells
-from pursuit.validation import truth, whole
+from pursuit.tasks.visibility import check_visible, visible_cells
+from pursuit.validation import check_bool, whole
 
 
-class Eyes:
+class ViewTables:
     """Whether a cell is in view from another.
 
     Args:
-        view_radius: path steps that it sees, at least 0.
-        line_of_sight: whether it sees along rows and columns only, until a wall.
-            Where neither is given, it sees what the task lets its seat see.
+        view_radius: the path distance up to which it sees, at least 0.
+        line_of_sight: whether it sees only along rows and columns, up to the next wall.
+            Without both, the limits of the task apply.
 
     Raises:
-        ValueError: a setting outside these limits.
+        ValueError: an invalid setting.
     """
 
     def __init__(self, view_radius: int | None = None, line_of_sight: bool = False) -> None:
         self.view_radius = None if view_radius is None else whole("view_radius", view_radius)
-        self.line_of_sight = truth("line_of_sight", line_of_sight)
+        self.line_of_sight = check_bool("line_of_sight", line_of_sight)
         self._kept = Memory(self._laid_out)
 
     def __repr__(self) -> str:
@@ -35,7 +35,7 @@ class Eyes:
         return ", ".join([*radius, "line_of_sight=True"][: len(radius) + self.line_of_sight])
 
     def table(self, view: GameView) -> NDArray[np.uint8]:
-        """uint8 [own, other] of all mazes of the view, laid out as its distance tables.
+        """uint8 [own, other] of all mazes of the view, with the layout of the distance tables.
 
         Raises:
             ValueError: a maze is too large for a table.

@@ -1,13 +1,12 @@
-"""What one agent sees of a game, and by which numbers it is told: codes and planes.
+"""Which cells an agent sees, and the codes and planes that encode them.
 
-Kernels are given a task's sight as two arrays (`pursuit.tasks.sight.Sight` makes them), or as None
-and None where nobody's sight is limited: then the compiler drops every question, and full sight
-costs nothing.
+The kernels take the limited views of a task as two arrays of `pursuit.tasks.visibility.Visibility`.
+Both are None if no view is limited: the compiler then removes the checks.
 
-    table    bool, for every pair (own cell, other cell) whether the other is seen, row by row, maze
-             after maze, one such part for every kind of sight
-    begin    [agents + 1, mazes] int64, where in the table an agent's part for a maze begins, -1
-             where it sees everything; the last row has the cells of the mazes
+    table    bool, for every pair (own cell, other cell) whether the other is visible; row by row,
+             maze after maze, one such part for each kind of view
+    begin    [agents + 1, mazes] int64, index in the table of an agent's part for a maze, -1 if it
+             sees everything; the last row holds the number of cells of each maze
 """
 
 from __future__ import annotations
@@ -21,7 +20,8 @@ from pursuit.rules.layout import COLLECTED, Games
 
 SEES_ALL = -1
 FLOOR, SELF, TEAM, OTHER, GOAL, WALL, UNSEEN = range(7)
-"""Codes of the "cells" and "walls" grids; where several share a cell: self, others, team, goal."""
+"""Codes of the "cells" and "walls" grids; in a shared cell the first of self, others,
+team, goal is drawn."""
 PLANES = (
     "self",
     "team",
@@ -36,14 +36,14 @@ PLANES = (
 )
 """The first three follow the codes from SELF on."""
 IN_VIEW = "in view"
-"""The plane that there is besides where anybody's sight is limited."""
+"""The additional plane of tasks with limited views."""
 GOALS_PLANE, COLLECTED_PLANE = PLANES.index("goals"), PLANES.index("just collected")
 MAZE_PLANES, IN_VIEW_PLANE = PLANES.index("walkable"), len(PLANES)
 
 
 @inlined
 def view_of(begin: Any, games: Games, game: int, agent: int | np.uintp) -> int:
-    """Where the table has the row of the cell in which an agent stands; SEES_ALL without limits."""
+    """The index in the table of the row of an agent's cell; SEES_ALL without a limit."""
     if begin is None:
         return SEES_ALL
     maze = games.maze[game]
@@ -57,7 +57,7 @@ def view_of(begin: Any, games: Games, game: int, agent: int | np.uintp) -> int:
 
 @inlined
 def in_view(table: Any, view: int, cell: int) -> bool:
-    """Whether a cell is seen by whoever has this view."""
+    """Whether a cell is visible in this view."""
     if table is None:
         return True
     return view < 0 or table[view + cell]
@@ -65,14 +65,14 @@ def in_view(table: Any, view: int, cell: int) -> bool:
 
 @inlined
 def goal_in_view(games: Games, table: Any, view: int, game: int, goal: int) -> int:
-    """The cell of a goal; -1 when it is gone, or not seen."""
+    """The cell of a goal; -1 if it is gone or out of view."""
     cell: int = games.goal[game, goal]
     return cell if cell < 0 or in_view(table, view, cell) else -1
 
 
 @inlined
 def goal_rank(games: Games, table: Any, view: int, game: int, goal: int) -> int:
-    """The place of a goal among the goals sorted by cell, those gone or not seen first."""
+    """The rank of a goal among the goals sorted by cell; goals gone or out of view come first."""
     cell, rank = goal_in_view(games, table, view, game, goal), 0
     for other in range(games.goal.shape[1]):
         other_cell = goal_in_view(games, table, view, game, other)

@@ -1,4 +1,4 @@
-"""Observations of a user's own: what they must have, and how the games are shown to them."""
+"""Custom observations: their protocol, their registry and their evaluation."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from pursuit.tasks.moments import Before, distances_of, moment_of, roles_of
 from pursuit.tasks.task import Task
 
 ENCODINGS = ("one_hot", "positions", "cells", "walls", "planes", "index", "window")
-"""The names of ours; see `pursuit.observations.observations.Encoder`. "window:R" is
-one too, for a number R."""
+"""The names of the built-in encodings; see `pursuit.observations.observations.Encoder`. "window:R",
+with a number R, is built in as well."""
 WINDOW = "window"
 MAX_WINDOW = 255
-"""The largest R."""
+"""The largest R of "window:R"."""
 
 
-def is_ours(encoding: object) -> bool:
-    """Whether an encoding is one of ours, "window:R" included."""
+def is_builtin(encoding: object) -> bool:
+    """Whether an encoding is built in, including "window:R"."""
     if not isinstance(encoding, str):
         return False
     return encoding in ENCODINGS or re.fullmatch(rf"{WINDOW}:[0-9]+", encoding) is not None
 
 
 def given_radius(encoding: str) -> int | None:
-    """R of "window:R"; None of any other encoding.
+    """R of "window:R"; None for any other encoding.
 
     Raises:
-        ValueError: it is too large.
+        ValueError: R is too large.
     """
     _, colon, radius = encoding.partition(":")
     if not colon:
@@ -47,8 +47,8 @@ def given_radius(encoding: str) -> int | None:
 
 
 def check_observation(name: object) -> None:
-    """ValueError unless it names one of ours, or a part of a user's."""
-    if is_ours(name):
+    """ValueError unless `name` is a built-in encoding or a custom observation."""
+    if is_builtin(name):
         given_radius(str(name))
     elif isinstance(name, str) and name.startswith(f"{WINDOW}:"):
         raise ValueError(
@@ -60,20 +60,20 @@ def check_observation(name: object) -> None:
 
 
 class Observation(Protocol):
-    """An observation of a user's own, which brings its space."""
+    """A custom observation."""
 
     def space(self, task: Task) -> gymnasium.spaces.Box:
-        """The space of what one agent observes: numbers of any shape.
+        """The observation space of one agent, of any shape.
 
-        Networks see [channels, height, width] by convolutions, everything else as a vector.
+        Networks process [channels, height, width] by convolutions and any other shape as a vector.
         """
 
     def encode(self, task: Task, games: Before, seats: NDArray[np.intp]) -> NDArray[Any]:
-        """[games, seats, *shape]: what the agents in `seats` [k] observe; `games` is read-only.
+        """[games, seats, *shape]: the observations of the agents with indices `seats` [k].
 
-        Where the task limits sight, this is called for one seat at a time, with the games as that
-        agent sees them: whoever is out of view is not active, in cell -1 and without events, and
-        goals out of view are -1. The mazes of the task are not hidden.
+        `games` is read-only. If the task limits views, this is called for one agent at a time, with
+        the games as that agent sees them: agents out of view are not active, in cell -1 and without
+        events, and goals out of view are -1. The mazes of the task are not hidden.
         """
 
 
@@ -85,15 +85,15 @@ OBSERVATIONS: Registry[Any] = Registry(
 )
 
 
-class OwnEncoding:
-    """A user's observation of one task.
+class CustomEncoding:
+    """A custom observation of one task.
 
     Args:
         task: the task.
         encoding: its name, the object, or its class.
 
     Raises:
-        ValueError: no observation, or one without a Box as its space.
+        ValueError: not an observation, or its space is not a Box.
 
     Attributes:
         space: its Gymnasium space.
@@ -113,10 +113,10 @@ class OwnEncoding:
             )
 
     def encode(self, games: Games, seats: slice) -> NDArray[Any]:
-        """[games, seats, *shape], a fresh array of the dtype of the space.
+        """[games, seats, *shape], a new array of the dtype of the space.
 
         Raises:
-            ValueError: what it gave has another shape, or a dtype that does not fit.
+            ValueError: `encode` returned another shape, or a dtype that cannot be cast.
         """
         chosen = np.arange(self.task.num_agents)[seats]
         if not self.task.sight.limited:
@@ -124,7 +124,7 @@ class OwnEncoding:
         sight = self.task.sight
         return np.concatenate(
             [
-                self._encode(sight.games_seen(games, seat), chosen[i : i + 1])
+                self._encode(sight.observed_games(games, seat), chosen[i : i + 1])
                 for i, seat in enumerate(chosen)
             ],
             axis=1,
@@ -140,7 +140,7 @@ class OwnEncoding:
         shape, dtype = (len(games.steps), len(chosen), *self.space.shape), self.space.dtype
         if seen.shape != shape or not np.can_cast(seen.dtype, dtype, "same_kind"):
             raise ValueError(
-                f"observation {self.encoding!r} gave {seen.dtype} of shape {seen.shape}; its space "
-                f"asks for {dtype} [games, seats, *shape] = {shape}"
+                f"observation {self.encoding!r} returned {seen.dtype} of shape {seen.shape}; its "
+                f"space needs {dtype} [games, seats, *shape] = {shape}"
             )
         return np.array(seen, dtype=dtype, order="C")

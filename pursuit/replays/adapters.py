@@ -13,13 +13,13 @@ from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.reacher.task import ReacherTask
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.rewards import rewards_text
-from pursuit.tasks.sight import chosen_text, radius_text
 from pursuit.tasks.task import Task
+from pursuit.tasks.visibility import agent_choice_text, view_radius_text
 
 State = dict[str, NDArray[Any]]
 
 
-class MazeWorld:
+class MazeAdapter:
     """Games in mazes. Actions are one a seat."""
 
     name = "maze"
@@ -32,11 +32,11 @@ class MazeWorld:
         plain = {
             each.name: getattr(task, each.name)
             for each in fields(task)
-            if each.name not in ("maze", "rewards", *SIGHT_SETTINGS)
+            if each.name not in ("maze", "rewards", *VISIBILITY_SETTINGS)
         }
-        plain |= sight_settings(task)
+        plain |= visibility_settings(task)
         plain["mazes"] = [{"name": maze.name, "text": maze.to_text()} for maze in task.mazes]
-        plain["rewards"] = None if own_rewards(task) else _rewards_as_text(task)
+        plain["rewards"] = None if has_reward_function(task) else _rewards_as_text(task)
         return plain
 
     def task(self, settings: dict[str, Any]) -> Task:
@@ -107,7 +107,7 @@ class MazeWorld:
         return task.num_agents
 
 
-class ArmWorld:
+class ArmAdapter:
     """Arms. An action has a number for every joint."""
 
     name = "arm"
@@ -169,18 +169,20 @@ class ArmWorld:
         return task.joints
 
 
-SIGHT_SETTINGS = ("view_radius", "line_of_sight", "unknown_maze")
+VISIBILITY_SETTINGS = ("view_radius", "line_of_sight", "unknown_maze")
 
 
-def sight_settings(task: Task) -> dict[str, Any]:
+def visibility_settings(task: Task) -> dict[str, Any]:
     """What limits sight, as text, without what limits nothing."""
     radius: Any = task.view_radius
-    chosen: Any = {name: getattr(task, name) for name in SIGHT_SETTINGS[1:]}
-    texts = {name: chosen_text(who) for name, who in chosen.items()}
-    return {n: t for n, t in {SIGHT_SETTINGS[0]: radius_text(radius), **texts}.items() if t}
+    chosen: Any = {name: getattr(task, name) for name in VISIBILITY_SETTINGS[1:]}
+    texts = {name: agent_choice_text(who) for name, who in chosen.items()}
+    return {
+        n: t for n, t in {VISIBILITY_SETTINGS[0]: view_radius_text(radius), **texts}.items() if t
+    }
 
 
-def own_rewards(task: Any) -> bool:
+def has_reward_function(task: Any) -> bool:
     """Whether a function of a user's pays in this task."""
     return isinstance(task, Task) and task.reward_function is not None
 
@@ -192,14 +194,14 @@ def _rewards_as_text(task: Task) -> str:
     return rewards_text(by_role)
 
 
-World = MazeWorld | ArmWorld
-WORLDS: dict[str, Any] = {"maze": MazeWorld(), "arm": ArmWorld()}
+Adapter = MazeAdapter | ArmAdapter
+ADAPTERS: dict[str, Any] = {"maze": MazeAdapter(), "arm": ArmAdapter()}
 
 
-def world_for(task: Any) -> Any:
+def adapter_for(task: Any) -> Any:
     """The world of a task; ValueError for what is none."""
     if isinstance(task, Task):
-        return WORLDS["maze"]
+        return ADAPTERS["maze"]
     if isinstance(task, ReacherTask):
-        return WORLDS["arm"]
+        return ADAPTERS["arm"]
     raise ValueError(f"task={task!r}; replays are of a pursuit.Task or a pursuit.ReacherTask")

@@ -1,4 +1,4 @@
-"""Sight: which cells are seen from which, and how the sight of a task's agents is limited."""
+"""Which cells are visible from which, and the limited views of the agents of a task."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze, table_of_distances
 from pursuit.rules.layout import UNREACHABLE, Games
-from pursuit.rules.sight import SEES_ALL
-from pursuit.validation import FrozenDict, is_whole, truth, whole
+from pursuit.rules.visibility import SEES_ALL
+from pursuit.validation import FrozenDict, check_bool, is_int, whole
 
-EVERYBODY = "all"
+ALL_AGENTS = "all"
 
 
 class Limit(NamedTuple):
-    """How the sight of one agent is limited.
+    """The limited view of one agent.
 
     Attributes:
-        view_radius: path steps up to which it sees; None for no such limit.
-        line_of_sight: whether it sees along rows and columns only, until a wall.
-        unknown_maze: whether it knows walls and cells within its view only.
+        view_radius: the path distance up to which it sees; None for no limit.
+        line_of_sight: whether it sees only along rows and columns, up to the next wall.
+        unknown_maze: whether it observes only the walls and cells within its view.
     """
 
     view_radius: int | None = None
@@ -34,33 +34,33 @@ class Limit(NamedTuple):
 
     @property
     def sees_all(self) -> bool:
-        """Whether nothing is hidden from it."""
+        """Whether its view is not limited."""
         return self.view_radius is None and not self.line_of_sight
 
 
 def visible_cells(
     maze: Maze | str | Path, view_radius: int | None = None, line_of_sight: bool = False
 ) -> NDArray[np.bool_]:
-    """[own cell, other cell] bool, a fresh array: whether the other is seen from the own one.
+    """[own cell, other cell] bool, a new array: whether the other cell is visible from the own one.
 
     Args:
-        maze: of at most `pursuit.mazes.maze.MAX_TABLE_CELLS` cells, or the name of one.
-        view_radius: path steps, 0 or more, up to which cells are seen; None for no such limit.
-        line_of_sight: cells are seen along rows and columns only, until a wall. With a radius as
-            well both must hold.
+        maze: a maze of at most `pursuit.mazes.maze.MAX_TABLE_CELLS` cells, or its name.
+        view_radius: the path distance, 0 or more, up to which cells are visible; None for no limit.
+        line_of_sight: whether cells are visible only along rows and columns, up to the next wall.
+            With a radius, both conditions must hold.
 
     Returns:
-        A symmetric matrix, True on its diagonal: one's own cell is always seen.
+        A symmetric matrix; its diagonal is True, as the own cell is always visible.
 
     Raises:
-        ValueError: a radius or a maze that is none, or a maze too large for a table of all pairs.
+        ValueError: an invalid radius or maze, or a maze too large for a table of all pairs.
     """
     maze = load_maze(maze)
     radius = None if view_radius is None else whole("view_radius", view_radius)
     check_visible(maze)
     size = maze.num_cells
     seen = np.ones((size, size), dtype=bool)
-    if truth("line_of_sight", line_of_sight):
+    if check_bool("line_of_sight", line_of_sight):
         seen = np.eye(size, dtype=bool)
         for action in range(4):
             own, at = np.arange(size), np.arange(size)
@@ -76,22 +76,23 @@ def visible_cells(
 
 
 def check_visible(maze: Maze) -> None:
-    """ValueError for a maze that is too large for limited sight."""
+    """ValueError if a maze is too large for limited views."""
     if maze.num_cells > MAX_TABLE_CELLS:
         raise ValueError(
-            f"{maze.name}: {maze.num_cells} cells; limited sight needs a table of all pairs of "
-            f"cells, which is built up to {MAX_TABLE_CELLS}. Take a smaller maze, or full sight"
+            f"{maze.name}: {maze.num_cells} cells; a limited view needs a table of all pairs of "
+            f"cells, at most {MAX_TABLE_CELLS}. Use a smaller maze, or no limit"
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
-    """Who sees what in the games of a task; `Task.sight` has it.
+class Visibility:
+    """The views of all agents of a task (`Task.sight`).
 
     Attributes:
-        limits: of every seat.
-        table, begin: for kernels, see `pursuit.rules.sight`; both None where everybody sees all.
-        hidden_maze: [agents] bool, who knows of the maze only what is within view.
+        limits: the limit of each agent.
+        table, begin: arrays of the kernels, see `pursuit.rules.visibility`; None if no view is
+            limited.
+        hidden_maze: [agents] bool, whether the agent observes only the part of the maze in view.
     """
 
     limits: tuple[Limit, ...]
@@ -102,11 +103,11 @@ class Sight:
 
     @property
     def limited(self) -> bool:
-        """Whether anything can be hidden from anybody."""
+        """Whether the view of any agent is limited."""
         return self.table is not None
 
     def sees(self, seat: int, maze_number: int) -> NDArray[np.bool_]:
-        """[own cell, other cell] bool, what the agent in `seat` sees in that maze; read-only."""
+        """[own cell, other cell] bool, read-only: what the agent with index `seat` sees."""
         size = self.mazes[maze_number].num_cells
         if self.table is None or self.begin is None or self.limits[seat].sees_all:
             seen = np.ones((size, size), dtype=bool)
@@ -116,12 +117,12 @@ class Sight:
         seen.flags.writeable = False
         return seen
 
-    def games_seen(self, games: Games, seat: int) -> Games:
-        """The games as the agent in `seat` sees them: whoever and whatever it does not is absent.
+    def observed_games(self, games: Games, seat: int) -> Games:
+        """The games as the agent with index `seat` sees them.
 
         Returns:
             Copies in which an agent out of view is not active, in cell -1 and without events, and a
-            goal out of view is -1; the games themselves where it sees everything.
+            goal out of view is -1; the games themselves if the view is not limited.
         """
         if self.table is None or self.begin is None or self.limits[seat].sees_all:
             return games
@@ -137,8 +138,8 @@ class Sight:
 
 
 @lru_cache(maxsize=64)
-def sight_of(mazes: tuple[Maze, ...], limits: tuple[Limit, ...]) -> Sight:
-    """The `Sight` of agents with these limits in these mazes.
+def visibility_of(mazes: tuple[Maze, ...], limits: tuple[Limit, ...]) -> Visibility:
+    """The `Visibility` of agents with these limits in these mazes.
 
     Raises:
         ValueError: limited sight in a maze that is too large for a table of all pairs of cells.
@@ -146,7 +147,7 @@ def sight_of(mazes: tuple[Maze, ...], limits: tuple[Limit, ...]) -> Sight:
     hidden = np.array([not of.sees_all and of.unknown_maze for of in limits], dtype=bool)
     kinds = list(dict.fromkeys(of[:2] for of in limits if not of.sees_all))
     if not kinds:
-        return Sight(limits, mazes, None, None, hidden)
+        return Visibility(limits, mazes, None, None, hidden)
     begin = np.full((len(limits) + 1, len(mazes)), SEES_ALL, dtype=np.int64)
     begin[-1] = [maze.num_cells for maze in mazes]
     parts: list[NDArray[np.bool_]] = []
@@ -159,43 +160,43 @@ def sight_of(mazes: tuple[Maze, ...], limits: tuple[Limit, ...]) -> Sight:
             parts.append(visible_cells(maze, *kind).ravel())
             length += len(parts[-1])
     table = np.concatenate(parts)
-    return Sight(limits, mazes, table, begin, hidden)
+    return Visibility(limits, mazes, table, begin, hidden)
 
 
-# -- what tasks are given --------------------------------------------------------------------------
+# -- settings of tasks -----------------------------------------------------------------------------
 
-Radius = int | FrozenDict[str, int | None] | None
-Chosen = bool | tuple[str, ...]
+ViewRadius = int | FrozenDict[str, int | None] | None
+AgentChoice = bool | tuple[str, ...]
 
 
-def kept_radius(name: str, given: Any) -> Radius:
-    """A view radius as a task keeps it: None, a number, or numbers by role or agent.
+def check_view_radius(name: str, given: Any) -> ViewRadius:
+    """The value of `Task.view_radius`: None, a number, or a dict from role or agent to these.
 
-    Text is taken as the command line has it: "2", or "chaser=2,evader_0=none".
+    Text has the form of the command line: "2", or "chaser=2,evader_0=none".
 
     Raises:
         ValueError: anything else.
     """
-    if given is None or is_whole(given):
+    if given is None or is_int(given):
         return _one_radius(name, given)
     if isinstance(given, str):
         if "=" not in given:
             return _one_radius(name, given.strip())
         text, pairs = given, [part.partition("=") for part in given.split(",")]
-        given = {who.strip(): radius.strip() for who, _, radius in pairs}
+        given = {agent.strip(): radius.strip() for agent, _, radius in pairs}
         if len(given) < len(pairs):
-            raise ValueError(f"{name}={text!r}; somebody is named twice: name everybody once")
+            raise ValueError(f"{name}={text!r}; an agent is given twice; give it once")
         if "" in given or "" in given.values():
             raise ValueError(
-                f"{name}={text!r}; each is a role or agent and its path steps, or 'none' to see "
-                "everything, such as chaser=2,evader_0=3"
+                f"{name}={text!r}; give a role or agent and a path distance, or 'none' for no "
+                "limit, such as chaser=2,evader_0=3"
             )
-    if not isinstance(given, Mapping) or not all(isinstance(who, str) for who in given):
+    if not isinstance(given, Mapping) or not all(isinstance(agent, str) for agent in given):
         raise ValueError(
-            f"{name}={given!r}; path steps such as 2, None to see everything, or either by role "
-            "or agent, such as {'chaser': 2}"
+            f"{name}={given!r}; give a path distance such as 2, None for no limit, or either by "
+            "role or agent, such as {'chaser': 2}"
         )
-    by_name = {who: _one_radius(f"{name} of {who}", radius) for who, radius in given.items()}
+    by_name = {agent: _one_radius(f"{name} of {agent}", steps) for agent, steps in given.items()}
     return FrozenDict(by_name) if by_name else None
 
 
@@ -205,17 +206,17 @@ def _one_radius(name: str, given: Any) -> int | None:
             return None
         if not given.isdecimal():
             raise ValueError(
-                f"{name}={given!r}; path steps such as 2, 'none' to see everything, or either by "
-                "role or agent, such as chaser=2,evader_0=3"
+                f"{name}={given!r}; give a path distance such as 2, 'none' for no limit, or either "
+                "by role or agent, such as chaser=2,evader_0=3"
             )
         given = int(given)
     return None if given is None else whole(name, given)
 
 
-def kept_chosen(name: str, given: Any) -> Chosen:
-    """Who is chosen, as a task keeps it: True for everybody, False for nobody, or sorted names.
+def check_agent_choice(name: str, given: Any) -> AgentChoice:
+    """A choice of agents as a task keeps it: True for all, False for none, or sorted names.
 
-    Text is taken as the command line has it: "all", "" for nobody, or "chaser,evader_0".
+    Text has the form of the command line: "all", "" for none, or "chaser,evader_0".
 
     Raises:
         ValueError: anything else.
@@ -223,48 +224,48 @@ def kept_chosen(name: str, given: Any) -> Chosen:
     if isinstance(given, (bool, np.bool_)):
         return bool(given)
     if isinstance(given, str):
-        if given.strip() in ("", EVERYBODY):
-            return given.strip() == EVERYBODY
-        given = [who.strip() for who in given.split(",")]
-    if not isinstance(given, Sequence) or not all(isinstance(who, str) and who for who in given):
+        if given.strip() in ("", ALL_AGENTS):
+            return given.strip() == ALL_AGENTS
+        given = [agent.strip() for agent in given.split(",")]
+    if not isinstance(given, Sequence) or not all(isinstance(each, str) and each for each in given):
         raise ValueError(
-            f"{name}={given!r}; True for everybody, False, or roles and agents, such as "
+            f"{name}={given!r}; give True for all, False for none, or roles and agents, such as "
             "('chaser', 'evader_0')"
         )
     return tuple(sorted(set(given))) or False
 
 
-def radius_text(radius: Radius) -> str | None:
-    """A kept view radius as text that `kept_radius` reads again; None for full sight."""
+def view_radius_text(radius: ViewRadius) -> str | None:
+    """A view radius as text, as `check_view_radius` reads it; None for no limit."""
     if not isinstance(radius, dict):
         return None if radius is None else str(radius)
     return ",".join(
-        f"{who}={'none' if steps is None else steps}" for who, steps in sorted(radius.items())
+        f"{agent}={'none' if steps is None else steps}" for agent, steps in sorted(radius.items())
     )
 
 
-def chosen_text(chosen: Chosen) -> str:
-    """Kept names as text that `kept_chosen` reads again: "" for nobody, "all" for everybody."""
+def agent_choice_text(chosen: AgentChoice) -> str:
+    """The text of a choice, as `check_agent_choice` reads it: "" (none), "all" or names."""
     if isinstance(chosen, bool):
-        return EVERYBODY if chosen else ""
+        return ALL_AGENTS if chosen else ""
     return ",".join(chosen)
 
 
 def limits_of(
-    agents: Sequence[str], radius: Radius, in_line: Chosen, unknown: Chosen
+    agents: Sequence[str], radius: ViewRadius, in_line: AgentChoice, unknown: AgentChoice
 ) -> tuple[Limit, ...]:
-    """The limit of every agent; its own name goes before that of its role.
+    """The limit of every agent; the entry of an agent overrides that of its role.
 
     Raises:
-        ValueError: a role or agent that does not play.
+        ValueError: an unknown role or agent.
     """
     known = {*agents, *(agent.split("_")[0] for agent in agents)}
     given = {"view_radius": radius, "line_of_sight": in_line, "unknown_maze": unknown}
     for name, value in given.items():
-        for who in value if isinstance(value, (tuple, dict)) else ():
-            if who not in known:
+        for agent in value if isinstance(value, (tuple, dict)) else ():
+            if agent not in known:
                 raise ValueError(
-                    f"{name} of {who!r}, who does not play here; one of {', '.join(sorted(known))}"
+                    f"{name} of unknown agent {agent!r}; one of {', '.join(sorted(known))}"
                 )
 
     def radius_of(agent: str) -> int | None:
@@ -272,7 +273,7 @@ def limits_of(
             return radius
         return radius.get(agent, radius.get(agent.split("_")[0]))
 
-    def chosen(agent: str, names: Chosen) -> bool:
+    def chosen(agent: str, names: AgentChoice) -> bool:
         if isinstance(names, bool):
             return names
         return agent in names or agent.split("_")[0] in names
