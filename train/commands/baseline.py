@@ -19,7 +19,7 @@ from train.evaluation.arm_contest import ArmContest
 from train.evaluation.contest import GameContest
 from train.evaluation.joint_contest import MAX_EVALUATED_WORK
 from train.evaluation.suite_contest import SuiteContest
-from train.runs.effects import check_task_effects
+from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings, at_least
 from train.settings.task import AnyTask, TaskSettings
 
@@ -40,7 +40,7 @@ def baseline(arguments: Sequence[str]) -> None:
     """`pursuit baseline`."""
     default = BaselineCommand(default_task(options_in(arguments)))
     given = parse(BaselineCommand, arguments, "baseline", default)
-    check_task_effects(given.task)
+    check_unused_task_settings(given.task)
     from train.runs.parts import contest_of  # torch is slow to import
 
     contest = contest_of(given.task, given.episodes, given.seed)

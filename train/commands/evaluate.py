@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import tyro
 
 from pursuit.replays.replay import with_suffix
-from train.commands.parse import heard, parse, warn
+from train.commands.parse import parse, print_warnings, warn
 from train.commands.scores import (
     certificate_of,
     print_bounds,
@@ -27,8 +27,8 @@ from train.evaluation.recordings import recorded
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.files import check_folder, check_new_files, reserved, write_json
-from train.runs.effects import check_task_effects
 from train.runs.tasks import agent_of, task_of
+from train.runs.unused_settings import check_unused_task_settings
 from train.settings.checks import Settings, at_least, check
 from train.settings.task import AnyTask, ReacherSettings, TaskSettings, in_maze
 
@@ -169,13 +169,13 @@ def run_to_judge(given: EvaluateCommand) -> Judged:
     from train.runs.opponents import load_policy
     from train.runs.saved import load_settings
 
-    with heard():
+    with print_warnings():
         settings, policy = load_settings(given.run), load_policy(given.run)
     if given.opponent_epsilon is not None:
         if isinstance(settings.task, ReacherSettings):
             raise ValueError(f"--opponent-epsilon, and {given.run} moves an arm; leave it out")
         task = replace(settings.task, opponent_epsilon=given.opponent_epsilon)
-        check_task_effects(task)
+        check_unused_task_settings(task)
         settings = replace(settings, task=task)
     policies = {"learned": policy}
     if entry(settings.algorithm).learns_distribution:
@@ -194,7 +194,7 @@ def run_to_judge(given: EvaluateCommand) -> Judged:
 def model_to_judge(given: EvaluateModelCommand) -> Judged:
     """The policies of a saved model, in the task of the options."""
     from train.runs.opponents import check_fits  # torch is slow to import
-    from train.runs.third_party import load_stable_baselines
+    from train.runs.stable_baselines import load_stable_baselines
 
     built = task_of(given.task)
     agent = agent_of(given.task, built)

@@ -12,7 +12,7 @@ import tyro
 
 from pursuit.tasks.task import Task
 from scripted_agents.environments import is_agent
-from train.commands.parse import heard, parse
+from train.commands.parse import parse, print_warnings
 from train.files import check_output_folder, hold, write_json, write_text
 from train.reports.tables import ResultTable, print_table
 from train.runs.provenance import command_line
@@ -72,7 +72,7 @@ def league(arguments: Sequence[str]) -> None:
     from train.self_play.league import enter, is_model, play_league, rate
     from train.self_play.payoffs import draw_league, league_table, ratings_table
 
-    with heard():
+    with print_warnings():
         how = (given.maze, given.opponent_epsilon, given.greedy)
         models = (given.model_roles, given.model_observations)
         task, entries = enter(given.entries, *how, given.names, *models)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
-from train.commands.parse import fail, heard, options_in, parse, taken_allowed
+from train.commands.parse import fail, options_in, parse, print_warnings, take_allow_options
 from train.play.browser import open_page
 from train.play.outcome import total_line
 from train.play.replay_folder import ReplayFolder
@@ -52,7 +52,9 @@ class PlayCommand(Settings):
 
 def play(arguments: Sequence[str]) -> None:
     """`pursuit play`."""
-    arguments = taken_allowed(arguments)  # before the run is read, which may name their modules
+    arguments = take_allow_options(
+        arguments
+    )  # before the run is read, which may name their modules
     options = options_in(arguments)
     against, run = options.get("against"), None
     if against and (Path(against) / CONFIG).exists():
@@ -108,7 +110,7 @@ def session_for(given: PlayCommand, task: TaskSettings) -> Session:
     if given.beside is None and given.against and is_self_play(Path(given.against)):
         beside = given.against
     seed = secrets.randbelow(2**32) if given.seed is None else given.seed
-    with heard():
+    with print_warnings():
         return session_of(task, beside, evaluation_seed(seed))
 
 

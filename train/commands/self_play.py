@@ -15,7 +15,13 @@ from train.commands.parse import (
     parse,
     parse_known,
 )
-from train.commands.progress import Alive, RunCommand, begun, carry_out, leave
+from train.commands.progress import (
+    ProgressLine,
+    RunCommand,
+    exit_after_signal,
+    finish_run,
+    open_run,
+)
 from train.files import write_text
 from train.reports.tables import print_table
 from train.runs.folder import CURVE, REPORT, SELF_PLAY
@@ -69,7 +75,7 @@ def self_play(arguments: Sequence[str]) -> None:
     """`pursuit self-play`."""
     given, settings = parsed(arguments)
     name = f"self-play-{Path(settings.task.maze).stem}"
-    run, final = begun(SELF_PLAY, settings, given, name)
+    run, final = open_run(SELF_PLAY, settings, given, name)
     from train.self_play.report import (  # torch is slow to import
         draw_self_play,
         write_self_play_report,
@@ -80,13 +86,13 @@ def self_play(arguments: Sequence[str]) -> None:
         f"self-play: {task.name} on maze {task.mazes[0].name}, {task.num_chasers} chaser(s), "
         f"{task.num_evaders} evader(s); opponents: {sampling}"
     )
-    run.trainee.tell = Alive()
-    content = carry_out(run, final.episodes, "pursuit self-play")
+    run.trainee.tell = ProgressLine()
+    content = finish_run(run, final.episodes, "pursuit self-play")
     title = f"Self-play on {task.mazes[0].name} ({sampling})"
     draw_self_play(run.folder / CURVE, run.metrics.rows, title)
     write_self_play_report(run.folder, run.trainee, title, content)
     show(run, content)
-    leave(run)
+    exit_after_signal(run)
 
 
 def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlaySettings]:

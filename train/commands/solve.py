@@ -23,7 +23,7 @@ from scripted_agents import (
     solve_hidden_chase,
 )
 from train.commands.parse import parse
-from train.commands.progress import Alive
+from train.commands.progress import ProgressLine
 from train.files import check_new_files
 from train.reports.figures import BLUE, FORMATS, ORANGE, draw_cells, pyplot, save
 from train.settings.checks import RANDOM_MOVES, Settings, check, check_default, one_of, rule
@@ -90,7 +90,7 @@ def solve(arguments: Sequence[str]) -> None:
     check_new_files([out], given.overwrite)
     began = perf_counter()
     order: Any = given.move_order
-    alive, solving = Alive(), f"solving {maze.name}"
+    alive, solving = ProgressLine(), f"solving {maze.name}"
     solution = solve_chase(
         maze,
         given.discount,
@@ -142,7 +142,7 @@ def describe_limited_view(maze: Maze, given: SolveCommand) -> str:
     form = AStarEvader if own == "chaser" else AStarChaser
     opponent = form(given.opponent_epsilon)
     table = opponent.action_probabilities(maze, given.stay_action)
-    alive, name = Alive(), f"radius {given.view_radius}"
+    alive, name = ProgressLine(), f"radius {given.view_radius}"
     how: Any = {
         "discount": given.discount,
         "seconds": given.seconds,

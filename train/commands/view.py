@@ -12,8 +12,8 @@ import tyro
 
 from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder, Extras
-from train.commands.parse import heard, parse
-from train.evaluation.recordings import recorded, sides_of
+from train.commands.parse import parse, print_warnings
+from train.evaluation.closeups import recorded, sides_of
 from train.files import check_new_files
 from train.play.browser import open_page
 from train.reports.pages import PLAYER_ROOM, write_page
@@ -52,7 +52,7 @@ def view(arguments: Sequence[str]) -> None:
     for path in given.paths:
         check(path.exists(), f"{path}: no such file or folder")
     check_new_files([given.out], given.overwrite)
-    with heard():
+    with print_warnings():
         alone = len(given.paths) == 1 and given.paths[0].is_dir()
         alone = alone and read_config(given.paths[0])[0] != SIDE
         page = report_again(given.paths[0], given.out) if alone else together(given)

@@ -109,9 +109,9 @@ def panels_of(variants: VariantCurves, control: str, unit: str) -> list[list[Pan
                      if c.settled_at > 0]  # fmt: skip
             label = "" if upper else "gap to the optimum (%)"
             upper.append(Panel(series, label, name, "gap", marks=marks))
-            taught = [Series([(c.time(unit), c.lesson)], None, color, width=1.0)
-                      for c in variants[name] if not np.isnan(c.lesson).all()]  # fmt: skip
-            said = "the task itself" if name == control else "levels, chosen per episode"
+            taught = [Series([(c.time(unit), c.stage)], None, color, width=1.0)
+                      for c in arms[name] if not np.isnan(c.stage).all()]  # fmt: skip
+            said = "as the task" if name == control else "levels, chosen one by one"
             label = "" if lower else "trained on"
             note = "" if taught else said
             lower.append(Panel(taught, label, marks=marks, note=note, height=1.5))

@@ -24,21 +24,21 @@ class Curve:
     Attributes:
         seconds, frames: [evaluations] of training.
         shortfall: [evaluations] per cent by which it is worse than the exact optimum: more steps,
-            or fewer for an evader.
-        optimality: [evaluations] in [0, 1]: optimum / steps, or steps / optimum for an evader.
-        lesson: [evaluations] mean stage trained on since the previous evaluation; NaN without a
+            or for an evader fewer.
+        optimality: [evaluations] in [0, 1]: optimum / steps, or for an evader steps / optimum.
+        stage: [evaluations] mean of what was trained on since the evaluation before; NaN without a
             curriculum.
-        final: shortfall in the final evaluation.
-        seed, task: of the run.
-        on_hardest: [evaluations] share of the frames in the hardest stage, of the episodes that
-            ended since the previous evaluation; NaN without a curriculum.
+        final: per cent short of the optimum in the final evaluation.
+        seed, task: whose.
+        on_hardest: [evaluations] of the frames of the episodes that ended since the evaluation
+            before, the share in the hardest stage; NaN as `stage`.
     """
 
     seconds: NDArray[np.float64]
     frames: NDArray[np.float64]
     shortfall: NDArray[np.float64]
     optimality: NDArray[np.float64]
-    lesson: NDArray[np.float64]
+    stage: NDArray[np.float64]
     on_hardest: NDArray[np.float64]
     final: float
     seed: int
@@ -47,15 +47,15 @@ class Curve:
     @property
     def settled_at(self) -> int:
         """The first evaluation of the last stage; -1 without a curriculum."""
-        last = self.lesson[-1]
+        last = self.stage[-1]
         if np.isnan(last):
             return -1
-        other = np.flatnonzero(~np.isclose(self.lesson, last))
+        other = np.flatnonzero(~np.isclose(self.stage, last))
         return int(other[-1]) + 1 if len(other) else 0
 
     @property
     def settled(self) -> float:
-        """The share of frames on the hardest stage; NaN without a curriculum."""
+        """Share of the frames spent on the hardest stage; NaN without a curriculum."""
         spent, known = np.diff(self.frames, prepend=0.0), np.isfinite(self.on_hardest)
         if not known.any():
             return NAN
@@ -93,7 +93,7 @@ def curve_of(row: Row, evaluations: list[Row], x: str | None) -> Curve:
         column("frames"),
         100.0 * sign * gap,
         1.0 + gap if evader else 1.0 / (1.0 + gap),
-        column("lesson"),
+        column("stage"),
         column("on_hardest"),
         100.0 * sign * float(row["optimality_gap"]),
         int(row["seed"]),

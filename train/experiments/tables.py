@@ -20,7 +20,7 @@ from train.runs.tasks import maze_called
 from train.self_play.names import entry_names
 from train.settings.checks import check
 from train.settings.self_play import ROLES
-from train.settings.task import learning_role
+from train.settings.task import learning_agent
 
 if TYPE_CHECKING:
     import polars
@@ -174,7 +174,7 @@ def row_of(folder: Path) -> dict[str, Any]:
     row["variant"] = label.get("variant")
     if "maze" in task:
         row["maze"] = maze_called(task["maze"])
-        row["role"] = learning_role(task["task"], task["role"]) if kind == RUN else "both"
+        row["role"] = learning_agent(task["task"], task["role"]) if kind == RUN else "both"
     if "members" in row:
         row["members"] = " ".join(row["members"])
     # Labels keep values and file names as the sweep file gives them, so that reports can group by

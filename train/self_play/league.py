@@ -18,8 +18,8 @@ from train.evaluation.matchups import can_solve, match, play_pair
 from train.runs.folder import CONFIG
 from train.runs.opponents import check_fits, is_self_play, load_opponent, role_of
 from train.runs.saved import load_settings
+from train.runs.stable_baselines import description_of
 from train.runs.tasks import task_of
-from train.runs.third_party import description_of
 from train.self_play.names import entry_names
 from train.self_play.ratings import (
     best_response_cycle,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any
 
-from train.runs.tasks import setting_of
+from train.runs.tasks import profile_of
 from train.settings.algorithms import Hyperparameters
 from train.settings.presets import hyperparameters
 from train.settings.self_play import SelfPlaySettings
@@ -20,7 +20,7 @@ def hyper_of(settings: SelfPlaySettings, role: str) -> Hyperparameters:
     own = getattr(settings, f"{role}_hyper") if role in settings.other_learners else settings.hyper
     if own is not None:
         return own
-    hyper = hyperparameters(settings.algorithm(role), setting_of(replace(settings.task, role=role)))
+    hyper = hyperparameters(settings.algorithm(role), profile_of(replace(settings.task, role=role)))
     same = {name: getattr(settings.hyper, name) for name in ("gamma", "gamma_end", "recurrent")}
     if "gamma_end" not in {field.name for field in fields(hyper)}:
         del same["gamma_end"]

@@ -17,7 +17,7 @@ from train.environments.hooks import EpisodeHook
 from train.environments.simulator_env import SimulatorEnv
 from train.networks.policy import Seat
 from train.runs.folder import check_learned
-from train.runs.in_play import plain_games, put_games
+from train.runs.training_state import restore_simulator, simulator_tensors
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
 
@@ -119,8 +119,8 @@ class Side:
         self.env = self._games()
         if state is not None:
             check_learned(parts.algorithm.name, state)
-            # before the collector is built, which starts from this state
-            put_games(self.simulator, state["simulator"])
+            # before there is a collector, which begins with what it finds
+            restore_simulator(self.simulator, state["simulator"])
             self.opponents.policy.opponents[:] = state["opponents"].numpy()
             self.opponents.rng.bit_generator.state = state["rng"]
             self.env.idle[:] = state["idle"].numpy()
@@ -159,7 +159,7 @@ class Side:
         return {
             "algorithm": self.parts.algorithm.name,
             "learner": self.learner.state_dict(),
-            "simulator": plain_games(self.simulator),
+            "simulator": simulator_tensors(self.simulator),
             **self._own_state(),
         }
 

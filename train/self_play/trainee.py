@@ -27,9 +27,9 @@ from train.runs.folder import (
     save_checkpoint,
     save_config,
 )
-from train.runs.in_play import memories_of, put_memories
 from train.runs.loop import Budget, Clock, Objective, Run
 from train.runs.threads import check_device, prepare_torch
+from train.runs.training_state import policy_memories, restore_policy_memories
 from train.self_play.averages import averages_of
 from train.self_play.metrics import (
     exact_best_responses,
@@ -222,9 +222,9 @@ class SelfPlay:
                 row[f"{role}_vs_{name}"] = match(self.task, one, two, episodes, most=most).steps
         return row
 
-    def format_row(self, row: dict[str, float]) -> list[str]:
-        """As `format_row`."""
-        return format_row(row)
+    def log_fields(self, row: dict[str, float]) -> list[str]:
+        """As `told_row`."""
+        return told_row(row)
 
     def results(self, interrupted: bool, episodes: int) -> dict[str, Any]:
         """Exploitability, matches between all policies, pools; for teams best responses to each
@@ -308,7 +308,7 @@ class SelfPlay:
         return {
             "sides": {role: side.state_dict() for role, side in self.sides.items()},
             "pools": {role: pool.state_dict() for role, pool in self.pools.items()},
-            "memories": {role: memories_of(side.env) for role, side in self.sides.items()},
+            "memories": {role: policy_memories(side.env) for role, side in self.sides.items()},
             "rng": self.rng.bit_generator.state,
             "taken": self.taken,
             "payoffs": [[*pair, value] for pair, value in self.payoffs.items()],
@@ -326,8 +326,8 @@ class SelfPlay:
             before = [entry["name"] for entry in state["pools"][role]["members"]]
             pool.load_state_dict(state["pools"][role])
             self._keep_opponents(role, before)
-        for role, side in self.sides.items():  # after the pools are restored
-            put_memories(side.env, state["memories"][role])
+        for role, side in self.sides.items():  # once their opponents are there
+            restore_policy_memories(side.env, state["memories"][role])
         self.rng.bit_generator.state = state["rng"]
         self.taken, self.mixtures = state["taken"], state["mixtures"]
         self.payoffs = {(chaser, evader): value for chaser, evader, value in state["payoffs"]}

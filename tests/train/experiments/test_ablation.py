@@ -350,5 +350,5 @@ def test_all_arms_are_evaluated_at_the_same_final_difficulty(ablated: Path) -> N
     curves = polars.read_parquet(out / CURVES)
     # The training difficulty stands beside: the lessons begin below the task's own.
     taught = runs.filter(polars.col("variant") == "fewer goals first")["run"].to_list()
-    lessons: Any = curves.filter(polars.col("run").is_in(taught)).group_by("run").first()["lesson"]
+    lessons: Any = curves.filter(polars.col("run").is_in(taught)).group_by("run").first()["stage"]
     assert (lessons < 3).all()

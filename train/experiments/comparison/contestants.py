@@ -23,13 +23,13 @@ from train.evaluation.contest import GameContest
 from train.networks.policy import Seat
 from train.runs.parts import parts_of
 from train.runs.single import SingleAgent
-from train.runs.tasks import setting_of
-from train.runs.third_party import StableBaselinesNetwork
+from train.runs.stable_baselines import StableBaselinesNetwork
+from train.runs.tasks import profile_of
 from train.runs.threads import prepare_torch
 from train.runs.worlds import GridWorld
 from train.settings.algorithms import PPOSettings
 from train.settings.checks import check, check_choice
-from train.settings.presets import lessons_for, tuned
+from train.settings.presets import curriculum_for, tuned
 from train.settings.run import TrainSettings
 
 OBSERVATION = "one_hot"
@@ -76,8 +76,9 @@ class Ours:
 
     def __init__(self, world: GridWorld, settings: PPOSettings, seed: int) -> None:
         prepare_torch(1, seed)
-        name, lessons = lessons_for("ppo", setting_of(world.settings))
-        # The comparison enforces the budget; giving frames keeps the number of threads fixed.
+        name, lessons = curriculum_for("ppo", profile_of(world.settings))
+        # The budget is the comparison's: frames only say here that threads are not chosen by the
+        # clock.
         whole = TrainSettings(
             world.settings, settings, lessons, "ppo", name, frames=10**12, seed=seed, threads=1
         )
@@ -107,8 +108,8 @@ class Ours:
 
 
 def our_defaults(world: GridWorld) -> PPOSettings:
-    """The preset of `pursuit train` for a task."""
-    found = tuned("ppo", setting_of(world.settings))
+    """Our preset of a task."""
+    found = tuned("ppo", profile_of(world.settings))
     assert isinstance(found, PPOSettings)
     return found
 
